@@ -1,0 +1,81 @@
+"""The grid of a sweep: axes to parameter points, and the blocks they are worked in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibroimpact.oscillator import POINT
+
+Block = tuple[slice, ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The Cartesian product of the swept axes.
+
+    Parameters
+    ----------
+    axes : mapping of str to ndarray
+        The swept parameters and their values, slowest first.
+    fixed : mapping of str to float
+        The value of every parameter that is not swept.
+    """
+
+    axes: Mapping[str, np.ndarray]
+    fixed: Mapping[str, float]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(len(values) for values in self.axes.values())
+
+    @property
+    def size(self) -> int:
+        """Number of parameter points."""
+        return math.prod(self.shape)
+
+    def blocks(self, size: int) -> Iterator[Block]:
+        """Split the grid into boxes of at most `size` points, in C order.
+
+        Yields
+        ------
+        tuple of slice
+            One slice per axis. Together the boxes cover every point once.
+        """
+        trailing = 1
+        split = len(self.shape)
+        while split > 0 and trailing * self.shape[split - 1] <= size:
+            split -= 1
+            trailing *= self.shape[split]
+        inner = tuple(slice(0, n) for n in self.shape[split:])
+        if split == 0:
+            yield inner
+            return
+        n = self.shape[split - 1]
+        parts = math.ceil(n / (size // trailing))
+        edges = [n * i // parts for i in range(parts + 1)]
+        for outer in np.ndindex(self.shape[: split - 1]):
+            lead = tuple(slice(i, i + 1) for i in outer)
+            for start, stop in zip(edges, edges[1:], strict=False):
+                yield (*lead, slice(start, stop), *inner)
+
+    def points(self, block: Block) -> np.ndarray:
+        """Return the parameter points of a block.
+
+        Returns
+        -------
+        ndarray of dtype POINT, shape (n,)
+            In C order over the box.
+        """
+        values = [axis[cut] for axis, cut in zip(self.axes.values(), block, strict=True)]
+        mesh = np.meshgrid(*values, indexing="ij")
+        points = np.empty(math.prod(len(v) for v in values), dtype=POINT)
+        for name, value in self.fixed.items():
+            points[name] = value
+        for name, coordinate in zip(self.axes, mesh, strict=True):
+            points[name] = coordinate.ravel()
+        return points

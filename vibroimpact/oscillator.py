@@ -1,0 +1,160 @@
+"""The oscillator of eq. (1): its eight parameters, what they mean, and what is valid.
+
+The system is one mass, one stop and one harmonic force::
+
+    x'' + 2 h x' + p^2 x = -f sin(omega t),    x <= clearance            (1)
+    when x >= clearance and x' > 0:  x = clearance,  x'+ = -R x'-        (2)-(5)
+
+``PARAMETERS`` is the only place that names, describes and bounds the parameters;
+configuration, files and axis labels all read it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of eq. (1) or of its start.
+
+    Attributes
+    ----------
+    symbol : str
+        As printed in a formula (mathtext, without the dollar signs).
+    meaning : str
+        What it is, in words.
+    unit : str
+        In terms of ``time`` and ``length``.
+    low, high : float
+        The valid interval, closed at both ends unless `low_open`.
+    low_open : bool
+        Whether `low` itself is excluded.
+    default : float or None
+        None where the parameter must be given.
+    """
+
+    symbol: str
+    meaning: str
+    unit: str
+    low: float = -math.inf
+    high: float = math.inf
+    low_open: bool = False
+    default: float | None = None
+
+    @property
+    def allowed(self) -> str:
+        """The valid values, in words."""
+        if self.high < math.inf:
+            return f"a number from {self.low:g} to {self.high:g}"
+        if self.low > -math.inf:
+            return f"a finite number {'>' if self.low_open else '>='} {self.low:g}"
+        return "a finite number"
+
+    def accepts(self, value: float) -> bool:
+        """Whether `value` is finite and inside the valid interval."""
+        above = value > self.low if self.low_open else value >= self.low
+        return math.isfinite(value) and above and value <= self.high
+
+
+PARAMETERS: Mapping[str, Parameter] = {
+    "h": Parameter("h", "viscous damping coefficient", "1/time", low=0.0),
+    "R": Parameter("R", "coefficient of restitution", "1", low=0.0, high=1.0),
+    "omega": Parameter(r"\omega", "forcing frequency", "rad/time", low=0.0, low_open=True),
+    "f": Parameter("f", "forcing amplitude", "length/time^2", low=0.0),
+    "p": Parameter("p", "eigenfrequency", "rad/time", low=0.0, low_open=True, default=1.0),
+    "clearance": Parameter(r"\sigma", "clearance", "length", default=0.0),
+    "x0": Parameter("x_0", "initial displacement", "length", default=0.0),
+    "v0": Parameter("v_0", "initial velocity", "length/time", default=0.0),
+}
+
+#: One parameter point: a structured array of this dtype is what the kernel sweeps.
+POINT = np.dtype([(name, np.float64) for name in PARAMETERS])
+
+
+def checked(name: str, value: object) -> float:
+    """Return `value` as a float, or refuse it.
+
+    Raises
+    ------
+    TypeError
+        If `value` is not a real number (a bool is not one).
+    ValueError
+        If it is outside the valid interval of ``PARAMETERS[name]``.
+    """
+    parameter = PARAMETERS[name]
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        raise TypeError(f"{name} ({parameter.meaning}) must be {parameter.allowed}, not {value!r}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not parameter.accepts(number):
+        raise ValueError(f"{name} ({parameter.meaning}) must be {parameter.allowed}, not {value}")
+    return number
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """A forced linear oscillator with one rigid stop, eq. (1) with the impact rule (2)-(5).
+
+    Parameters
+    ----------
+    h : float
+        Viscous damping coefficient [1/time], >= 0; eq. (1) carries 2h, so h = p is critical.
+    R : float
+        Coefficient of restitution, 0 to 1.
+    omega : float
+        Forcing frequency [rad/time], > 0.
+    f : float
+        Forcing amplitude [length/time^2], >= 0.
+    p : float, optional
+        Eigenfrequency of the undamped system [rad/time], > 0.
+    clearance : float, optional
+        Distance from the rest position to the stop [length]; negative is a preload.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is not a number or not in its valid range.
+    """
+
+    h: float
+    R: float
+    omega: float
+    f: float
+    p: float = 1.0
+    clearance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, checked(field.name, getattr(self, field.name)))
+
+    @property
+    def forcing_period(self) -> float:
+        """2 pi / omega [time]."""
+        return 2.0 * math.pi / self.omega
+
+    def at(self, x0: float = 0.0, v0: float = 0.0) -> np.ndarray:
+        """Return this oscillator with a start, as one parameter point of dtype ``POINT``.
+
+        Returns
+        -------
+        ndarray, shape (1,)
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the start is not a number, not finite, or beyond the stop.
+        """
+        x0, v0 = checked("x0", x0), checked("v0", v0)
+        if x0 > self.clearance:
+            raise ValueError(
+                f"x0 = {x0:g} lies beyond the stop: it must be <= clearance = {self.clearance:g}"
+            )
+        values = tuple(getattr(self, field.name) for field in fields(self))
+        return np.array([(*values, x0, v0)], dtype=POINT)
