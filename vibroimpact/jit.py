@@ -1,0 +1,63 @@
+"""Compile options, the fused multiply-add, and the disk cache: one place for all three.
+
+No fast-math flag is set anywhere. Where a product and a sum should be fused, the code says
+``fma``; so scalar and vector code, any block size and any thread count round alike.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba import types
+from numba.extending import intrinsic
+
+_config: Any = numba.config  # its settings are made at run time, unseen by a type checker
+
+
+def _cache_folder() -> str:
+    """Return a cache folder named after the contents of every source file of this package.
+
+    Numba's own cache looks only at the file that holds a function, so an edited helper in
+    another file would leave a stale kernel behind; a name made of all sources cannot.
+    """
+    package = Path(__file__).parent
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(package.glob("*.py")):
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    root = Path(_config.CACHE_DIR or package / "__pycache__")
+    if not os.access(root if root.exists() else root.parent, os.W_OK):
+        root = Path.home() / ".cache" / "vibroimpact"
+    return str(root / f"numba-{digest.hexdigest()[:16]}")
+
+
+_CACHE_FOLDER = _cache_folder()
+
+
+def jit(function: Callable | None = None, *, parallel: bool = False) -> Any:
+    """Compile `function` with the options of this project, cached on disk.
+
+    The NumPy error model is needed for vectorisation: with Python's, every division may raise.
+    """
+    if function is None:
+        return lambda f: jit(f, parallel=parallel)
+    users_folder = _config.CACHE_DIR
+    _config.CACHE_DIR = _CACHE_FOLDER
+    try:
+        return numba.njit(function, error_model="numpy", cache=True, parallel=parallel)
+    finally:
+        _config.CACHE_DIR = users_folder
+
+
+@intrinsic
+def fma(context, a, b, c):
+    """a * b + c, rounded once."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), generate

@@ -1,0 +1,32 @@
+"""The common grid of steps, as phases of the force: one table serves every lane."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Phases(NamedTuple):
+    """A run of equal steps: theta = omega t at the start of each, and omega T."""
+
+    theta: np.ndarray
+    sin: np.ndarray
+    cos: np.ndarray
+    step: float
+
+
+def _phases(start: float, span: float, n: int) -> Phases:
+    theta = start + span * np.arange(n) / max(n, 1)
+    return Phases(theta, np.sin(theta), np.cos(theta), span / max(n, 1))
+
+
+def lead_in(phase: float, steps_per_period: int) -> Phases:
+    """Return the steps from t = 0 to the section's `phase`, none longer than the grid's."""
+    return _phases(0.0, phase, math.ceil(phase / (2.0 * math.pi) * steps_per_period))
+
+
+def one_period(phase: float, steps_per_period: int) -> Phases:
+    """Return the steps of one forcing period from the section's `phase`."""
+    return _phases(phase, 2.0 * math.pi, steps_per_period)
