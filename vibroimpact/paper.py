@@ -1,0 +1,122 @@
+"""The paper's procedure to the letter, eqs (1)-(10): scalar, slow, and an oracle.
+
+This file shares no code with the kernel. It keeps what the kernel mends, so that it can be seen:
+the next step starts at t_0 + T_r, on a grid that is uniform no more, with the acceleration of
+eq. (10), which is that before the impact; and where x_0 = 0 after a rebound, eq. (7) gives
+T_r = 0, time stops advancing and the procedure stalls.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibroimpact.oscillator import Oscillator
+
+
+@dataclass(frozen=True)
+class PaperRun:
+    """A run of the paper's own scheme, from rest at x = x' = 0.
+
+    Attributes
+    ----------
+    t, x, v : ndarray, shape (n,)
+        Every step, and the state before and after every impact (two rows with the same t).
+    impact_t, impact_v : ndarray, shape (m,)
+        Time of, and speed before, each impact.
+    stalled_at : float or None
+        Time at which the procedure stopped advancing (T_r = 0), None if it reached the end.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    impact_t: np.ndarray
+    impact_v: np.ndarray
+    stalled_at: float | None
+
+    @property
+    def max_penetration(self) -> float:
+        """Largest positive displacement."""
+        return max(0.0, float(self.x.max()))
+
+
+def paper_procedure(
+    oscillator: Oscillator,
+    periods: int = 10,
+    steps_per_period: int = 100,
+    procedure: bool = True,
+) -> PaperRun:
+    """Integrate eq. (1) with Newmark's method and the paper's impact rule.
+
+    Parameters
+    ----------
+    oscillator : Oscillator
+        With clearance 0, as in the paper.
+    periods : int
+        Forcing periods to run.
+    steps_per_period : int
+        T = 2 pi / (omega steps_per_period); the paper has 100.
+    procedure : bool
+        With the reduced time step, eqs (6)-(10), or without it.
+
+    Returns
+    -------
+    PaperRun
+        Complete up to `periods`, or up to the stall.
+
+    Raises
+    ------
+    ValueError
+        If the clearance is not 0.
+    """
+    if oscillator.clearance != 0.0:
+        raise ValueError(f"the paper's stop is at 0, not at {oscillator.clearance:g}")
+    T = oscillator.forcing_period / steps_per_period
+    end = periods * oscillator.forcing_period
+    n = 0
+    t, x, v = 0.0, 0.0, 0.0
+    a = _acceleration(oscillator, t, x, v)
+    rows, impacts = [(t, x, v)], []
+    stalled_at = None
+    while t < end - 1e-9 * T:
+        x_T, v_T, a_T = _newmark(oscillator, t, x, v, a, T)
+        if procedure and x_T > 0.0:
+            T_r = T * (0.0 - x) / (x_T - x)  # (6), (7)
+            if T_r <= 0.0:
+                stalled_at = t
+                break
+            v, a = v + (v_T - v) * T_r / T, a + (a_T - a) * T_r / T  # (9), (10)
+            t, x = t + T_r, 0.0  # (8)
+        else:
+            x, v, a = x_T, v_T, a_T
+            n += 1
+            t = t + T if procedure else n * T
+        rows.append((t, x, v))
+        if x >= 0.0 and v > 0.0:  # (2)
+            impacts.append((t, v))
+            x, v = 0.0, -oscillator.R * v  # (3)-(5)
+            if not procedure:
+                a = _acceleration(oscillator, t, x, v)
+            rows.append((t, x, v))
+    times, displacements, velocities = np.array(rows).T
+    impact_t, impact_v = np.array(impacts).reshape(-1, 2).T
+    return PaperRun(times, displacements, velocities, impact_t, impact_v, stalled_at)
+
+
+def _acceleration(osc: Oscillator, t: float, x: float, v: float) -> float:
+    """x'' from eq. (1)."""
+    return -2.0 * osc.h * v - osc.p**2 * x - osc.f * math.sin(osc.omega * t)
+
+
+def _newmark(
+    osc: Oscillator, t: float, x: float, v: float, a: float, T: float
+) -> tuple[float, float, float]:
+    """One step with constant average acceleration, from (x, v, a) to (x_T, v_T, a_T)."""
+    # x_T and v_T with a_T = 0, then a_T from eq. (1) at t + T, which is linear in it.
+    x_0 = x + T * v + T**2 / 4.0 * a
+    v_0 = v + T / 2.0 * a
+    a_T = _acceleration(osc, t + T, x_0, v_0) / (1.0 + osc.h * T + osc.p**2 * T**2 / 4.0)
+    return x_0 + T**2 / 4.0 * a_T, v_0 + T / 2.0 * a_T, a_T

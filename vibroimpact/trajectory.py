@@ -1,0 +1,300 @@
+"""One oscillator, every step and every impact: what the lanes of the kernel do, written down."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibroimpact.impacts import (
+    DISPLACEMENT,
+    EVENTS_SHAPE,
+    IMPACT,
+    IMPACT_RULES,
+    KIND,
+    PLAIN,
+    RELEASE,
+    REST,
+    SPEED,
+    TIME,
+    mend,
+    start,
+    time_to_release,
+)
+from vibroimpact.integrators import INTEGRATORS, affine_map, apply_map
+from vibroimpact.jit import jit
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.phases import lead_in, one_period
+from vibroimpact.status import Status
+
+# Kinds of row in the log, beside the kinds of event: a grid state, and the end of a period.
+_STATE, _SECTION = 10, 11
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The motion of one oscillator.
+
+    Attributes
+    ----------
+    t, x, v : ndarray, shape (n,)
+        Every step, and the state before and after every impact (two rows with the same t).
+    impact_t, impact_v : ndarray, shape (m,)
+        Time of, and speed before, each impact.
+    rests : ndarray, shape (k, 2)
+        Start and end of each rest on the stop. The end is that of the run where the mass still
+        rests then, and inf where the force never releases it.
+    section_x, section_v : ndarray, shape (periods,)
+        State at the end of each forcing period.
+    max_penetration : float
+        Largest x - clearance among the rows, 0 if there is none.
+    status : Status
+        Rows after a failure are NaN.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    impact_t: np.ndarray
+    impact_v: np.ndarray
+    rests: np.ndarray
+    section_x: np.ndarray
+    section_v: np.ndarray
+    max_penetration: float
+    status: Status
+
+
+@jit
+def _put(log, n, kind, t, x, v):
+    """Write a row if it still fits; return the number of rows with it."""
+    if n < log.shape[0]:
+        log[n, 0], log[n, 1], log[n, 2], log[n, 3] = kind, t, x, v
+    return n + 1
+
+
+@jit
+def _put_events(log, n, events, n_events, t, t_T, T, pt):
+    """Write the events of one step that began at `t`: an impact as the states on its two sides."""
+    for k in range(n_events):
+        at = t_T if events[k, TIME] == T else t + events[k, TIME]
+        kind, v = events[k, KIND], events[k, SPEED]
+        n = _put(log, n, kind, at, events[k, DISPLACEMENT], v)
+        if kind == IMPACT:
+            n = _put(log, n, _STATE, at, pt.clearance, -pt.R * v)
+    return n
+
+
+@jit
+def _put_start(log, pt, resting):
+    """Write the rows at t = 0: the state, or both sides of an impact at once."""
+    if pt.x0 >= pt.clearance and pt.v0 > 0.0:
+        n = _put(log, 0, IMPACT, 0.0, pt.x0, pt.v0)
+        return _put(log, n, _STATE, 0.0, pt.x0, -pt.R * pt.v0)
+    return _put(log, 0, REST if resting else _STATE, 0.0, pt.x0, pt.v0)
+
+
+@jit
+def _advance(rule, integrator, m, x, v, resting, steps, n, pt, events):
+    """Step `n` of a run of steps, as a lane of the kernel takes it; returns as ``mend`` does."""
+    s, c, T = steps.sin[n], steps.cos[n], steps.step / pt.omega
+    x_T = apply_map((m[0], m[1], m[2], m[3]), x, v, s, c)
+    v_T = apply_map((m[4], m[5], m[6], m[7]), x, v, s, c)
+    if resting or x_T >= pt.clearance:
+        return mend(rule, integrator, x, v, x_T, v_T, resting, steps.theta[n], T, pt, events)
+    return x_T, v_T, False, 0, 0.0, 0
+
+
+@jit
+def _approach(rule, integrator, lead, grid, transient, pt, events):
+    """Run from t = 0 to the start of the record: state, whether at rest, and status."""
+    x, v, resting = start(pt)
+    resting = resting and rule != PLAIN
+    status = 0
+    for k in range(-1, transient):
+        steps = lead if k < 0 else grid
+        m = affine_map(integrator, steps.step / pt.omega, pt)
+        for n in range(steps.theta.size):
+            x, v, resting, _, _, outcome = _advance(
+                rule, integrator, m, x, v, resting, steps, n, pt, events
+            )
+            status = max(status, outcome)
+    return x, v, resting, status
+
+
+@jit
+def _trace(pt, rule, integrator, lead, grid, transient, periods, every, events, log):
+    """Run one point as the kernel's lanes do, and log the recorded periods.
+
+    Returns
+    -------
+    rows : int
+        Rows the log needs; those beyond its length are lost.
+    status : int
+    """
+    x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, events)
+    size, T = grid.theta.size, grid.step / pt.omega
+    m = affine_map(integrator, T, pt)
+    t = (2.0 * math.pi * transient + grid.theta[0]) / pt.omega
+    if t == 0.0:
+        rows = _put_start(log, pt, resting)
+    else:
+        rows = _put(log, 0, REST if resting else _STATE, t, x, v)
+    for k in range(transient, transient + periods):
+        for n in range(size):
+            last = n + 1 == size
+            theta_T = 2.0 * math.pi + grid.theta[0] if last else grid.theta[n + 1]
+            t_T = (2.0 * math.pi * k + theta_T) / pt.omega
+            x, v, resting, n_events, _, outcome = _advance(
+                rule, integrator, m, x, v, resting, grid, n, pt, events
+            )
+            status = max(status, outcome)
+            rows = _put_events(log, rows, events, n_events, t, t_T, T, pt)
+            if ((k - transient) * size + n + 1) % every == 0:
+                in_log = 0 < rows <= log.shape[0]
+                if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
+                    rows -= 1  # an impact at the end of the step left this state already
+                rows = _put(log, rows, _SECTION if last else _STATE, t_T, x, v)
+            t = t_T
+    return rows, status
+
+
+def trace(
+    points: np.ndarray,
+    *,
+    integrator: str,
+    impact: str,
+    steps_per_period: int,
+    transient: int = 0,
+    periods: int,
+    phase: float = 0.0,
+    every: int = 1,
+) -> tuple[np.ndarray, Status]:
+    """Log the motion of one parameter point; arguments as for ``kernel.integrate``.
+
+    Parameters
+    ----------
+    points : ndarray of dtype ``POINT``, shape (1,)
+    every : int
+        Keep every that many grid states; both sides of every impact are kept always.
+
+    Returns
+    -------
+    log : ndarray, shape (rows, 4)
+        Kind of row, t, x, v. NaN after a failure.
+    status : Status
+    """
+    rule, code = IMPACT_RULES[impact].code, INTEGRATORS[integrator].code
+    lead, grid = lead_in(phase, steps_per_period), one_period(phase, steps_per_period)
+    events = np.empty(EVENTS_SHAPE)
+    rows, log = periods * (steps_per_period // every + 8) + 1, np.empty((0, 4))
+    while rows > len(log):
+        log = np.empty((rows, 4))
+        rows, code_status = _trace(
+            points[0], rule, code, lead, grid, transient, periods, every, events, log
+        )
+    log = log[:rows]
+    failed = ~np.isfinite(log[:, 2:]).all(axis=1)
+    log[failed, 2:] = np.nan
+    if code_status == Status.COMPUTED and failed.any():
+        code_status = Status.NON_FINITE
+    return log, Status(code_status)
+
+
+def simulate(
+    oscillator: Oscillator,
+    periods: int = 20,
+    integrator: str = "newmark",
+    impact: str = "reduced-step",
+    steps_per_period: int = 100,
+    x0: float = 0.0,
+    v0: float = 0.0,
+) -> Trajectory:
+    """Follow one oscillator from t = 0 over `periods` forcing periods.
+
+    The arithmetic is that of a lane of the sweep kernel, to the last bit.
+
+    Parameters
+    ----------
+    oscillator : Oscillator
+    periods : int
+        Forcing periods, >= 1.
+    integrator, impact : str
+        Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
+    steps_per_period : int
+        Steps of length T = 2 pi / (omega steps_per_period), >= 1.
+    x0, v0 : float
+        Start: displacement (<= clearance) [length] and velocity [length/time].
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not of its kind or not in its valid range.
+    """
+    for name, number in (("periods", periods), ("steps_per_period", steps_per_period)):
+        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+            raise ValueError(f"{name} must be an integer >= 1, not {number!r}")
+    for name, given, table in (
+        ("integrator", integrator, INTEGRATORS),
+        ("impact", impact, IMPACT_RULES),
+    ):
+        if given not in table:
+            raise ValueError(f"{name} must be one of {', '.join(table)}, not {given!r}")
+    points = oscillator.at(x0, v0)
+    log, status = trace(
+        points,
+        integrator=integrator,
+        impact=impact,
+        steps_per_period=int(steps_per_period),
+        periods=int(periods),
+    )
+    kind, t, x, v = log.T.copy()
+    hit, section = kind == IMPACT, kind == _SECTION
+    depth = x[np.isfinite(x)] - oscillator.clearance
+    return Trajectory(
+        t=t,
+        x=x,
+        v=v,
+        impact_t=t[hit],
+        impact_v=v[hit],
+        rests=_rests(kind, t, points),
+        section_x=x[section],
+        section_v=v[section],
+        max_penetration=max(0.0, float(depth.max())),
+        status=status,
+    )
+
+
+def _rests(kind: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pair the starts of rests with their releases."""
+    begin, end = t[kind == REST], t[kind == RELEASE]
+    if len(end) < len(begin):
+        pt = points.view(np.recarray)[0]
+        for_ever = time_to_release(pt.omega * t[-1], pt) == math.inf
+        end = np.append(end, math.inf if for_ever else t[-1])
+    return np.column_stack([begin, end])
+
+
+def trajectories(points: np.ndarray, **arguments: Any) -> dict[str, np.ndarray]:
+    """Log the motion of many parameter points; arguments as for `trace`.
+
+    Parameters
+    ----------
+    points : ndarray of dtype ``POINT``, shape (n,)
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``trajectory_t``, ``trajectory_x``, ``trajectory_v`` : (n, samples), with NaN after the
+        end of the shorter ones.
+    """
+    logs = [trace(points[i : i + 1], **arguments)[0] for i in range(points.size)]
+    out = np.full((3, len(logs), max(map(len, logs), default=0)), np.nan)
+    for i, log in enumerate(logs):
+        out[:, i, : len(log)] = log[:, 1:].T
+    return dict(zip(("trajectory_t", "trajectory_x", "trajectory_v"), out, strict=True))
