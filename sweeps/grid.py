@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -60,7 +61,7 @@ class Grid:
         edges = [n * i // parts for i in range(parts + 1)]
         for outer in np.ndindex(self.shape[: split - 1]):
             lead = tuple(slice(i, i + 1) for i in outer)
-            for start, stop in zip(edges, edges[1:], strict=False):
+            for start, stop in itertools.pairwise(edges):
                 yield (*lead, slice(start, stop), *inner)
 
     def points(self, block: Block) -> np.ndarray:

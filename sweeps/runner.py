@@ -1,0 +1,160 @@
+"""The run of a sweep: blocks of points through the kernel into the store, with progress."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from sweeps.config import SweepConfig
+from sweeps.store import SweepWriter
+from vibroimpact.kernel import LANES, integrate
+from vibroimpact.oscillator import POINT
+from vibroimpact.trajectory import trajectories
+
+#: Results of one block held in memory at most [bytes].
+_BLOCK_MEMORY = 64 * 2**20
+#: A sweep is reported and written in at least this many blocks where it has the points.
+_BLOCKS = 50
+
+
+def run_sweep(
+    config: SweepConfig,
+    output: str | Path | None = None,
+    *,
+    threads: int | None = None,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> Path:
+    """Compute a sweep and write it, block by block.
+
+    Parameters
+    ----------
+    config : SweepConfig
+        From `load_config`.
+    output : str or Path, optional
+        The HDF5 file to write, instead of the configuration's.
+    threads : int, optional
+        Threads to use; all cores by default. The data do not depend on it.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    progress : bool
+        Whether to show points done, forcing periods per second and time left on stderr.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    StoreError
+        If the output is refused or cannot be written.
+    """
+    record = config.record
+    path = Path(output) if output is not None else config.output
+    writer = SweepWriter(
+        path,
+        config.grid,
+        configuration=config.to_yaml(),
+        widths={"section": record.periods, "impact": record.impacts},
+        first_section=record.transient + 1,
+        with_trajectory=bool(record.trajectory),
+        overwrite=overwrite,
+    )
+    with writer, _Display(config, shown=progress) as display:
+        _compute(config, np.empty(0, POINT), threads)  # compiles, if need be
+        display.start_clock()
+        for block in config.grid.blocks(block_size(config)):
+            points = config.grid.points(block)
+            writer.write(block, _compute(config, points, threads))
+            display.advance(points.size)
+    return path
+
+
+def block_size(config: SweepConfig) -> int:
+    """Return the points per block: small enough for memory and for a moving progress bar."""
+    record = config.record
+    numbers = 2 * (record.periods + record.impacts) + 4
+    if record.trajectory:
+        steps = record.periods * config.method.steps_per_period
+        numbers += 4 * (steps // record.trajectory.every + 8 * record.periods + 1)
+    fits = max(1, _BLOCK_MEMORY // (8 * numbers))
+    wanted = max(config.grid.size // _BLOCKS, 4 * LANES)
+    # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
+    return min(fits, wanted) // LANES * LANES or fits
+
+
+def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
+    """Run the points of one block; the names of the results are those of the store."""
+    method, record = config.method, config.record
+    common: dict[str, Any] = {
+        "integrator": method.integrator,
+        "impact": method.impact,
+        "steps_per_period": method.steps_per_period,
+        "transient": record.transient,
+        "periods": record.periods,
+        "phase": record.phase,
+    }
+    results = integrate(points, impacts=record.impacts, threads=threads, **common)
+    if record.trajectory:
+        results |= trajectories(points, every=record.trajectory.every, **common)
+    return results
+
+
+class _Display:
+    """A progress line on stderr: points done, forcing periods per second, time left."""
+
+    def __init__(self, config: SweepConfig, shown: bool) -> None:
+        self._periods = config.record.transient + config.record.periods
+        self._size = config.grid.size
+        self._name = config.name
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("points  {task.fields[speed]}"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=not shown,
+        )
+        self._task = TaskID(0)
+        self._began = 0.0
+        self._done = 0
+
+    def __enter__(self) -> _Display:
+        self._bar.start()
+        self._task = self._bar.add_task(
+            "compiling (kept for the next run)", total=self._size, speed=""
+        )
+        return self
+
+    def start_clock(self) -> None:
+        """Time the sweep from here; compilation is not part of its speed."""
+        self._began = time.monotonic()
+
+    def advance(self, points: int) -> None:
+        """Count the points of a finished block."""
+        self._done += points
+        elapsed = time.monotonic() - self._began
+        speed = self._done * self._periods / elapsed
+        self._bar.update(
+            self._task,
+            advance=points,
+            description=self._name,
+            speed=f"{speed:,.0f} forcing periods/s",
+        )
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()

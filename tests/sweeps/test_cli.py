@@ -1,0 +1,326 @@
+"""The command line: exit codes, what goes to which stream, and what is created."""
+
+import json
+import re
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import h5py
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import sweeps
+from sweeps.cli import app
+
+CONFIG = """\
+name: small
+oscillator:
+  h: 0.1
+  R: 0.8
+  omega: {start: 1.5, stop: 3.0, num: 5}
+  f: 1.0
+  clearance: [0.0, 0.1]
+method: {steps_per_period: 20}
+record: {transient: 3, periods: 4, impacts: 2}
+"""
+ROOT = Path(sweeps.__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Work in an empty folder that holds a good configuration."""
+    monkeypatch.chdir(tmp_path)
+    Path("small.yaml").write_text(CONFIG)
+    return tmp_path
+
+
+def call(*arguments):
+    """Run a command and return its result."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def done(*arguments):
+    """Run a command that must succeed, and return what it prints."""
+    result = call(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert result.stderr == "" or "--quiet" not in arguments
+    return result.stdout
+
+
+def refused(*arguments):
+    """Run a command that must be refused without a trace, and return the message."""
+    before = {path: path.stat().st_mtime_ns for path in Path().rglob("*")}
+    result = call(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    assert isinstance(result.exception, SystemExit)
+    assert {path: path.stat().st_mtime_ns for path in Path().rglob("*")} == before
+    assert result.stderr.startswith("vibroimpact: error: ")
+    return result.stderr
+
+
+def process(*arguments):
+    """Run the command line in its own process, as a user does."""
+    command = [sys.executable, "-m", "sweeps.cli", *arguments]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+
+
+# run
+
+
+def test_run_info_and_plot():
+    printed = done("run", "small.yaml", "--threads", 1)
+    assert "small.h5: 10 points" in printed
+    assert re.search(r" in \S+ s, [\d,]+ forcing periods/s", printed)
+    assert printed.splitlines()[-1] == "next: vibroimpact plot small.h5"
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert dict(dataset["poincare_x"].sizes) == {"omega": 5, "clearance": 2, "section": 4}
+
+    shown = done("info", "small.h5")
+    assert re.search(r"name +small\n", shown)
+    assert re.search(r"points +10 points\n", shown)
+    assert "omega = 1.5 .. 3 [rad/time], 5 values" in shown
+    assert "poincare_x (omega: 5, clearance: 2, section: 4)" in shown
+    for part in ("vibroimpact_version", "numba_version", "duration", "integrator: newmark"):
+        assert part in shown
+
+    assert done("plot", "small.h5") == "small.png\n"
+    assert Path("small.png").read_bytes().startswith(b"\x89PNG")
+    options = ("--kind", "bifurcation", "--axis", "omega", "--at", "clearance=0.1")
+    assert done("plot", "small.h5", "-o", "b.pdf", *options, "--coordinate", "impact_v")
+    assert Path("b.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_configuration_in_info_can_be_run_again():
+    done("run", "small.yaml", "--quiet", "--set", "oscillator.h=0.3")
+    configuration = done("info", "small.h5").split("\n\n", 1)[1]
+    Path("again.yaml").write_text(configuration)
+    done("run", "again.yaml", "--quiet", "-o", "again.h5")
+    with (
+        xr.open_dataset("small.h5", engine="h5netcdf") as first,
+        xr.open_dataset("again.h5", engine="h5netcdf") as second,
+    ):
+        assert float(second.poincare_x[0, 0, 0]) == float(first.poincare_x[0, 0, 0])
+        xr.testing.assert_equal(first, second)
+
+
+def test_quiet_prints_nothing():
+    assert done("run", "small.yaml", "--quiet") == ""
+    assert Path("small.h5").exists()
+
+
+def test_overwrite_replaces_the_output():
+    done("run", "small.yaml", "--quiet")
+    done("run", "small.yaml", "--quiet", "--overwrite", "--set", "oscillator.omega.num=3")
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert dataset.sizes["omega"] == 3
+
+
+def test_output_option_wins_over_the_configuration():
+    done("run", "small.yaml", "--quiet", "--set", "output=a.h5", "-o", "b.h5")
+    assert Path("b.h5").exists() and not Path("a.h5").exists()
+
+
+def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sweeps.runner", None)
+    printed = done("run", "small.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
+    rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
+    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, three numbers and the status.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 3) + 1)
+    assert rows == [
+        ("name", "small"),
+        ("axis", "omega = 1.5 .. 3 [rad/time], 5 values"),
+        ("axis", "clearance = 0 .. 0.1 [length], 2 values"),
+        ("points", "10"),
+        ("forcing periods", "70"),
+        ("steps", "1,400"),
+        ("estimated size", f"{size / 1000:.3g} kB"),
+        ("output", "small.h5"),
+    ]
+    assert [path.name for path in Path().iterdir()] == ["small.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (KeyboardInterrupt(), "interrupted; nothing is kept"),
+        (OSError(28, "No space left on device"), "No space left on device; nothing is kept"),
+        (MemoryError(), "MemoryError; nothing is kept"),
+    ],
+)
+def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
+    def run_sweep(*_, **__):
+        raise error
+
+    monkeypatch.setitem(sys.modules, "sweeps.runner", types.SimpleNamespace(run_sweep=run_sweep))
+    result = call("run", "small.yaml")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_interrupted_run_says_what_is_kept(monkeypatch):
+    done("run", "small.yaml", "--quiet")
+
+    def run_sweep(*_, **__):
+        with h5py.File("small.h5", "r+") as file:
+            file["status"][3:] = -1
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "sweeps.runner", types.SimpleNamespace(run_sweep=run_sweep))
+    result = call("run", "small.yaml", "--overwrite")
+    assert result.exit_code == 1
+    assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
+
+
+# Requests that are refused
+
+
+@pytest.mark.parametrize(
+    ("line", "given", "number", "parts"),
+    [
+        ("  h: 0.1", "  h: -1", 3, ["oscillator.h = -1", ">= 0"]),
+        ("  h: 0.1", "  h: .nan", 3, ["oscillator.h = .nan", "a finite number >= 0"]),
+        ("  R: 0.8", "  R: 1.2", 4, ["oscillator.R = 1.2", "a number from 0 to 1"]),
+        ("  omega: {start: 1.5, stop: 3.0, num: 5}", "  omega: 0", 5,
+         ["oscillator.omega = 0", "> 0"]),
+        ("num: 5", "num: 0", 5, ["oscillator.omega.num = 0", "an integer from 1"]),
+        ("  omega:", "  omga:", 5,
+         ["unknown key oscillator.omga", "did you mean omega?", "h, R, omega, f, p, clearance"]),
+        ("method:", "start: {x0: 0.5}\nmethod:", 8,
+         ["start.x0", "x0 = 0.5", "clearance = 0", "every x0 must be <= every clearance"]),
+        ("{steps_per_period: 20}", "{integrator: newmrak}", 8,
+         ["method.integrator = newmrak", "did you mean newmark?", "newmark, rk4"]),
+        ("  R: 0.8", "  R: [0.8", 5, ["column 8", "not valid YAML"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_configuration(line, given, number, parts):
+    assert CONFIG.count(line) == 1
+    Path("wrong.yaml").write_text(CONFIG.replace(line, given))
+    for arguments in (["run", "wrong.yaml"], ["run", "wrong.yaml", "--dry-run"]):
+        message = refused(*arguments)
+        assert f"wrong.yaml, line {number}" in message
+        for part in parts:
+            assert part in message
+
+
+def test_a_missing_configuration():
+    message = refused("run", "missing.yaml")
+    assert "missing.yaml: cannot be read (No such file" in message
+    assert "expected: a YAML file" in message
+
+
+def test_a_wrong_override():
+    message = refused("run", "small.yaml", "--set", "oscillator.R=1.2")
+    assert "--set oscillator.R=1.2: oscillator.R = 1.2" in message
+    assert "a number from 0 to 1" in message
+
+
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_an_output_folder_that_does_not_exist(dry):
+    message = refused("run", "small.yaml", "-o", "nowhere/out.h5", *dry)
+    assert "folder nowhere" in message and "does not exist" in message
+
+
+def test_an_output_that_exists():
+    Path("small.h5").write_text("precious")
+    message = refused("run", "small.yaml")
+    assert "small.h5 exists" in message and "--overwrite" in message
+    assert Path("small.h5").read_text() == "precious"
+
+
+@pytest.mark.parametrize("threads", [0, -1, 100_000])
+def test_threads_that_numba_does_not_have(threads):
+    message = refused("run", "small.yaml", "--threads", threads)
+    assert f"--threads {threads} " in message and "an integer from 1 to " in message
+
+
+@pytest.mark.parametrize("command", ["plot", "info"])
+def test_a_file_that_is_not_a_sweep(command):
+    message = refused(command, "small.yaml")
+    assert "small.yaml is not an HDF5 file" in message
+    with h5py.File("other.h5", "w") as file:
+        file["x"] = [1.0]
+    assert "other.h5 is an HDF5 file, but not one" in refused(command, "other.h5")
+    assert "missing.h5 does not exist" in refused(command, "missing.h5")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--kind", "bifurcatoin"], ["bifurcatoin", "bifurcation"]),
+        (["--axis", "h"], ["h is not a swept axis", "omega"]),
+        (["--coordinate", "poincare_y"], ["poincare_y", "poincare_x"]),
+        (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
+        (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
+        (["--at", "h=1"], ["h "]),
+        (["-o", "small.h5"], ["small.h5", "replace the data"]),
+        (["-o", "small.docx"], ["small.docx", ".png"]),
+        (["-o", "nowhere/small.png"], ["folder nowhere", "does not exist"]),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn(arguments, parts):
+    done("run", "small.yaml", "--quiet")
+    message = refused("plot", "small.h5", *arguments)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    "arguments", [["run"], ["run", "small.yaml", "--foo"], ["fly"], ["run", "a", "--threads", "x"]]
+)
+def test_bad_arguments(arguments):
+    result = call(*arguments)
+    assert result.exit_code == 2
+    assert "Error: " in result.stderr and "Traceback" not in result.stderr
+
+
+# The rest
+
+
+def test_schema_is_json():
+    schema = json.loads(done("schema"))
+    assert "oscillator" in schema["properties"]
+
+
+def test_version():
+    assert done("--version").startswith("vibroimpact")
+
+
+@pytest.mark.parametrize(
+    # Newer typers import pydantic to describe the arguments of a command.
+    ("arguments", "typers"),
+    [(["--help"], set()), (["run", "--help"], {"pydantic"})],
+)
+def test_help_imports_nothing_heavy(arguments, typers):
+    heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers
+    code = (
+        "import sys\n"
+        "from sweeps.cli import main\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit as end:\n"
+        "    assert end.code == 0, end.code\n"
+        f"heavy = {heavy} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    command = [sys.executable, "-c", code, *arguments]
+    environment = {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert "Usage: vibroimpact" in result.stdout
+
+
+def test_a_process_exits_like_the_command(folder):
+    result = process("run", "small.yaml", "--set", "oscillator.R=2")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("vibroimpact: error: --set oscillator.R=2: ")
+    assert result.stderr.count("\n") == 1
+    assert process("run", "small.yaml", "--dry-run").returncode == 0
+    assert [path.name for path in folder.iterdir()] == ["small.yaml"]

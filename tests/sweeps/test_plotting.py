@@ -1,0 +1,302 @@
+import numpy as np
+import pytest
+import yaml
+from matplotlib.collections import QuadMesh
+
+from sweeps import plotting
+from sweeps.grid import Grid
+from sweeps.plotting import KINDS, PlotError, bifurcation, plot, section, trajectory
+from sweeps.store import VARIABLES, SweepWriter, open_sweep
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+FIXED = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.25, "x0": 0, "v0": 0}
+OMEGA = np.array([0.8, 1.0, 1.5, 4.0])
+R = np.array([0.5, 0.8])
+SAMPLES = 40
+
+
+def results(points, widths, seed=0):
+    random = np.random.default_rng(seed)
+    arrays = {}
+    for name, variable in VARIABLES.items():
+        width = {**widths, "sample": SAMPLES, None: None}[variable.record]
+        arrays[name] = random.normal(size=(points,) if width is None else (points, width))
+    arrays["impact_v"][..., -1:] = np.nan
+    arrays["status"] = np.zeros(points, np.int8)
+    return arrays
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    """Return a function that writes and opens a sweep of random numbers."""
+    opened = []
+
+    def make(axes, *, sections=5, impacts=3, with_trajectory=True, name="a test", **changed):
+        fixed = {key: value for key, value in FIXED.items() if key not in axes}
+        grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
+        configuration = {
+            "name": name,
+            "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
+            "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
+            "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
+            "record": {"transient": 10},
+        }
+        widths = {"section": sections, "impact": impacts}
+        path = tmp_path / f"{len(opened)}.h5"
+        with SweepWriter(
+            path,
+            grid,
+            configuration=yaml.safe_dump(configuration),
+            widths=widths,
+            first_section=11,
+            with_trajectory=with_trajectory,
+            overwrite=False,
+        ) as store:
+            store.write(
+                tuple(slice(0, n) for n in grid.shape), {**results(grid.size, widths), **changed}
+            )
+        opened.append(open_sweep(path))
+        return opened[-1]
+
+    yield make
+    for dataset in opened:
+        dataset.close()
+
+
+def drawn(panel, marker="o"):
+    """Return the points of every line drawn with this marker, sorted."""
+    found = [line.get_xydata() for line in panel.lines if line.get_marker() == marker]
+    return sorted(map(tuple, np.concatenate(found))) if found else []
+
+
+def pairs(x, y):
+    x, y = np.broadcast_arrays(x, y)
+    keep = np.isfinite(y)
+    return sorted(zip(x[keep], y[keep], strict=True))
+
+
+@pytest.mark.parametrize("coordinate", ["poincare_x", "poincare_v", "impact_v", "impact_phase"])
+def test_a_bifurcation_shows_every_value_over_its_axis(sweep, coordinate):
+    dataset = sweep({"R": R, "omega": OMEGA})
+    figure = bifurcation(dataset, coordinate=coordinate, at={"R": 0.79})
+    panel = figure.axes[0]
+    assert drawn(panel) == pairs(OMEGA[:, None], dataset[coordinate].values[1])
+    assert panel.get_xlabel() == r"forcing frequency $\omega$ [rad/time]"
+    assert VARIABLES[coordinate].long_name in panel.get_ylabel()
+    assert f"${VARIABLES[coordinate].symbol}$" in panel.get_ylabel()
+    assert panel.get_xscale() == "linear"
+    assert not figure.legends
+
+
+def test_a_bifurcation_takes_the_longest_axis_and_the_first_value_of_others(sweep):
+    dataset = sweep({"omega": OMEGA, "R": R})
+    values = dataset["poincare_x"].values
+    assert drawn(bifurcation(dataset).axes[0]) == pairs(OMEGA[:, None], values[:, 0])
+    figure = bifurcation(dataset, axis="R")
+    assert drawn(figure.axes[0]) == pairs(R[:, None], values[0])
+    assert figure.axes[0].get_xlabel() == "coefficient of restitution $R$"
+
+
+def test_the_title_names_what_is_fixed_and_how_it_was_computed(sweep):
+    dataset = sweep({"R": R, "omega": OMEGA}, name="a $ sweep")
+    title = bifurcation(dataset, at={"R": 0.79}).get_suptitle()
+    assert title.startswith("a \\$ sweep\n")
+    assert "$R = 0.8$" in title  # the value of the grid, not 0.79
+    assert "$h = 0.1$" in title
+    assert r"$\sigma = 0.25$" in title
+    assert "omega" not in title
+    assert "integrator newmark, impact rule cubic, 64 steps per period" in title
+    point = section(dataset, at={"omega": 1.5}).get_suptitle()
+    assert all(f"${parameter.symbol} = " in point for parameter in PARAMETERS.values())
+    assert r"$\omega = 1.5$" in point
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        (np.geomspace(0.5, 8.0, 7), "log"),
+        (np.geomspace(8.0, 0.5, 7), "log"),
+        (np.linspace(0.5, 8.0, 7), "linear"),
+        (np.geomspace(1.0, 2.0, 7), "linear"),
+        ([1.0, 10.0], "linear"),
+    ],
+)
+def test_a_log_spaced_axis_is_drawn_so(sweep, tmp_path, values, scale):
+    dataset = sweep({"omega": values})
+    assert bifurcation(dataset).axes[0].get_xscale() == scale
+    plot(dataset, tmp_path / "a.png")
+
+
+def test_points_that_failed_are_marked_and_not_drawn(sweep, tmp_path):
+    status = np.array([0, Status.UNRESOLVED, Status.PENDING, Status.NON_FINITE], np.int8)
+    wild = np.full((4, 5), 1e300)
+    wild[0] = [1, 2, 3, 4, 5]
+    dataset = sweep({"omega": OMEGA}, status=status, poincare_x=wild)
+    figure = bifurcation(dataset)
+    panel = figure.axes[0]
+    assert drawn(panel) == [(0.8, y) for y in (1, 2, 3, 4, 5)]
+    assert [x for x, _ in drawn(panel, "|")] == [1.0, 1.5, 4.0]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        f"{Status(s).meaning} (1 of 4)" for s in (-1, 1, 2)
+    ]
+    plot(dataset, tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 40), np.geomspace(0.5, 8.0, 40)])
+def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values):
+    monkeypatch.setattr(plotting, "DENSITY_FROM", 100)
+    dataset = sweep({"omega": values}, poincare_x=np.tile([1.0, 2.0, 2.0, 2.0, 3.0], (40, 1)))
+    figure = bifurcation(dataset)
+    (mesh,) = [c for c in figure.axes[0].collections if isinstance(c, QuadMesh)]
+    share = mesh.get_array().filled(0.0)
+    assert drawn(figure.axes[0]) == []
+    np.testing.assert_allclose(share.sum(axis=0), 1.0)
+    rows = np.flatnonzero(share.sum(axis=1))
+    np.testing.assert_allclose(share[rows], np.tile([[0.2], [0.6], [0.2]], 40))
+    plot(dataset, tmp_path / "a.png")
+
+
+def test_a_constant_does_not_show_its_rounding_errors(sweep):
+    noise = 0.3 + 1e-15 * np.random.default_rng(0).normal(size=(4, 5))
+    low, high = bifurcation(sweep({"omega": OMEGA}, poincare_x=noise)).axes[0].get_ylim()
+    assert low < 0.2 < 0.4 < high
+    small = 1e-9 * np.random.default_rng(0).normal(size=(4, 5))
+    low, high = bifurcation(sweep({"omega": OMEGA}, poincare_x=small)).axes[0].get_ylim()
+    assert high - low < 1e-8
+
+
+@pytest.mark.parametrize("axes", [{}, {"R": R, "omega": OMEGA}])
+def test_a_section_shows_its_point_and_the_stop(sweep, axes):
+    dataset = sweep(axes)
+    at = {"omega": 1.6} if axes else None
+    point = dataset.isel(R=0, omega=2) if axes else dataset
+    panel = section(dataset, at=at).axes[0]
+    assert drawn(panel) == pairs(point["poincare_x"].values, point["poincare_v"].values)
+    (stop,) = [line for line in panel.lines if line.get_linestyle() == "--"]
+    assert set(stop.get_xdata()) == {0.25}
+    assert panel.get_xlabel() == "displacement at the section $x$ [length]"
+    assert panel.get_ylabel() == r"velocity at the section $\dot{x}$ [length/time]"
+
+
+def test_the_stop_of_a_swept_clearance_is_that_of_the_point(sweep):
+    dataset = sweep({"clearance": [0.0, 0.5]})
+    panel = section(dataset, at={"clearance": 0.5}).axes[0]
+    (stop,) = [line for line in panel.lines if line.get_linestyle() == "--"]
+    assert set(stop.get_xdata()) == {0.5}
+
+
+def test_a_trajectory_has_the_papers_three_panels(sweep):
+    dataset = sweep({"omega": OMEGA})
+    dataset.load()
+    for name in ("trajectory_t", "trajectory_x", "trajectory_v"):
+        dataset[name][1, 30:] = np.nan
+    dataset["trajectory_x"][1, 7] = 10.25
+    t, x, v = (dataset[f"trajectory_{name}"].values[1, :30] for name in "txv")
+    beyond = x > 0.25
+    assert 1 < beyond.sum() < 30
+    figure = trajectory(dataset, at={"omega": 1.0})
+    labels = [
+        ("", "displacement\n$x$ [length]"),
+        ("time $t$ [time]", "velocity\n$\\dot{x}$ [length/time]"),
+        ("displacement $x$ [length]", "velocity $\\dot{x}$ [length/time]"),
+    ]
+    by_label = {(panel.get_xlabel(), panel.get_ylabel()): panel for panel in figure.axes}
+    assert len(figure.axes) == 3
+    for label, (across, up) in zip(labels, [(t, x), (t, v), (x, v)], strict=True):
+        panel = by_label[label]
+        np.testing.assert_array_equal(panel.lines[0].get_xydata(), np.column_stack([across, up]))
+        assert drawn(panel) == pairs(across[beyond], up[beyond])
+    assert by_label[labels[2]].get_title() == "deepest penetration 1.0e1"
+
+
+def test_a_trajectory_within_the_stop_says_so(sweep):
+    inside = -np.abs(results(1, {"section": 5, "impact": 3})["trajectory_x"])
+    figure = trajectory(sweep({}, trajectory_x=inside))
+    assert "no sample beyond the stop" in [panel.get_title() for panel in figure.axes]
+    assert all(drawn(panel) == [] for panel in figure.axes)
+
+
+def test_a_point_that_failed_is_titled_so(sweep):
+    dataset = sweep({}, status=np.array([Status.UNRESOLVED], np.int8))
+    assert Status.UNRESOLVED.meaning in section(dataset).get_suptitle()
+    assert Status.UNRESOLVED.meaning in trajectory(dataset).get_suptitle()
+
+
+@pytest.mark.parametrize(
+    ("ending", "start"),
+    [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89")],
+)
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_kind_is_written_in_every_format(sweep, tmp_path, kind, ending, start):
+    output = tmp_path / f"a.{ending}"
+    assert plot(sweep({"omega": OMEGA}), output, kind) == output
+    assert output.read_bytes().startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("axes", "with_trajectory", "expected"),
+    [
+        ({"omega": OMEGA}, True, "bifurcation"),
+        ({}, True, "trajectory"),
+        ({}, False, "section"),
+    ],
+)
+def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, expected):
+    called = []
+
+    def spy(name):
+        return lambda *given, **options: called.append(name) or KINDS[name](*given, **options)
+
+    monkeypatch.setattr(plotting, "KINDS", {name: spy(name) for name in KINDS})
+    plot(sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
+    assert called == [expected]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"output": "a.jpg"}, r"a\.jpg must end in one of \.png, \.svg, \.pdf"),
+        ({"output": "a"}, r"must end in one of"),
+        ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
+        ({"output": "folder.png"}, r"folder\.png cannot be written"),
+        ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, section, trajectory"),
+        ({"axis": "h"}, "h is not a swept axis; the file has R, omega"),
+        ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
+        ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
+        ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
+        ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
+        ({"coordinate": "status"}, "no status to draw; it has poincare_x, poincare_v"),
+        ({"coordinate": "impact_v"}, "no impact_v to draw; it has poincare_x, poincare_v"),
+        ({"kind": "section", "axis": "R"}, "axis can be chosen for a bifurcation only"),
+        ({"kind": "trajectory"}, "has no trajectory_t, trajectory_x, trajectory_v: record it"),
+        ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(sweep, tmp_path, options, message):
+    (tmp_path / "folder.png").mkdir()
+    dataset = sweep({"R": R, "omega": OMEGA}, impacts=0, with_trajectory=False)
+    with pytest.raises(PlotError, match=message):
+        plot(dataset, **{**options, "output": tmp_path / options.get("output", "a.png")})
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_the_outermost_value_may_be_rounded(sweep):
+    dataset = sweep({"R": [0.1 * 3, 0.1], "omega": OMEGA})
+    assert "$R = 0.3$" in section(dataset, at={"R": 0.3}).get_suptitle()
+
+
+def test_a_single_point_has_no_bifurcation(sweep):
+    with pytest.raises(PlotError, match="a single point"):
+        bifurcation(sweep({}))
+
+
+def test_nothing_to_draw_is_said(sweep):
+    nothing = np.full((4, 5), np.nan)
+    pending = np.full(4, Status.PENDING, np.int8)
+    dataset = sweep({"omega": OMEGA}, status=pending, poincare_x=nothing)
+    with pytest.raises(PlotError, match="no point has a poincare_x"):
+        bifurcation(dataset)
+    with pytest.raises(PlotError, match="nothing to draw at this point: not computed yet"):
+        section(dataset)

@@ -1,0 +1,285 @@
+import resource
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from sweeps.grid import Grid
+from sweeps.store import (
+    FORMAT_VERSION,
+    VARIABLES,
+    StoreError,
+    SweepWriter,
+    check_output,
+    open_sweep,
+    status_counts,
+)
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+CONFIGURATION = "name: a test\noscillator: {h: 0.1}\n"
+GRID = Grid(
+    {"R": np.array([0.8, 0.5]), "omega": np.geomspace(0.8, 4.0, 5)},
+    {"h": 0.1, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0},
+)
+WIDTHS = {"section": 4, "impact": 3}
+
+
+def writer(path, grid=GRID, *, widths=WIDTHS, with_trajectory=True, overwrite=False):
+    return SweepWriter(
+        path,
+        grid,
+        configuration=CONFIGURATION,
+        widths=widths,
+        first_section=11,
+        with_trajectory=with_trajectory,
+        overwrite=overwrite,
+    )
+
+
+def results(points, samples=6, widths=WIDTHS, seed=0):
+    random = np.random.default_rng(seed)
+    arrays = {}
+    for name, variable in VARIABLES.items():
+        width = {**widths, "sample": samples, None: None}[variable.record]
+        shape = (points,) if width is None else (points, width)
+        arrays[name] = random.normal(size=shape)
+    arrays["status"] = np.zeros(points, np.int8)
+    return arrays
+
+
+def whole(grid, seed=0, samples=6):
+    """Results of every point, shaped like the grid."""
+    return {
+        name: array.reshape(*grid.shape, *array.shape[1:])
+        for name, array in results(grid.size, samples, seed=seed).items()
+    }
+
+
+def write_blocks(path, blocks, expected):
+    with writer(path) as store:
+        for block in blocks:
+            flat = {}
+            for name, array in expected.items():
+                part = array[block]
+                flat[name] = part.reshape(-1, *part.shape[len(block) :])
+            store.write(block, flat)
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 10])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, backwards):
+    path = tmp_path / "out.h5"
+    expected = whole(GRID)
+    blocks = list(GRID.blocks(size))
+    write_blocks(path, blocks[::-1] if backwards else blocks, expected)
+    with open_sweep(path) as dataset:
+        assert set(dataset.data_vars) == set(VARIABLES)
+        for name, variable in VARIABLES.items():
+            record = () if variable.record is None else (variable.record,)
+            assert dataset[name].dims == ("R", "omega", *record)
+            assert dataset[name].dtype == variable.dtype
+            assert dataset[name].attrs["units"] == variable.unit
+            np.testing.assert_array_equal(dataset[name].values, expected[name])
+
+
+def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
+    path = tmp_path / "out.h5"
+    write_blocks(path, GRID.blocks(10), whole(GRID))
+    with xr.open_dataset(path, engine="h5netcdf") as dataset, open_sweep(path) as ours:
+        xr.testing.assert_identical(dataset, ours)
+        assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample"}
+        for name, values in GRID.axes.items():
+            np.testing.assert_array_equal(dataset[name].values, values)
+            assert dataset[name].attrs["long_name"] == PARAMETERS[name].meaning
+            assert dataset[name].attrs["units"] == PARAMETERS[name].unit
+            assert dataset[name].attrs["symbol"] == PARAMETERS[name].symbol
+        assert dataset["section"].values.tolist() == [11, 12, 13, 14]
+        assert dataset["impact"].values.tolist() == [0, 1, 2]
+        assert dataset["sample"].values.tolist() == list(range(6))
+        flags = dict(
+            zip(
+                dataset["status"].attrs["flag_meanings"].split(),
+                dataset["status"].attrs["flag_values"],
+                strict=True,
+            )
+        )
+        assert flags == {status.name.lower(): status for status in Status}
+        assert dataset.attrs["configuration"] == CONFIGURATION
+        assert dataset.attrs["name"] == "a test"
+        assert dataset.attrs["numpy_version"] == np.__version__
+        assert 0.0 < dataset.attrs["duration"] < 60.0
+        assert np.datetime64(dataset.attrs["started"].removesuffix("+00:00")) > np.datetime64(
+            "2024"
+        )
+
+
+def test_a_single_point_has_no_axes(tmp_path):
+    path = tmp_path / "out.h5"
+    grid = Grid({}, dict.fromkeys(PARAMETERS, 0.5))
+    given = results(1)
+    with writer(path, grid) as store:
+        store.write((), given)
+    with open_sweep(path) as dataset:
+        assert dataset["status"].shape == ()
+        for name in VARIABLES:
+            np.testing.assert_array_equal(dataset[name].values, given[name][0])
+
+
+def test_an_unwritten_single_point_is_pending(tmp_path):
+    path = tmp_path / "out.h5"
+    writer(path, Grid({}, {})).close()
+    with open_sweep(path) as dataset:
+        assert dataset["status"] == Status.PENDING
+        assert np.isnan(dataset["rest_fraction"])
+        assert np.isnan(dataset["poincare_x"]).all()
+        assert dataset.sizes["sample"] == 0
+
+
+def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
+    path = tmp_path / "out.h5"
+    widths = {"section": 4, "impact": 0}
+    with writer(path, widths=widths, with_trajectory=False) as store:
+        store.write((slice(0, 2), slice(0, 5)), results(10, widths=widths))
+    with open_sweep(path) as dataset:
+        assert set(dataset.sizes) == {"R", "omega", "section"}
+        assert {"poincare_x", "impacts_per_period"} <= set(dataset.data_vars)
+        assert not {"impact_v", "impact_phase", "trajectory_t"} & set(dataset.data_vars)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_trajectories_grow_to_the_widest_and_are_padded(tmp_path, order):
+    path = tmp_path / "out.h5"
+    grid = Grid({"omega": np.array([1.0, 2.0, 3.0])}, {})
+    widths = (3, 3000, 1025)  # across and within the chunks of 1024
+    parts = [results(1, width, seed=width) for width in widths]
+    with writer(path, grid) as store:
+        for index in order:
+            store.write((slice(index, index + 1),), parts[index])
+    with open_sweep(path) as dataset:
+        assert dataset["sample"].values.tolist() == list(range(3000))
+        for name in ("trajectory_t", "trajectory_x", "trajectory_v"):
+            for index, width in enumerate(widths):
+                row = dataset[name][index].values
+                np.testing.assert_array_equal(row[:width], parts[index][name][0])
+                assert np.isnan(row[width:]).all()
+
+
+def test_a_partial_file_says_what_is_pending(tmp_path):
+    path = tmp_path / "out.h5"
+    given = results(2)
+    given["status"][1] = Status.NON_FINITE
+    with pytest.raises(KeyboardInterrupt), writer(path) as store:
+        store.write((slice(1, 2), slice(0, 2)), given)
+        raise KeyboardInterrupt
+    with open_sweep(path) as dataset:
+        assert status_counts(dataset) == {
+            Status.PENDING: 8,
+            Status.COMPUTED: 1,
+            Status.UNRESOLVED: 0,
+            Status.NON_FINITE: 1,
+        }
+        pending = dataset["status"].values == Status.PENDING
+        for name, variable in VARIABLES.items():
+            if variable.dtype == "float64":
+                assert np.isnan(dataset[name].values[pending]).all()
+                assert np.isfinite(dataset[name].values[~pending]).all()
+
+
+def test_it_is_read_lazily(tmp_path):
+    path = tmp_path / "out.h5"
+    writer(path).close()
+    with open_sweep(path) as dataset:
+        assert not dataset["poincare_x"].variable._in_memory
+
+
+def test_a_block_that_does_not_fit_is_not_written(tmp_path):
+    path = tmp_path / "out.h5"
+    block = (slice(0, 1), slice(0, 2))
+    with writer(path) as store:
+        with pytest.raises(ValueError, match=r"impact_v has the shape \(2, 9\)"):
+            store.write(block, {**results(2), "impact_v": np.zeros((2, 9))})
+        with pytest.raises(ValueError, match="poincare_x has the shape"):
+            store.write(block, results(3))
+        with pytest.raises(ValueError, match="no variable speed"):
+            store.write(block, {**results(2), "speed": np.zeros(2)})
+        with pytest.raises(KeyError, match="status"):
+            store.write(block, {k: v for k, v in results(2).items() if k != "status"})
+    with open_sweep(path) as dataset:
+        assert status_counts(dataset)[Status.PENDING] == GRID.size
+        assert np.isnan(dataset["poincare_x"].values).all()
+
+
+def test_a_file_that_cannot_grow_is_told(tmp_path):
+    path = tmp_path / "out.h5"
+    store = writer(path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))  # stands for a full disk
+    try:
+        with pytest.raises(StoreError, match=r"out\.h5 cannot be written: File too large$"):
+            store.write((slice(0, 2), slice(0, 5)), results(10, samples=50_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        store.close()
+
+
+def test_an_existing_file_is_kept_unless_told(tmp_path):
+    path = tmp_path / "out.h5"
+    path.write_bytes(b"precious")
+    with pytest.raises(StoreError, match="exists; give --overwrite to replace it or -o"):
+        writer(path)
+    assert path.read_bytes() == b"precious"
+    writer(path, overwrite=True).close()
+    open_sweep(path).close()
+
+
+def test_outputs_that_are_refused(tmp_path):
+    check_output(tmp_path / "new.h5", overwrite=False)
+    with pytest.raises(StoreError, match="is a directory"):
+        check_output(tmp_path, overwrite=True)
+    with pytest.raises(StoreError, match=r"the folder .*missing of the output new\.h5 does not"):
+        check_output(tmp_path / "missing" / "new.h5", overwrite=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def sweep_with(path, **attributes):
+    writer(path).close()
+    with h5py.File(path, "r+") as file:
+        file.attrs.update(attributes)
+
+
+def test_files_that_are_not_ours_are_refused(tmp_path):
+    path = tmp_path / "out.h5"
+    with pytest.raises(StoreError, match="does not exist"):
+        open_sweep(path)
+    with pytest.raises(StoreError, match="is a directory"):
+        open_sweep(tmp_path)
+    path.write_text("name: not HDF5\n")
+    with pytest.raises(StoreError, match="is not an HDF5 file"):
+        open_sweep(path)
+    h5py.File(path, "w").close()
+    with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
+        open_sweep(path)
+    path.unlink()
+    sweep_with(path, format="another")
+    with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
+        open_sweep(path)
+
+
+@pytest.mark.parametrize("version", [FORMAT_VERSION + 1, 0, "one"])
+def test_an_unknown_format_version_is_refused(tmp_path, version):
+    path = tmp_path / "out.h5"
+    sweep_with(path, format_version=version)
+    with pytest.raises(StoreError, match=f"format version {version}, .* reads only 1"):
+        open_sweep(path)
+
+
+@pytest.mark.parametrize("kept", [0.02, 0.5, 0.99])
+def test_a_truncated_file_is_refused(tmp_path, kept):
+    path = tmp_path / "out.h5"
+    write_blocks(path, GRID.blocks(10), whole(GRID))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * kept)])
+    with pytest.raises(StoreError, match=r"out\.h5 cannot be read, it may be truncated"):
+        open_sweep(path)
