@@ -113,7 +113,7 @@ def run(
         # The request was accepted above, so this is a full disk or the like.
         _stop(FAILED, f"the run failed: {str(error) or type(error).__name__}; {_kept(path)}")
     if not quiet:
-        typer.echo(_summary(sweep, path))
+        typer.echo(_summary(path))
 
 
 def _check_threads(threads: int | None) -> None:
@@ -175,16 +175,14 @@ def _bytes(size: float) -> str:
     return f"{size:.3g} {units[0]}"
 
 
-def _summary(sweep: SweepConfig, path: Path) -> str:
+def _summary(path: Path) -> str:
     """Describe a sweep after it was run, with the command to type next."""
     from sweeps.store import open_sweep, status_counts
 
     with open_sweep(path) as dataset:
-        seconds = float(dataset.attrs.get("duration", 0.0))
+        seconds = float(dataset.attrs["duration"])
         outcome = f"{path}: {_outcomes(status_counts(dataset))}"
-    periods = sweep.grid.size * (sweep.record.transient + sweep.record.periods)
-    speed = f" in {seconds:.3g} s, {periods / seconds:,.0f} forcing periods/s" if seconds else ""
-    return f"{outcome}{speed}\nnext: vibroimpact plot {shlex.quote(str(path))}"
+    return f"{outcome} in {seconds:.3g} s\nnext: vibroimpact plot {shlex.quote(str(path))}"
 
 
 def _outcomes(counts: Mapping[Status, int]) -> str:

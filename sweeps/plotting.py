@@ -236,6 +236,7 @@ def trajectory(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) ->
     _draw_stop(panels["x"].axhline, dataset, point, label=False)
     _draw_stop(panels["phase"].axvline, dataset, point)
     panels["x"].margins(x=0.01)
+    panels["phase"].locator_params(axis="x", nbins=6)
     panels["phase"].set_title(_deepest(x - clearance))
     _entitle(figure, dataset, point, 100)
     figure.legend(loc="outside lower center", ncols=2, frameon=False)

@@ -93,13 +93,13 @@ def start(pt):
     return x, v, x == pt.clearance and v == 0.0 and pressing(0.0, pt) > 0.0
 
 
-@jit
+@jit(inline=True)
 def crossed(x, v, clearance):
     """Whether a step that ended at (x, v) must be shortened."""
     return x > clearance or (x == clearance and v > 0.0)
 
 
-@jit
+@jit(inline=True)
 def fly(integrator, x, v, theta, span, pt):
     """Advance until the first impact, or for at most `span`.
 
@@ -142,7 +142,7 @@ def time_to_rest(v, theta, left, T, pt):
     return remaining if remaining <= min(left, time_to_release(theta, pt)) else math.inf
 
 
-@jit
+@jit(inline=True)
 def _log(events, n, kind, tau, v, x):
     events[n, KIND] = kind
     events[n, TIME] = tau
@@ -151,7 +151,7 @@ def _log(events, n, kind, tau, v, x):
     return n + 1
 
 
-@jit
+@jit(inline=True)
 def plain(x_T, v_T, T, pt, events):
     """Rule (2)-(5) at the end of a step that ended at (x_T, v_T) on or beyond the stop."""
     if not v_T > 0.0:
@@ -205,7 +205,7 @@ def reduced_step(integrator, x, v, resting, theta, T, pt, events):
     return math.nan, math.nan, False, n, rested, _UNRESOLVED
 
 
-@jit
+@jit(inline=True)
 def mend(rule, integrator, x, v, x_T, v_T, resting, theta, T, pt, events):
     """Apply an impact rule to one step that met the stop; returns as ``reduced_step`` does."""
     if rule == PLAIN:

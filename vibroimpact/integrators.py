@@ -174,7 +174,7 @@ def affine_map(integrator, T, pt):
     return xx, xv, xs, xc, vx, vv, vs, vc
 
 
-@jit
+@jit(inline=True)
 def apply_map(row, x, v, s, c):
     """One coordinate of the map applied to a state: row . (x, v, sin, cos).
 

@@ -30,7 +30,7 @@ from vibroimpact.impacts import (
 )
 from vibroimpact.integrators import INTEGRATORS, affine_map, apply_map
 from vibroimpact.jit import jit
-from vibroimpact.phases import lead_in, one_period
+from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
 from vibroimpact.status import Status
 
 #: Points per block.
@@ -43,20 +43,30 @@ X, V, X_T, V_T, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION = 
 _COMPUTED, _NON_FINITE = int(Status.COMPUTED), int(Status.NON_FINITE)
 
 
+#: What is summed up over the recorded periods of a point, beside its last status.
+SUMS = np.dtype(
+    [("impacts", np.int64), ("max_penetration", float), ("rested", float), ("status", np.int64)]
+)
+
+
 class Tally(NamedTuple):
-    """What is kept of the recorded periods, one row per point."""
+    """What is kept of the recorded periods, one row per point.
 
-    poincare_x: np.ndarray
-    poincare_v: np.ndarray
-    impact_phase: np.ndarray
-    impact_v: np.ndarray
+    Attributes
+    ----------
+    sections : ndarray, shape (n, periods, 2)
+        x and v at the end of each period.
+    impacts : ndarray, shape (n, capacity, 2)
+        Phase and speed of the last impacts, as a ring: the last overwrite the first.
+    sums : ndarray of dtype ``SUMS``, shape (n,)
+    """
+
+    sections: np.ndarray
     impacts: np.ndarray
-    max_penetration: np.ndarray
-    rested: np.ndarray
-    status: np.ndarray
+    sums: np.ndarray
 
 
-@jit
+@jit(inline=True)
 def predict(w, s, c):
     """Advance every lane by its map into rows X_T, V_T; return whether any met its stop."""
     met = False
@@ -69,11 +79,11 @@ def predict(w, s, c):
     return met
 
 
-@jit
+@jit(inline=True)
 def advance_plain(w, grid):
     """Steps with the rule (2)-(5), nothing recorded: selects instead of branches."""
-    for n in range(grid.theta.size):
-        s, c = grid.sin[n], grid.cos[n]
+    for n in range(grid.table.shape[1]):
+        s, c = grid.table[SIN, n], grid.table[COS, n]
         for i in range(LANES):
             x, v = w[X, i], w[V, i]
             x_T = apply_map((w[XX, i], w[XV, i], w[XS, i], w[XC, i]), x, v, s, c)
@@ -83,7 +93,7 @@ def advance_plain(w, grid):
             w[V, i] = -w[RESTITUTION, i] * v_T if impact else v_T
 
 
-@jit
+@jit(inline=True)
 def set_start(w, points, rule):
     """Put every lane at its start, and its stop where it is."""
     for i in range(LANES):
@@ -93,7 +103,7 @@ def set_start(w, points, rule):
         w[CLEARANCE, i], w[RESTITUTION, i] = pt.clearance, pt.R
 
 
-@jit
+@jit(inline=True)
 def set_maps(w, points, integrator, grid):
     """Give every lane the affine map of one step of `grid`."""
     for i in range(LANES):
@@ -103,30 +113,31 @@ def set_maps(w, points, integrator, grid):
             w[XX + k, i] = rows[k]
 
 
-@jit
+@jit(inline=True)
 def record_step(events, n, x_T, rested, theta, pt, row, tally):
-    """Add the events of one mended step to the tally in that row."""
+    """Add the events of one mended step to the tally of the lane in that row."""
+    sums = tally.sums[row]
     depth = x_T - pt.clearance
-    tally.rested[row] += rested
-    capacity = tally.impact_v.shape[1]
+    capacity = tally.impacts.shape[1]
     for k in range(n):
         if events[k, KIND] == IMPACT:
             depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
-            if capacity > 0:  # a ring: the last impacts overwrite the first
-                slot = tally.impacts[row] % capacity
+            if capacity > 0:
+                slot = sums.impacts % capacity
                 at = (theta + pt.omega * events[k, TIME]) % (2.0 * math.pi)
-                tally.impact_phase[row, slot] = at
-                tally.impact_v[row, slot] = events[k, SPEED]
-            tally.impacts[row] += 1
-    tally.max_penetration[row] = max(tally.max_penetration[row], depth)
+                tally.impacts[row, slot, 0] = at
+                tally.impacts[row, slot, 1] = events[k, SPEED]
+            sums.impacts += 1
+    sums.rested += rested
+    sums.max_penetration = max(sums.max_penetration, depth)
 
 
-@jit
+@jit(inline=True)
 def advance(w, first, points, rule, integrator, grid, recording, tally, events):
     """Steps over `grid`: predict every lane, mend those that met the stop."""
-    for n in range(grid.theta.size):
-        if predict(w, grid.sin[n], grid.cos[n]):
-            theta = grid.theta[n]
+    for n in range(grid.table.shape[1]):
+        if predict(w, grid.table[SIN, n], grid.table[COS, n]):
+            theta = grid.table[THETA, n]
             for i in range(points.size):
                 if w[X_T, i] >= w[LEVEL, i]:
                     pt = points[i]
@@ -137,24 +148,25 @@ def advance(w, first, points, rule, integrator, grid, recording, tally, events):
                     if recording:
                         end = w[X_T, i] if rule == PLAIN else x
                         record_step(events, n_events, end, rested, theta, pt, first + i, tally)
+                    if outcome != _COMPUTED:
+                        tally.sums[first + i].status = outcome
                     w[X_T, i], w[V_T, i] = x, v
                     w[LEVEL, i] = -math.inf if resting else pt.clearance
-                    tally.status[first + i] = max(tally.status[first + i], outcome)
         for i in range(LANES):
             w[X, i] = w[X_T, i]
             w[V, i] = w[V_T, i]
 
 
-@jit
+@jit(inline=True)
 def record_section(w, first, n, k, tally):
     """Store the state of `n` lanes as section `k`, NaN where it overflowed."""
     for i in range(n):
-        row = first + i
-        finite = math.isfinite(w[X, i]) and math.isfinite(w[V, i])
-        tally.poincare_x[row, k] = w[X, i] if finite else math.nan
-        tally.poincare_v[row, k] = w[V, i] if finite else math.nan
-        if not finite and tally.status[row] == _COMPUTED:
-            tally.status[row] = _NON_FINITE
+        x, v, sums = w[X, i], w[V, i], tally.sums[first + i]
+        finite = math.isfinite(x) and math.isfinite(v)
+        tally.sections[first + i, k, 0] = x if finite else math.nan
+        tally.sections[first + i, k, 1] = v if finite else math.nan
+        if not finite and sums.status == _COMPUTED:
+            sums.status = _NON_FINITE
 
 
 @jit
@@ -183,13 +195,14 @@ def run_blocks(points, rule, integrator, lead, grid, transient, periods, tally):
         run_block(lo, points[lo:hi], rule, integrator, lead, grid, transient, periods, tally)
 
 
-def _last_in_order(ring: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Unroll rings of the last values into time order, NaN where there were fewer."""
-    width = ring.shape[1]
+def _last_in_order(rings: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Unroll rings of the last impacts into time order."""
+    width = rings.shape[1]
     if width == 0:
-        return ring
+        return rings
     first = np.where(count > width, count % width, 0)
-    return np.take_along_axis(ring, (first[:, None] + np.arange(width)) % width, axis=1)
+    order = (first[:, None] + np.arange(width)) % width
+    return np.take_along_axis(rings, order[:, :, None], axis=1)
 
 
 def integrate(
@@ -243,14 +256,9 @@ def integrate(
     """
     n = points.size
     tally = Tally(
-        poincare_x=np.empty((n, periods)),
-        poincare_v=np.empty((n, periods)),
-        impact_phase=np.full((n, impacts), np.nan),
-        impact_v=np.full((n, impacts), np.nan),
-        impacts=np.zeros(n, dtype=np.int64),
-        max_penetration=np.zeros(n),
-        rested=np.zeros(n),
-        status=np.zeros(n, dtype=np.int8),
+        sections=np.empty((n, periods, 2)),
+        impacts=np.full((n, impacts, 2), np.nan),
+        sums=np.zeros(n, dtype=SUMS),
     )
     rule, code = IMPACT_RULES[impact].code, INTEGRATORS[integrator].code
     lead, grid = lead_in(phase, steps_per_period), one_period(phase, steps_per_period)
@@ -260,15 +268,17 @@ def integrate(
         run_blocks(points, rule, code, lead, grid, transient, periods, tally)
     finally:
         set_num_threads(threads_before)
+    sums = tally.sums
+    last = _last_in_order(tally.impacts, sums["impacts"])
     duration = periods * 2.0 * np.pi / points["omega"]
-    failed = tally.status != Status.COMPUTED
+    computed = sums["status"] == Status.COMPUTED
     return {
-        "poincare_x": tally.poincare_x,
-        "poincare_v": tally.poincare_v,
-        "impact_phase": _last_in_order(tally.impact_phase, tally.impacts),
-        "impact_v": _last_in_order(tally.impact_v, tally.impacts),
-        "impacts_per_period": np.where(failed, np.nan, tally.impacts / periods),
-        "max_penetration": np.where(failed, np.nan, tally.max_penetration),
-        "rest_fraction": np.where(failed, np.nan, tally.rested / duration),
-        "status": tally.status,
+        "poincare_x": tally.sections[:, :, 0],
+        "poincare_v": tally.sections[:, :, 1],
+        "impact_phase": last[:, :, 0],
+        "impact_v": last[:, :, 1],
+        "impacts_per_period": np.where(computed, sums["impacts"] / periods, np.nan),
+        "max_penetration": np.where(computed, sums["max_penetration"], np.nan),
+        "rest_fraction": np.where(computed, sums["rested"] / duration, np.nan),
+        "status": sums["status"].astype(np.int8),
     }

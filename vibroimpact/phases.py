@@ -7,19 +7,29 @@ from typing import NamedTuple
 
 import numpy as np
 
+# Rows of the table.
+THETA, SIN, COS = range(3)
+
 
 class Phases(NamedTuple):
-    """A run of equal steps: theta = omega t at the start of each, and omega T."""
+    """A run of equal steps.
 
-    theta: np.ndarray
-    sin: np.ndarray
-    cos: np.ndarray
+    Attributes
+    ----------
+    table : ndarray, shape (3, n)
+        theta = omega t at the start of each step, its sine and its cosine.
+    step : float
+        omega T.
+    """
+
+    table: np.ndarray
     step: float
 
 
 def _phases(start: float, span: float, n: int) -> Phases:
+    step = span / max(n, 1)
     theta = start + span * np.arange(n) / max(n, 1)
-    return Phases(theta, np.sin(theta), np.cos(theta), span / max(n, 1))
+    return Phases(np.stack([theta, np.sin(theta), np.cos(theta)]), step)
 
 
 def lead_in(phase: float, steps_per_period: int) -> Phases:

@@ -26,7 +26,7 @@ from vibroimpact.impacts import (
 from vibroimpact.integrators import INTEGRATORS, affine_map, apply_map
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.phases import lead_in, one_period
+from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
 from vibroimpact.status import Status
 
 # Kinds of row in the log, beside the kinds of event: a grid state, and the end of a period.
@@ -98,11 +98,11 @@ def _put_start(log, pt, resting):
 @jit
 def _advance(rule, integrator, m, x, v, resting, steps, n, pt, events):
     """Step `n` of a run of steps, as a lane of the kernel takes it; returns as ``mend`` does."""
-    s, c, T = steps.sin[n], steps.cos[n], steps.step / pt.omega
+    s, c, T = steps.table[SIN, n], steps.table[COS, n], steps.step / pt.omega
     x_T = apply_map((m[0], m[1], m[2], m[3]), x, v, s, c)
     v_T = apply_map((m[4], m[5], m[6], m[7]), x, v, s, c)
     if resting or x_T >= pt.clearance:
-        return mend(rule, integrator, x, v, x_T, v_T, resting, steps.theta[n], T, pt, events)
+        return mend(rule, integrator, x, v, x_T, v_T, resting, steps.table[THETA, n], T, pt, events)
     return x_T, v_T, False, 0, 0.0, 0
 
 
@@ -115,7 +115,7 @@ def _approach(rule, integrator, lead, grid, transient, pt, events):
     for k in range(-1, transient):
         steps = lead if k < 0 else grid
         m = affine_map(integrator, steps.step / pt.omega, pt)
-        for n in range(steps.theta.size):
+        for n in range(steps.table.shape[1]):
             x, v, resting, _, _, outcome = _advance(
                 rule, integrator, m, x, v, resting, steps, n, pt, events
             )
@@ -134,9 +134,9 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, events, 
     status : int
     """
     x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, events)
-    size, T = grid.theta.size, grid.step / pt.omega
+    size, T = grid.table.shape[1], grid.step / pt.omega
     m = affine_map(integrator, T, pt)
-    t = (2.0 * math.pi * transient + grid.theta[0]) / pt.omega
+    t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
     if t == 0.0:
         rows = _put_start(log, pt, resting)
     else:
@@ -144,7 +144,7 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, events, 
     for k in range(transient, transient + periods):
         for n in range(size):
             last = n + 1 == size
-            theta_T = 2.0 * math.pi + grid.theta[0] if last else grid.theta[n + 1]
+            theta_T = 2.0 * math.pi + grid.table[THETA, 0] if last else grid.table[THETA, n + 1]
             t_T = (2.0 * math.pi * k + theta_T) / pt.omega
             x, v, resting, n_events, _, outcome = _advance(
                 rule, integrator, m, x, v, resting, grid, n, pt, events
