@@ -226,12 +226,21 @@ def test_a_file_that_cannot_grow_is_told(tmp_path):
 
 def test_an_existing_file_is_kept_unless_told(tmp_path):
     path = tmp_path / "out.h5"
-    path.write_bytes(b"precious")
+    writer(path).close()
+    before = path.read_bytes()
     with pytest.raises(StoreError, match="exists; give --overwrite to replace it or -o"):
         writer(path)
-    assert path.read_bytes() == b"precious"
+    assert path.read_bytes() == before
     writer(path, overwrite=True).close()
     open_sweep(path).close()
+
+
+def test_a_file_of_another_kind_is_never_replaced(tmp_path):
+    path = tmp_path / "sweep.yaml"
+    path.write_bytes(b"precious")
+    with pytest.raises(StoreError, match="not an HDF5 file and will not be replaced"):
+        writer(path, overwrite=True)
+    assert path.read_bytes() == b"precious"
 
 
 def test_outputs_that_are_refused(tmp_path):
