@@ -36,8 +36,8 @@ SHORTEST_FLIGHT = 1e-3
 #: More flights than this in one step: the point is given up as ``Status.UNRESOLVED``.
 MAX_FLIGHTS = 4096
 _MAX_HALVINGS = 60
-# A release this close to the end of a step is left to the next one: so near to it, the sign of
-# the force is rounding. The displacement it would cause is of the order of its cube.
+# A release this close in phase to the end of a step is left to the next one: so near to it, the
+# sign of the force is rounding. The displacement it would cause is of the order of its cube.
 _RELEASE_MARGIN = 1e-12
 
 # The events of one step: their kinds, and the columns of the buffer that holds them (time since
@@ -81,7 +81,11 @@ def time_to_release(theta, pt):
     level = pt.p * pt.p * pt.clearance
     if not abs(level) < pt.f:
         return math.inf
-    return ((-math.asin(level / pt.f) - theta) % (2.0 * math.pi)) / pt.omega
+    turn = -math.asin(level / pt.f)
+    angle = (turn - theta) % (2.0 * math.pi)
+    # The force has pressed since pi - turn or later: a longer wait is a release that theta has
+    # passed by its rounding.
+    return angle / pt.omega if angle < 1.5 * math.pi + turn else 0.0
 
 
 @jit
@@ -181,7 +185,7 @@ def reduced_step(integrator, x, v, resting, theta, T, pt, events):
     for _ in range(MAX_FLIGHTS):
         if resting:
             wait = time_to_release(theta + pt.omega * tau, pt)
-            if tau + wait >= T * (1.0 - _RELEASE_MARGIN):
+            if pt.omega * (T - tau - wait) <= _RELEASE_MARGIN:
                 return pt.clearance, 0.0, True, n, rested + (T - tau), _COMPUTED
             tau += wait
             rested += wait

@@ -222,7 +222,8 @@ def integrate(
     """Run every parameter point from t = 0 and record its attractor.
 
     The record spans the `periods` forcing periods that follow `transient` of them, counted from
-    the first passage of the phase `phase`.
+    the first passage of the phase `phase`. An impact belongs to it if it comes after its start,
+    so that one at t = 0 itself does not.
 
     Parameters
     ----------

@@ -34,7 +34,8 @@ def _phases(start: float, span: float, n: int) -> Phases:
 
 def lead_in(phase: float, steps_per_period: int) -> Phases:
     """Return the steps from t = 0 to the section's `phase`, none longer than the grid's."""
-    return _phases(0.0, phase, math.ceil(phase / (2.0 * math.pi) * steps_per_period))
+    n = phase / (2.0 * math.pi) * steps_per_period
+    return _phases(0.0, phase, math.ceil(n * (1.0 - 1e-12)))
 
 
 def one_period(phase: float, steps_per_period: int) -> Phases:

@@ -1,0 +1,67 @@
+"""The fused multiply-add, and a disk cache that never serves a stale kernel."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import vibroimpact
+from vibroimpact.jit import fma
+
+# predict() is in kernel.py, the helper it calls in integrators.py.
+PROGRAM = """\
+import numpy as np
+import vibroimpact
+from vibroimpact.kernel import predict
+w = np.ones((15, 32))
+predict(w, 0.25, 0.5)
+print(vibroimpact.__file__)
+print(w[2, 0])
+print(sum(predict.stats.cache_hits.values()), sum(predict.stats.cache_misses.values()))
+"""
+
+
+def run(folder):
+    """Run the program on the copy of the package in `folder`: its file, x_T, hits, misses."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "PYTHON"))}
+    environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    out = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    assert Path(out[0]).is_relative_to(folder), "not the copy"
+    return float(out[1]), *map(int, out[2].split())
+
+
+def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
+    """Compiled, then read from the cache, then edited: the third run must compile again."""
+    copy = tmp_path / "vibroimpact"
+    shutil.copytree(
+        Path(vibroimpact.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    assert run(tmp_path) == (2.75, 0, 1)
+    assert run(tmp_path) == (2.75, 1, 0)
+    helper = copy / "integrators.py"
+    before = helper.read_text()
+    after = before.replace("fma(xs, s, xc * c)", "fma(xs, s, 3.0 * xc * c)")
+    assert after != before
+    helper.write_text(after)
+    assert run(tmp_path) == (3.75, 0, 1)
+
+
+def test_fma_rounds_once():
+    """(1 + e)^2 - (1 + 2 e) is e^2; rounded after the product it would be 0."""
+    from numba import njit
+
+    @njit
+    def fused(a, b, c):
+        return fma(a, b, c)
+
+    e = 2.0**-30
+    assert fused(1.0 + e, 1.0 + e, -(1.0 + 2.0 * e)) == e * e
+    assert (1.0 + e) * (1.0 + e) - (1.0 + 2.0 * e) == 0.0

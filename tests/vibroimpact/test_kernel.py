@@ -1,0 +1,327 @@
+"""The kernel: lanes against single orbits bit for bit, and what is kept of a run."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, Status, simulate
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.kernel import LANES, integrate
+from vibroimpact.oscillator import POINT
+
+ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+RULES = pytest.mark.parametrize("rule", IMPACT_RULES)
+PERIOD = 2.0 * math.pi
+
+
+def random_points(n, seed=11):
+    """Points all over the valid domain, its corners among them."""
+    rng = np.random.default_rng(seed)
+    points = np.zeros(n, dtype=POINT)
+    points["h"] = rng.choice([0.0, 0.05, 1.0, 3.0], n) * rng.choice([1.0, rng.random()], n)
+    points["R"] = rng.choice([0.0, 0.3, 0.7, 0.95, 1.0], n)
+    points["omega"] = rng.uniform(0.2, 5.0, n)
+    points["f"] = rng.uniform(0.0, 3.0, n)
+    points["p"] = rng.uniform(0.5, 2.0, n)
+    points["clearance"] = rng.choice([0.0, 0.0, 1.0, -1.0], n) * rng.random(n)
+    points["x0"] = points["clearance"] - rng.choice([0.0, 1.0, 1.0], n) * rng.random(n)
+    points["v0"] = rng.choice([0.0, 1.0, -1.0], n) * rng.random(n)
+    return points
+
+
+def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0):
+    """One parameter point."""
+    return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0)
+
+
+def assert_same(ours, others):
+    """Every array of two results is the same, bit for bit."""
+    assert ours.keys() == others.keys()
+    for name in ours:
+        np.testing.assert_array_equal(ours[name], others[name], err_msg=name)
+
+
+@ALL
+@RULES
+def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
+    """Sections, impacts and penetration of random points are those of `simulate`."""
+    points, periods = random_points(220), 6
+    out = integrate(
+        points,
+        integrator=integrator,
+        impact=rule,
+        steps_per_period=40,
+        transient=0,
+        periods=periods,
+        impacts=12,
+    )
+    met, rested = 0, 0
+    for i, point in enumerate(points):
+        given = {name: float(point[name]) for name in POINT.names}
+        x0, v0 = given.pop("x0"), given.pop("v0")
+        osc = Oscillator(**given)
+        tr = simulate(osc, periods, integrator, rule, 40, x0, v0)
+        np.testing.assert_array_equal(out["poincare_x"][i], tr.section_x)
+        np.testing.assert_array_equal(out["poincare_v"][i], tr.section_v)
+        assert out["status"][i] == tr.status == Status.COMPUTED
+        # The record counts the impacts of its steps, and the start belongs to none.
+        later = tr.impact_t > 0.0
+        speeds = np.full(12, np.nan)
+        speeds[: min(12, later.sum())] = tr.impact_v[later][-12:]
+        np.testing.assert_array_equal(out["impact_v"][i], speeds)
+        assert out["impacts_per_period"][i] * periods == pytest.approx(later.sum(), rel=1e-14)
+        assert out["max_penetration"][i] == tr.max_penetration
+        lengths = np.minimum(tr.rests[:, 1], tr.t[-1]) - tr.rests[:, 0]
+        fraction = lengths.sum() / (periods * osc.forcing_period)
+        assert out["rest_fraction"][i] == pytest.approx(fraction, abs=1e-11)
+        met += later.any()
+        rested += len(tr.rests) > 0
+    assert met > 150
+    assert (rested > 50) == (rule == "reduced-step")
+
+
+@RULES
+def test_any_company_leaves_a_lane_as_it_is(rule):
+    """Sub-batches of every remainder, another order, one thread or two: the same bits."""
+    points = random_points(3 * LANES + 7)
+    arguments = {"impact": rule, "steps_per_period": 40, "transient": 2, "periods": 4, "impacts": 5}
+    whole = integrate(points, **arguments)
+    for n in (0, 1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES + 5):
+        for lo in (0, 3):
+            part = integrate(points[lo : lo + n], **arguments)
+            assert_same(part, {name: values[lo : lo + n] for name, values in whole.items()})
+    order = np.random.default_rng(0).permutation(points.size)
+    shuffled = integrate(points[order], **arguments)
+    assert_same(shuffled, {name: values[order] for name, values in whole.items()})
+    for threads in (1, 2):
+        assert_same(integrate(points, threads=threads, **arguments), whole)
+
+
+@ALL
+@RULES
+def test_without_clearance_the_motion_scales_with_the_force(rule, integrator):
+    """f = 2 and 4 from a zero start: twice and four times f = 1, to the last bit."""
+    points = random_points(64)
+    points["clearance"] = points["x0"] = points["v0"] = 0.0
+    results = []
+    for f in (1.0, 2.0, 4.0):
+        points["f"] = f
+        out = integrate(
+            points,
+            integrator=integrator,
+            impact=rule,
+            steps_per_period=40,
+            transient=3,
+            periods=6,
+            impacts=8,
+        )
+        for name in ("poincare_x", "poincare_v", "impact_v", "max_penetration"):
+            out[name] = out[name] / f
+        results.append(out)
+    assert np.abs(results[0]["poincare_v"]).max() > 0.1
+    assert_same(results[1], results[0])
+    assert_same(results[2], results[0])
+
+
+@ALL
+@RULES
+def test_the_transient_is_the_beginning_of_the_record(rule, integrator):
+    """Three periods left out and four recorded: the tail of seven recorded."""
+    points = random_points(70)
+    arguments = {"integrator": integrator, "impact": rule, "steps_per_period": 40, "impacts": 6}
+    whole = integrate(points, transient=0, periods=7, **arguments)
+    tail = integrate(points, transient=3, periods=4, **arguments)
+    for name in ("poincare_x", "poincare_v"):
+        np.testing.assert_array_equal(tail[name], whole[name][:, 3:])
+    head = integrate(points, transient=0, periods=3, **arguments)
+    for name, k in (("impacts_per_period", 1.0), ("rest_fraction", 1.0)):
+        total = (3 * head[name] + 4 * tail[name]) / 7
+        np.testing.assert_allclose(k * whole[name], total, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(
+        whole["max_penetration"], np.maximum(head["max_penetration"], tail["max_penetration"])
+    )
+
+
+def test_the_last_impacts_are_kept_in_time_order():
+    """A ring of 1, 3, 7 or 64: the end of the list of all, NaN after it where there are fewer."""
+    point = one(0.5, 0.5, 1.0)
+    tr = simulate(Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0), 5)
+    total = len(tr.impact_t)
+    assert 10 < total < 64
+    for width in (0, 1, 3, 7, 64):
+        out = integrate(point, transient=0, periods=5, impacts=width)
+        kept = min(width, total)
+        assert out["impact_v"].shape == out["impact_phase"].shape == (1, width)
+        np.testing.assert_array_equal(out["impact_v"][0, :kept], tr.impact_v[total - kept :])
+        phases = tr.impact_t[total - kept :] % PERIOD
+        np.testing.assert_allclose(out["impact_phase"][0, :kept], phases, atol=1e-12)
+        assert np.isnan(out["impact_v"][0, kept:]).all()
+        assert np.isnan(out["impact_phase"][0, kept:]).all()
+        assert out["impacts_per_period"] == total / 5
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.1, 1.0, math.pi / 2, 3.0, 6.0, 6.28])
+def test_a_section_at_any_phase_is_the_closed_form(phase):
+    """omega = 20, h = 0: the flight of ten periods is f (sin wt - w sin t) / (w^2 - 1)."""
+    w = 20.0
+    out = integrate(
+        one(0.0, 0.5, w),
+        integrator="exact",
+        steps_per_period=30,
+        transient=2,
+        periods=5,
+        phase=phase,
+    )
+    t = (phase + PERIOD * np.arange(3, 8)) / w
+    assert t[-1] < 3.0
+    x = (np.sin(w * t) - w * np.sin(t)) / (w * w - 1)
+    v = w * (np.cos(w * t) - np.cos(t)) / (w * w - 1)
+    np.testing.assert_allclose(out["poincare_x"][0], x, atol=1e-14)
+    np.testing.assert_allclose(out["poincare_v"][0], v, atol=1e-13)
+
+
+@RULES
+@pytest.mark.parametrize("k", [8, 16, 32, 48])
+def test_a_section_on_a_grid_point_is_the_state_there(rule, k):
+    """Phase 2 pi k / 64: the grid states of `simulate`, though the table of sines is another."""
+    osc = Oscillator(h=0.1, R=0.7, omega=2.3, f=1.0)
+    tr = simulate(osc, 7, "newmark", rule, 64)
+    out = integrate(
+        osc.at(),
+        impact=rule,
+        steps_per_period=64,
+        transient=1,
+        periods=4,
+        phase=PERIOD * k / 64,
+    )
+    t = (PERIOD * k / 64 + PERIOD * np.arange(2, 6)) / osc.omega
+    at = [np.flatnonzero(np.abs(tr.t - q) < 1e-9)[-1] for q in t]
+    np.testing.assert_allclose(out["poincare_x"][0], tr.x[at], atol=1e-11)
+    np.testing.assert_allclose(out["poincare_v"][0], tr.v[at], atol=1e-11)
+
+
+def test_the_impact_phase_does_not_depend_on_the_phase_of_the_section():
+    """It is omega t mod 2 pi in [0, 2 pi), wherever the section lies."""
+    for phase in (0.0, 2.0, 5.5):
+        out = integrate(one(0.5, 1.0, 1.0), integrator="exact", steps_per_period=800, phase=phase)
+        found = np.sort(out["impact_phase"][0, -2:])
+        np.testing.assert_allclose(found, [4.566798931063947, 5.969452473193079], atol=2e-4)
+        kept = out["impact_phase"][np.isfinite(out["impact_phase"])]
+        assert ((kept >= 0.0) & (kept < PERIOD)).all()
+
+
+def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone():
+    """Runge-Kutta at h = 50 overflows: NaN and a status there, the same bits elsewhere."""
+    points = random_points(40)
+    bad = np.zeros(points.size, dtype=bool)
+    bad[[0, 7, 35]] = True
+    mixed = points.copy()
+    mixed[bad] = one(50.0, 0.8, 2.0)
+    arguments = {
+        "integrator": "rk4",
+        "impact": "plain",
+        "steps_per_period": 20,
+        "transient": 0,
+        "periods": 40,
+    }
+    clean = integrate(points[~bad], **arguments)
+    out = integrate(mixed, **arguments)
+    assert_same({name: values[~bad] for name, values in out.items()}, clean)
+    assert (out["status"][bad] == Status.NON_FINITE).all()
+    assert np.isnan(out["poincare_x"][bad, -1]).all()
+    assert np.isnan(out["poincare_v"][bad, -1]).all()
+    for name in ("impacts_per_period", "max_penetration", "rest_fraction"):
+        assert np.isnan(out[name][bad]).all()
+    assert not np.isinf(out["poincare_x"]).any()
+    once_lost = np.isnan(out["poincare_x"][bad])
+    assert (np.diff(once_lost.astype(int), axis=1) >= 0).all()
+
+
+def test_an_overflow_in_the_transient_is_seen():
+    """The record of a lane that was lost before it began is NaN throughout."""
+    for rule in IMPACT_RULES:
+        out = integrate(
+            one(1.9, 0.85, 0.06, clearance=0.42, x0=-0.7, v0=0.8),
+            integrator="rk4",
+            impact=rule,
+            steps_per_period=50,
+            transient=400,
+            periods=3,
+        )
+        assert out["status"] == Status.NON_FINITE
+        assert np.isnan(out["poincare_x"]).all()
+        assert np.isnan(out["impacts_per_period"]).all()
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "exact"])
+@RULES
+def test_nothing_hangs_anywhere(rule, integrator):
+    """2000 points all over the domain, coarse steps: each computed, none beyond the stop."""
+    rng = np.random.default_rng(5)
+    n = 2000
+    points = np.zeros(n, dtype=POINT)
+    points["h"] = rng.uniform(0.0, 2.0, n)
+    points["R"] = rng.uniform(0.0, 1.0, n)
+    points["omega"] = rng.uniform(0.05, 20.0, n)
+    points["f"] = points["p"] = 1.0
+    points["clearance"] = rng.uniform(-1.0, 1.0, n)
+    points["x0"] = points["clearance"] - rng.exponential(1.0, n) * (rng.random(n) > 0.2)
+    points["v0"] = rng.normal(0.0, 1.0, n)
+    out = integrate(
+        points,
+        integrator=integrator,
+        impact=rule,
+        steps_per_period=50,
+        transient=0,
+        periods=20,
+    )
+    assert (out["status"] == Status.COMPUTED).all()
+    assert np.isfinite(out["poincare_x"]).all()
+    assert np.isfinite(out["poincare_v"]).all()
+    assert (out["impacts_per_period"] > 0.0).mean() > 0.4
+    if rule == "reduced-step":
+        assert (out["poincare_x"] <= points["clearance"][:, None]).all()
+        assert (out["max_penetration"] == 0.0).all()
+        assert ((out["rest_fraction"] >= 0.0) & (out["rest_fraction"] <= 1.0)).all()
+        assert (out["rest_fraction"] > 0.5).any()
+    else:
+        assert (out["rest_fraction"] == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("h", "R", "omega", "fraction"),
+    [(0.0, 0.5, 0.5, 0.171), (0.05, 0.6, 0.4, 0.239), (0.05, 0.8, 0.3, 0.244)],
+)
+def test_the_fractions_of_time_at_rest(h, R, omega, fraction):
+    """Three digits from an independent computation, met from 6400 steps on."""
+    out = integrate(one(h, R, omega), steps_per_period=6400, transient=1, periods=2)
+    assert out["rest_fraction"] == pytest.approx(fraction, abs=1.2e-3)
+
+
+def test_the_speeds_of_a_chatter_before_a_rest():
+    """h = 0, R = 0.5, omega = 0.5: three impacts known by phase and speed."""
+    out = integrate(
+        one(0.0, 0.5, 0.5), integrator="exact", steps_per_period=3200, transient=1, periods=1
+    )
+    t = np.array([6.28318531, 8.37758041, 9.36276444])
+    np.testing.assert_allclose(out["impact_phase"][0, :3], 0.5 * t, atol=1e-4)
+    np.testing.assert_allclose(out["impact_v"][0, :3], [4 / 3, 1.0, 0.52237], atol=1e-4)
+
+
+def test_a_mass_that_never_leaves_the_stop():
+    """A preload beyond the force: at rest all the time, without an impact."""
+    for transient in (0, 5):
+        out = integrate(one(clearance=-2.0, x0=-2.0), transient=transient, periods=3, phase=1.0)
+        assert out["rest_fraction"] == pytest.approx(1.0, rel=1e-12)
+        assert out["impacts_per_period"] == 0.0
+        np.testing.assert_array_equal(out["poincare_x"], -2.0)
+        np.testing.assert_array_equal(out["poincare_v"], 0.0)
+
+
+def test_unknown_names_are_refused():
+    """The engine validates names before; the kernel does not guess."""
+    for wrong in ({"integrator": "euler2"}, {"impact": "soft"}):
+        with pytest.raises(KeyError):
+            integrate(one(), **wrong)

@@ -1,0 +1,164 @@
+"""Orders of accuracy through impacts, against certified orbits.
+
+The phase of an impact within its step jumps with N, and so does the error: every error here is
+the RMS over a spread of N.
+"""
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, simulate
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.kernel import integrate
+
+ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+PERIODS = 20
+LADDER = {"plain": (400, 800, 1600, 3200), "reduced-step": (100, 200, 400, 800)}
+
+
+def spread(n, count=12):
+    """Step counts from n to 1.6 n."""
+    return np.round(n * np.linspace(1.0, 1.6, count)).astype(int)
+
+
+def rms(errors):
+    """Root of the mean square."""
+    return np.sqrt(np.mean(np.square(errors)))
+
+
+def slope(steps, errors):
+    """The fitted order."""
+    return -np.polyfit(np.log(steps), np.log(errors), 1)[0]
+
+
+@ALL
+@pytest.mark.parametrize("rule", IMPACT_RULES)
+@pytest.mark.parametrize("case", ["paper_A", "paper_B", "paper_C"])
+def test_the_order_through_impacts_is_that_of_the_rule(truth, case, rule, integrator):
+    """State after 20 periods of the paper's cases, against 30 certified digits."""
+    point, (x, v) = truth[case].oscillator.at(), truth[case].sections[PERIODS - 1]
+    assert IMPACT_RULES[rule].order == {"plain": 1, "reduced-step": 2}[rule]
+    errors = []
+    for n in LADDER[rule]:
+        runs = [
+            integrate(
+                point,
+                integrator=integrator,
+                impact=rule,
+                steps_per_period=int(m),
+                transient=PERIODS - 1,
+                periods=1,
+                impacts=0,
+            )
+            for m in spread(n)
+        ]
+        errors.append(rms([[r["poincare_x"][0, 0] - x, r["poincare_v"][0, 0] - v] for r in runs]))
+    low, high = {"plain": (0.8, 1.3), "reduced-step": (1.7, 2.4)}[rule]
+    assert low < slope(LADDER[rule], errors) < high
+    assert errors[-1] < {"plain": 2e-3, "reduced-step": 3e-5}[rule]
+
+
+@ALL
+@pytest.mark.parametrize("case", ["paper_A", "paper_B", "paper_C"])
+def test_the_first_impact_of_a_reduced_step_is_of_second_order(truth, case, integrator):
+    """Time and speed of the first impact from rest, before any error is carried on."""
+    orbit = truth[case]
+    errors = []
+    for n in LADDER["reduced-step"]:
+        runs = [simulate(orbit.oscillator, 1, integrator, steps_per_period=m) for m in spread(n)]
+        errors.append(
+            rms(
+                [
+                    [r.impact_t[0] - orbit.impact_t[0], r.impact_v[0] - orbit.impact_v[0]]
+                    for r in runs
+                ]
+            )
+        )
+    assert 1.7 < slope(LADDER["reduced-step"], errors) < 2.4
+
+
+def test_the_reduced_step_is_a_hundred_times_better_at_the_papers_step(truth):
+    """Same integrator, about 100 steps: the error of the state where the motion is settled."""
+    for case in ("paper_A", "paper_B"):
+        orbit = truth[case]
+        error = {}
+        for rule in IMPACT_RULES:
+            error[rule] = rms(
+                [
+                    np.array([r.section_x[-1], r.section_v[-1]]) - orbit.sections[PERIODS - 1]
+                    for r in (
+                        simulate(orbit.oscillator, PERIODS, "rk4", rule, m) for m in spread(100)
+                    )
+                ]
+            )
+        assert error["plain"] > 50 * error["reduced-step"]
+
+
+@ALL
+@pytest.mark.parametrize(
+    ("case", "periods"),
+    [
+        ("crit_h1_w1", 20),
+        ("w10", 60),
+        ("x0_m1", 20),
+        ("v0_p1", 20),
+        ("unscaled", 20),
+        ("cons_R1_w1", 4),
+    ],
+)
+def test_other_certified_orbits_are_met_at_second_order(truth, case, periods, integrator):
+    """Critical damping, far from resonance, other starts, no loss: 16 times finer, 100 times."""
+    orbit = truth[case]
+    errors = []
+    for n in (100, 1600):
+        runs = [
+            simulate(orbit.oscillator, periods, integrator, "reduced-step", m, orbit.x0, orbit.v0)
+            for m in spread(n, 8)
+        ]
+        true = orbit.sections[periods - 1]
+        errors.append(rms([[r.section_x[-1], r.section_v[-1]] - true for r in runs]))
+    assert 100 * errors[1] < errors[0]
+    assert errors[1] < 1e-3 * max(1.0, np.abs(true).max())
+
+
+@ALL
+@pytest.mark.parametrize(
+    ("h", "omega", "R", "n", "v", "phase"),
+    [
+        (0.05, 2.3, 0.7, 1, 1.1757597511, 1.05851979),
+        (0.05, 2.2, 0.6, 1, 1.5933223776, 0.73373263),
+        (0.1, 2.0, 0.5, 1, 1.8032426117, 2 * np.pi - 0.10094085),
+        (0.02, 4.1, 0.8, 2, 1.3590632910, 0.83266893),
+    ],
+)
+def test_the_one_impact_orbits(h, omega, R, n, v, phase, integrator):
+    """Closed form: speed and phase of the only impact in n periods, Newmark's own error apart."""
+    out = integrate(
+        Oscillator(h=h, R=R, omega=omega, f=1.0).at(),
+        integrator=integrator,
+        steps_per_period=400,
+        transient=400,
+        periods=4,
+        impacts=2,
+    )
+    assert out["impacts_per_period"] == 1 / n
+    tolerance = 4e-4 if integrator == "newmark" else 1e-4
+    np.testing.assert_allclose(out["impact_v"][0], v, atol=tolerance)
+    np.testing.assert_allclose(out["impact_phase"][0], phase, atol=tolerance)
+
+
+def test_newmark_meets_the_one_impact_orbits_at_second_order():
+    """The orbit of h = 0.05, omega = 2.3, R = 0.7, from 100 to 800 steps."""
+    point = Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0).at()
+    errors = [
+        rms(
+            [
+                integrate(point, steps_per_period=int(m), periods=1, impacts=1)["impact_v"][0, 0]
+                - 1.1757597511
+                for m in spread(n)
+            ]
+        )
+        for n in LADDER["reduced-step"]
+    ]
+    assert 1.7 < slope(LADDER["reduced-step"], errors) < 2.4

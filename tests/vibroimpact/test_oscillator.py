@@ -1,0 +1,113 @@
+"""The parameters of eq. (1): what is valid, and what is said of what is not."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator
+from vibroimpact.oscillator import PARAMETERS, POINT
+
+GOOD = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.0}
+NOT_NUMBERS = [True, np.True_, "0.5", None, [0.5], 1j, np.array([0.5])]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("h", -1.0, "a finite number >= 0"),
+        ("h", -5e-324, "a finite number >= 0"),
+        ("R", 1.2, "a number from 0 to 1"),
+        ("R", np.nextafter(1.0, 2.0), "a number from 0 to 1"),
+        ("R", -0.1, "a number from 0 to 1"),
+        ("omega", 0.0, "a finite number > 0"),
+        ("omega", -2.0, "a finite number > 0"),
+        ("f", -1.0, "a finite number >= 0"),
+        ("p", 0.0, "a finite number > 0"),
+        ("p", -1.0, "a finite number > 0"),
+        ("h", 10**400, "a finite number >= 0"),
+    ],
+)
+def test_out_of_range_is_refused_with_key_value_and_range(name, value, allowed):
+    """The message names the parameter, what was given and what is allowed."""
+    with pytest.raises(ValueError) as refusal:
+        Oscillator(**GOOD | {name: value})
+    message = str(refusal.value)
+    assert message.startswith(f"{name} ({PARAMETERS[name].meaning})")
+    assert allowed in message
+    assert str(value) in message
+
+
+@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_refused(name, value):
+    """NaN and the infinities are valid nowhere."""
+    with pytest.raises(ValueError, match=rf"^{name} \(.*must be a .*number.* not {value}"):
+        Oscillator(**GOOD | {name: value})
+
+
+@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("value", NOT_NUMBERS, ids=lambda value: type(value).__name__)
+def test_what_is_no_number_is_refused(name, value):
+    """A bool, a string and a list are not numbers."""
+    with pytest.raises(TypeError, match=rf"^{name} \("):
+        Oscillator(**GOOD | {name: value})
+
+
+@pytest.mark.parametrize("name", ["x0", "v0"])
+def test_the_start_is_checked_like_the_rest(name):
+    """A start is a finite number."""
+    for value in (math.nan, -math.inf):
+        with pytest.raises(ValueError, match=rf"^{name} \("):
+            Oscillator(**GOOD).at(**{name: value})
+    for value in NOT_NUMBERS:
+        with pytest.raises(TypeError, match=rf"^{name} \("):
+            Oscillator(**GOOD).at(**{name: value})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"h": 0.0}, {"h": 1.0}, {"h": 50.0}, {"R": 0.0}, {"R": 1.0}, {"f": 0.0}, {"clearance": -2.0}],
+)
+def test_the_ends_of_the_valid_intervals_are_valid(change):
+    """Critical and over-damped, both limits of R, no force, and a preload."""
+    ((name, value),) = change.items()
+    assert getattr(Oscillator(**GOOD | change), name) == value
+
+
+@pytest.mark.parametrize("clearance", [-0.5, 0.0, 0.25])
+def test_a_start_beyond_the_stop_is_refused(clearance):
+    """On the stop is valid, the next number beyond it is not."""
+    osc = Oscillator(**GOOD | {"clearance": clearance})
+    assert osc.at(x0=clearance)["x0"] == clearance
+    with pytest.raises(ValueError, match=rf"clearance = {clearance:g}") as refusal:
+        osc.at(x0=clearance + 0.125)
+    assert f"x0 = {clearance + 0.125:g}" in str(refusal.value)
+    with pytest.raises(ValueError, match="beyond the stop"):
+        osc.at(x0=np.nextafter(clearance, 1.0))
+
+
+def test_an_oscillator_cannot_be_changed():
+    """A set value would go unchecked."""
+    osc = Oscillator(**GOOD)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        osc.R = 0.5
+    assert osc == Oscillator(**GOOD)
+    assert hash(osc) == hash(Oscillator(**GOOD))
+
+
+def test_values_become_floats():
+    """Integers and NumPy scalars are numbers, and are stored as Python's floats."""
+    osc = Oscillator(h=0, R=1, omega=np.int64(2), f=np.float32(0.5))
+    assert [type(getattr(osc, name)) for name in GOOD] == [float] * len(GOOD)
+    assert (osc.omega, osc.f, osc.p, osc.clearance) == (2.0, 0.5, 1.0, 0.0)
+    assert osc.forcing_period == math.pi
+
+
+def test_a_point_holds_every_parameter_under_its_name():
+    """No two parameters change places on the way to the kernel."""
+    given = {name: 0.1 + 0.1 * k for k, name in enumerate(GOOD)}
+    (point,) = Oscillator(**given).at(x0=-3.0, v0=7.0)
+    assert point.dtype == POINT
+    assert {name: point[name] for name in POINT.names} == given | {"x0": -3.0, "v0": 7.0}

@@ -1,0 +1,471 @@
+"""One oscillator followed: its impacts, its rests, and the facts known of them."""
+
+import math
+
+import naive
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, Status, simulate
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.oscillator import POINT
+from vibroimpact.trajectory import trace, trajectories
+
+ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+RULES = pytest.mark.parametrize("rule", IMPACT_RULES)
+PERIOD = 2.0 * math.pi
+PAPER = {"paper_A": (0.5, 1.0), "paper_B": (0.0, 0.5), "paper_C": (0.5, 0.5)}
+
+
+def oscillator(h, R, omega=1.0, f=1.0, clearance=0.0):
+    """An oscillator with p = 1."""
+    return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance)
+
+
+# --- against the slow implementation ---
+
+
+@ALL
+@RULES
+@pytest.mark.parametrize(
+    ("given", "x0", "v0"),
+    [
+        ({"h": 0.5, "R": 1.0, "omega": 1.0}, 0.0, 0.0),
+        ({"h": 0.0, "R": 0.5, "omega": 1.0}, 0.0, 0.0),
+        ({"h": 0.5, "R": 0.5, "omega": 1.0}, 0.0, 0.0),
+        ({"h": 0.1, "R": 0.7, "omega": 2.3, "f": 1.7, "p": 1.3}, -0.4, 0.8),
+        ({"h": 0.05, "R": 0.9, "omega": 1.9, "clearance": 0.3}, 0.1, -0.5),
+        ({"h": 0.02, "R": 0.8, "omega": 2.6, "clearance": -0.2}, -1.5, 0.0),
+        ({"h": 1.7, "R": 0.6, "omega": 1.4, "f": 3.0}, -0.2, 2.0),
+    ],
+)
+def test_the_motion_is_that_of_the_slow_implementation(given, x0, v0, rule, integrator):
+    """Same steps, other code: states at the ends of steps, and every impact."""
+    tr = simulate(Oscillator(**{"f": 1.0} | given), 3, integrator, rule, 64, x0, v0)
+    slow = {"plain": naive.plain, "reduced-step": naive.reduced}[rule]
+    states, impacts = slow(naive.oscillator(**given), naive.STEPS[integrator], 3, 64, x0, v0)
+    assert len(impacts) >= 2
+    np.testing.assert_allclose(tr.section_x, states[63::64, 0], atol=1e-11)
+    np.testing.assert_allclose(tr.section_v, states[63::64, 1], atol=1e-11)
+    np.testing.assert_allclose(tr.impact_t, impacts[:, 0], atol=1e-11)
+    np.testing.assert_allclose(tr.impact_v, impacts[:, 1], atol=1e-11)
+    assert tr.status is Status.COMPUTED
+
+
+# --- closed forms ---
+
+
+@ALL
+@pytest.mark.parametrize(
+    ("h", "t", "v"),
+    [
+        (0.0, 4.49340945790906417530788, 2.19305261027023934757415),
+        (0.5, 4.60243211528852047840134, 0.907533328977362055315773588),
+    ],
+)
+def test_the_first_flight_from_rest(h, t, v, integrator):
+    """tan t = t at resonance, and the certified time at h = 0.5."""
+    tr = simulate(oscillator(h, 0.5), 1, integrator, steps_per_period=4000)
+    assert tr.impact_t[0] == pytest.approx(t, abs=3e-6)
+    assert tr.impact_v[0] == pytest.approx(v, abs=5e-6)
+
+
+def test_the_flight_at_resonance_is_secular():
+    """x = (t cos t - sin t) / 2 at every step before the first impact, exactly."""
+    tr = simulate(oscillator(0.0, 0.5), 1, "exact", steps_per_period=100)
+    flight = tr.t < tr.impact_t[0]
+    t = tr.t[flight]
+    assert flight.sum() == 72
+    np.testing.assert_allclose(tr.x[flight], (t * np.cos(t) - np.sin(t)) / 2, atol=1e-14)
+    np.testing.assert_allclose(tr.v[flight], -t * np.sin(t) / 2, atol=1e-14)
+
+
+def test_a_linear_growth_without_bound():
+    """R = 1, h = 0, omega = 2: impacts at k pi with speed 4 k / 3, to rounding on this grid."""
+    tr = simulate(oscillator(0.0, 1.0, 2.0), 30, "exact", steps_per_period=100)
+    k = np.arange(1, 31)
+    np.testing.assert_allclose(tr.impact_t, k * math.pi, rtol=1e-12)
+    np.testing.assert_allclose(tr.impact_v, 4 * k / 3, rtol=1e-11)
+    tr = simulate(oscillator(0.0, 1.0, 2.0), 10, "exact", steps_per_period=1001)
+    np.testing.assert_allclose(tr.impact_v[:9], 4 * k[:9] / 3, rtol=1e-4)
+
+
+@ALL
+@pytest.mark.parametrize(
+    ("omega", "amplitude", "landing", "release"),
+    [(3.0, 0.5, math.pi, 4 * math.pi / 3), (1 / 3, 1.5, 3 * math.pi, 6 * math.pi)],
+)
+@pytest.mark.parametrize("R", [0.0, 0.5, 0.9])
+def test_a_tangential_landing_rests_until_the_force_turns(
+    R, omega, amplitude, landing, release, integrator
+):
+    """h = 0, omega = 3 p or p / 3: x = -c sin^3 to the landing with x = v = a = 0, then rest."""
+    osc = oscillator(0.0, R, omega)
+    late = []
+    for n in (200, 3200):
+        tr = simulate(osc, 4, integrator, "reduced-step", n)
+        assert tr.status is Status.COMPUTED
+        np.testing.assert_allclose(tr.rests[0, 1], release, rtol=1e-12)
+        late.append(abs(tr.rests[0, 0] - landing))
+        flight = tr.t < landing - 0.3
+        cube = -amplitude * np.sin(min(omega, 1.0) * tr.t[flight]) ** 3
+        np.testing.assert_allclose(tr.x[flight], cube, atol=30 * (PERIOD / omega / n) ** 2)
+    # The contact is cubic, so its time is known to the cube root of a rounding.
+    assert late[1] < max(0.7 * late[0], 1e-5)
+
+
+# --- the paper's three cases ---
+
+
+@ALL
+def test_the_third_case_has_four_impacts_per_period_and_the_plain_step_finds_three(integrator):
+    """h = R = 0.5, 20 periods at the paper's step: 60 without the procedure, 80 with it."""
+    plain = simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 100)
+    mended = simulate(oscillator(0.5, 0.5), 20, integrator, "reduced-step", 100)
+    assert (len(plain.impact_t), len(mended.impact_t)) == (60, 80)
+    assert len(simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 2000).impact_t) == 80
+
+
+@ALL
+@pytest.mark.parametrize(
+    ("case", "phase", "v"),
+    [
+        ("paper_A", [4.566798931063947, 5.969452473193079], [0.902040564502884, 0.411362031140622]),
+        ("paper_B", [4.317869374348522, 6.017172372416884], [2.037529035119366, 0.811704646702102]),
+        (
+            "paper_C",
+            [4.601556825606546, 5.387341285272362, 5.825655719839734, 6.146519773279830],
+            [0.907496491171004, 0.321900878724339, 0.115762561014269, 0.036454221377120],
+        ),
+    ],
+)
+def test_the_steady_impacts_of_the_papers_cases(case, phase, v, integrator):
+    """Phase and speed of every impact of the last period, to the second order of the rule."""
+    for n in (100, 400, 1600):
+        tolerance = 4 * (PERIOD / n) ** 2
+        tr = simulate(oscillator(*PAPER[case]), 20, integrator, "reduced-step", n)
+        last = tr.impact_t > 19 * PERIOD
+        np.testing.assert_allclose(tr.impact_t[last] - 19 * PERIOD, phase, atol=tolerance)
+        np.testing.assert_allclose(tr.impact_v[last], v, atol=tolerance)
+
+
+@ALL
+@pytest.mark.parametrize("case", PAPER)
+def test_the_penetration_is_of_the_order_of_one_step_and_the_reduced_step_has_none(
+    case, integrator
+):
+    """Plain: at the most a step at the speed of impact, and not much less; reduced: none."""
+    for n in (100, 400):
+        plain = simulate(oscillator(*PAPER[case]), 20, integrator, "plain", n)
+        step = PERIOD / n * plain.impact_v.max()
+        assert 0.05 * step < plain.max_penetration <= step
+        assert plain.x.max() == plain.max_penetration
+        mended = simulate(oscillator(*PAPER[case]), 20, integrator, "reduced-step", n)
+        assert mended.max_penetration <= 1e-15
+        assert mended.x.max() <= 1e-15
+
+
+# --- what a trajectory holds ---
+
+
+@ALL
+@RULES
+def test_a_trajectory_holds_every_step_and_both_sides_of_every_impact(rule, integrator):
+    """Times never fall; two rows at an impact; sections at the ends of periods."""
+    osc = oscillator(0.1, 0.7, 2.3, clearance=0.1)
+    tr = simulate(osc, 6, integrator, rule, 50, x0=-0.5, v0=0.4)
+    assert len(tr.impact_t) >= 4
+    assert (np.diff(tr.t) >= 0.0).all()
+    grid = np.arange(6 * 50 + 1) * osc.forcing_period / 50
+    nearest = tr.t[np.abs(tr.t[:, None] - grid).argmin(axis=0)]
+    np.testing.assert_allclose(nearest, grid, atol=1e-12)
+    before = np.searchsorted(tr.t, tr.impact_t)
+    np.testing.assert_array_equal(tr.t[before], tr.t[before + 1])
+    np.testing.assert_array_equal(tr.v[before], tr.impact_v)
+    np.testing.assert_array_equal(tr.v[before + 1], -0.7 * tr.impact_v)
+    np.testing.assert_array_equal(tr.x[before + 1], 0.1)
+    if rule == "reduced-step":
+        np.testing.assert_array_equal(tr.x[before], 0.1)
+    else:
+        assert (tr.x[before] > 0.1).any()
+    at = [np.flatnonzero(np.isclose(tr.t, k * osc.forcing_period, atol=1e-12))[-1] for k in
+          range(1, 7)]  # fmt: skip
+    np.testing.assert_array_equal(tr.section_x, tr.x[at])
+    np.testing.assert_array_equal(tr.section_v, tr.v[at])
+    assert (tr.x[0], tr.v[0], tr.t[0]) == (-0.5, 0.4, 0.0)
+
+
+@RULES
+def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
+    """x0 on the stop, v0 = 1, R = 0.8: at t = 0 the speed is 1 before and -0.8 after."""
+    orbit = truth["v0_p1"]
+    tr = simulate(orbit.oscillator, 3, "exact", rule, 2000, x0=0.0, v0=1.0)
+    assert (tr.impact_t[0], tr.impact_v[0]) == (0.0, 1.0)
+    np.testing.assert_array_equal(tr.v[:2], [1.0, -0.8])
+    np.testing.assert_array_equal(tr.t[:2], [0.0, 0.0])
+    known = orbit.impact_t[orbit.impact_t > 0.0]
+    np.testing.assert_allclose(tr.impact_t[1:4], known[:3], atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"periods": 0}, "periods must be an integer >= 1, not 0"),
+        ({"periods": 2.5}, "periods must be an integer >= 1, not 2.5"),
+        ({"periods": True}, "periods must be an integer >= 1, not True"),
+        ({"steps_per_period": 0}, "steps_per_period must be an integer >= 1, not 0"),
+        ({"steps_per_period": "100"}, "steps_per_period must be an integer >= 1, not '100'"),
+        ({"integrator": "rk5"}, "integrator must be one of newmark, rk4, exact.*not 'rk5'"),
+        ({"impact": "soft"}, "impact must be one of plain, reduced-step.*not 'soft'"),
+        ({"x0": 0.1}, "x0 = 0.1 lies beyond the stop"),
+        ({"v0": math.nan}, "v0 .* must be a finite number, not nan"),
+    ],
+)
+def test_a_wrong_argument_is_refused_with_its_name(change, words):
+    """The message says what was given and what is allowed."""
+    with pytest.raises(ValueError, match=words):
+        simulate(oscillator(0.5, 0.5), **change)
+
+
+def test_an_unstable_step_ends_as_not_a_number():
+    """Runge-Kutta beyond its stability limit: NaN from the overflow on, and a status."""
+    tr = simulate(oscillator(50.0, 0.8, 2.0), 30, "rk4", "plain", 20)
+    assert tr.status is Status.NON_FINITE
+    assert np.isnan(tr.x[-1])
+    assert np.isnan(tr.section_x[-1])
+    first = np.isnan(tr.x).argmax()
+    assert first > 0
+    assert np.isnan(tr.x[first:]).all()
+
+
+def test_every_nth_state_of_a_trace_is_one_of_the_whole():
+    """A thinned log keeps both sides of every impact, and the state after each period."""
+    point = oscillator(0.1, 0.7, 2.3).at()
+    arguments = {"integrator": "newmark", "impact": "reduced-step", "steps_per_period": 60}
+    whole, _ = trace(point, periods=5, **arguments)
+    thin, status = trace(point, periods=5, every=20, **arguments)
+    assert status is Status.COMPUTED
+    assert len(thin) < len(whole) / 4
+    rows = {tuple(row[1:]) for row in whole}
+    assert all(tuple(row[1:]) in rows for row in thin)
+    kinds = [k for k in np.unique(whole[:, 0]) if k != np.median(whole[:, 0])]
+    for kind in kinds:
+        np.testing.assert_array_equal(thin[thin[:, 0] == kind], whole[whole[:, 0] == kind])
+
+
+def test_trajectories_of_many_are_those_of_each():
+    """Rows of one array, filled up with NaN."""
+    points = np.concatenate([oscillator(0.1, 0.7, w).at() for w in (1.3, 2.3, 3.1)])
+    arguments = {"integrator": "newmark", "impact": "plain", "steps_per_period": 40}
+    out = trajectories(points, periods=3, **arguments)
+    assert points.dtype == POINT
+    for i in range(3):
+        log, _ = trace(points[i : i + 1], periods=3, **arguments)
+        for k, name in enumerate(("trajectory_t", "trajectory_x", "trajectory_v"), start=1):
+            np.testing.assert_array_equal(out[name][i, : len(log)], log[:, k])
+            assert np.isnan(out[name][i, len(log) :]).all()
+
+
+# --- rest and release ---
+
+
+@ALL
+def test_a_complete_chatter_ends_in_rest_until_the_force_turns(truth, integrator):
+    """h = 0, R = 0.3, omega = 0.3: release exact, accumulation converging with the step."""
+    orbit = truth["stick_R03_w03"]
+    errors = []
+    for n in (100, 400, 1600, 6400):
+        tr = simulate(orbit.oscillator, 4, integrator, "reduced-step", n)
+        true = orbit.rests[:4]
+        assert len(tr.rests) == 4
+        np.testing.assert_allclose(tr.rests[:, 1], true[:, 1], rtol=1e-12)
+        T = orbit.oscillator.forcing_period / n
+        errors.append(np.abs(tr.rests[:, 0] - true[:, 0]).max())
+        assert errors[-1] < 2 * T
+    assert errors[-1] < errors[0] / 16
+
+
+@ALL
+@pytest.mark.parametrize("case", ["stick_hiw_S2", "over_h2_stick"])
+def test_other_certified_rests(truth, case, integrator):
+    """Once in two periods at omega = 3.1, and over-damped: release exact, start of order T."""
+    orbit = truth[case]
+    errors = []
+    for n in (200, 800, 3200):
+        tr = simulate(orbit.oscillator, 4, integrator, "reduced-step", n)
+        count = min(len(tr.rests), len(orbit.rests))
+        assert count == {"stick_hiw_S2": 2, "over_h2_stick": 4}[case]
+        np.testing.assert_allclose(tr.rests[:count, 1], orbit.rests[:count, 1], rtol=1e-12)
+        errors.append(np.abs(tr.rests[:count, 0] - orbit.rests[:count, 0]).max())
+        assert errors[-1] < 3 * orbit.oscillator.forcing_period / n
+    assert errors[-1] < errors[0] / 4
+
+
+def test_after_a_rest_the_motion_is_that_from_a_zero_start(truth):
+    """A complete chatter erases the past: every period is the first one again."""
+    tr = simulate(truth["stick_R03_w03"].oscillator, 5, "exact", "reduced-step", 400)
+    starts = np.searchsorted(tr.impact_t, np.arange(6) * tr.t[-1] / 5)
+    first = tr.impact_v[: starts[1]]
+    assert len(first) >= 3
+    for k in range(1, 5):
+        np.testing.assert_allclose(tr.impact_v[starts[k] : starts[k + 1]], first, atol=1e-10)
+        np.testing.assert_allclose(tr.rests[k] - tr.rests[0], k * tr.t[-1] / 5, rtol=1e-10)
+
+
+def test_a_preload_beyond_the_force_rests_for_ever():
+    """clearance = -2, f = 1: from the start, and after a fall onto the stop."""
+    osc = oscillator(0.1, 0.5, clearance=-2.0)
+    tr = simulate(osc, 5, x0=-2.0)
+    np.testing.assert_array_equal(tr.rests, [[0.0, math.inf]])
+    np.testing.assert_array_equal(tr.x, -2.0)
+    np.testing.assert_array_equal(tr.v, 0.0)
+    tr = simulate(osc, 5, x0=-3.0)
+    assert tr.rests.shape == (1, 2)
+    assert 0.0 < tr.rests[0, 0] < 4.0
+    assert tr.rests[0, 1] == math.inf
+    assert len(tr.impact_t) > 2
+
+
+@ALL
+def test_a_preload_just_below_the_force_is_released_at_its_phase(integrator):
+    """sin(omega t) = 0.99, and 0.999999, every period, to the last digits."""
+    for level in (0.5, 0.99, 0.999999):
+        tr = simulate(oscillator(0.1, 0.5, clearance=-level), 5, integrator, x0=-level)
+        assert tr.rests[0, 0] == 0.0
+        ends = tr.rests[:5, 1]
+        sharp = 1e-14 / math.sqrt(1 - level**2)
+        np.testing.assert_allclose(ends, math.asin(level) + PERIOD * np.arange(5), atol=sharp)
+
+
+def test_without_restitution_every_impact_is_rest_while_the_force_presses():
+    """R = 0: one impact per rest, released at 2 pi k / omega."""
+    osc = oscillator(0.1, 0.0, 0.7)
+    tr = simulate(osc, 6, "exact", "reduced-step", 400)
+    assert len(tr.impact_t) == len(tr.rests) >= 3
+    np.testing.assert_array_equal(tr.rests[:, 0], tr.impact_t)
+    turns = tr.rests[:, 1] / osc.forcing_period
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
+    assert (np.diff(tr.rests.ravel()) > 0.0).all()
+
+
+# --- energy ---
+
+
+def energy_after_a_hundred(rule, integrator, n):
+    """Free motion at R = 1, x0 = -1: v^2 at the 100th impact, T = 2 pi / (1.0137 n)."""
+    osc = oscillator(0.0, 1.0, 1.0137, f=0.0)
+    return simulate(osc, 52, integrator, rule, n, x0=-1.0).impact_v[99] ** 2
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "exact"])
+def test_the_plain_step_loses_energy_without_any_loss_at_impacts(integrator):
+    """0.961 of it is left after 100 impacts at T = 2 pi / 101.37, as a simple program found."""
+    assert energy_after_a_hundred("plain", integrator, 100) == pytest.approx(0.961, abs=6e-4)
+
+
+@ALL
+@RULES
+def test_the_loss_of_energy_vanishes_with_the_step(rule, integrator):
+    """Nothing is gained, and sixteen times the steps lose less than a hundredth."""
+    coarse, fine = (1.0 - energy_after_a_hundred(rule, integrator, n) for n in (100, 1600))
+    assert 0.01 < coarse < 0.1
+    assert 0.0 < fine < coarse / 100
+
+
+# --- no stall ---
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "rk4"])
+@pytest.mark.parametrize(
+    ("h", "R", "omega", "steps"),
+    [
+        (0.0, 0.3, 0.3, (100, 1000, 10_000)),
+        (0.5, 0.8, 0.6, (50, 100, 200, 400)),
+        (0.5, 0.95, 0.4, (50, 100, 200, 400, 800)),
+        (0.5, 0.5, 1.0, tuple(range(8, 39))),
+        (0.1, 0.8, 3.03523, (23,)),
+        (0.1, 0.8, 3.0383, (50, 200)),
+    ],
+)
+def test_where_the_literal_procedure_hangs_time_goes_on(h, R, omega, steps, integrator):
+    """Every row of the table of failures: the run reaches its end, with every speed positive."""
+    for n in steps:
+        tr = simulate(oscillator(h, R, omega), 20, integrator, "reduced-step", n)
+        assert tr.status is Status.COMPUTED
+        assert tr.t[-1] == pytest.approx(20 * PERIOD / omega, rel=1e-12)
+        assert tr.max_penetration == 0.0
+        assert (tr.impact_v > 0.0).all()
+        assert np.isfinite(tr.x).all()
+
+
+@pytest.mark.parametrize("n", [100, 1000, 10_000])
+def test_the_first_row_rests_once_per_period_without_false_impacts(truth, n):
+    """h = 0, R = 0.3, omega = 0.3: one rest per period, and no impact inside it."""
+    orbit = truth["stick_R03_w03"]
+    tr = simulate(orbit.oscillator, 8, steps_per_period=n)
+    assert len(tr.rests) == 8
+    for begin, end in tr.rests:
+        assert not ((tr.impact_t > begin) & (tr.impact_t < end)).any()
+    resting = (tr.t > tr.rests[0, 0]) & (tr.t < tr.rests[0, 1])
+    np.testing.assert_array_equal(tr.x[resting], 0.0)
+    np.testing.assert_array_equal(tr.v[resting], 0.0)
+    plain = simulate(orbit.oscillator, 1, "newmark", "plain", n).impact_t
+    false = ((plain > tr.rests[0, 0]) & (plain < tr.rests[0, 1])).sum()
+    assert false > 0.3 * n
+
+
+@ALL
+@pytest.mark.parametrize(("R", "omega", "impacts"), [(0.8, 0.6, 18), (0.95, 0.4, 34)])
+def test_a_long_chatter_that_is_never_complete_holds_no_rest(R, omega, impacts, integrator):
+    """h = 0.5: no rest, and as many impacts per period as a fine step finds."""
+    tr = simulate(oscillator(0.5, R, omega), 4, integrator, "reduced-step", 6400)
+    assert len(tr.rests) == 0
+    assert len(tr.impact_t) == 4 * impacts
+
+
+@pytest.mark.parametrize(("R", "omega", "fine"), [(0.8, 0.6, 1600), (0.95, 0.4, 2000)])
+def test_a_coarse_step_invents_a_rest_where_nothing_rests(R, omega, fine):
+    """Flights of a few steps lose speed: at the paper's 100 steps the reduced step must fail."""
+    coarse = simulate(oscillator(0.5, R, omega), 4, "rk4", "reduced-step", 100)
+    assert len(coarse.rests) > 0
+    assert len(simulate(oscillator(0.5, R, omega), 4, "rk4", "reduced-step", fine).rests) == 0
+
+
+@ALL
+def test_chatter_goes_on_past_the_threshold_and_stops_below(integrator):
+    """h = 0.5, omega = 1: complete below R = 0.46799, not above; 0.24828 at h = 0."""
+    for h, threshold in ((0.5, 0.4679916560), (0.1, 0.2969407830), (0.0, 0.2482790141)):
+        for R, rests in ((threshold - 0.02, True), (threshold + 0.02, False)):
+            tr = simulate(oscillator(h, R), 20, integrator, "reduced-step", 3200)
+            assert (len(tr.rests) > 0) == rests
+
+
+@ALL
+def test_a_release_at_the_end_of_a_tiny_step_ends(integrator):
+    """20 000 and 51 200 steps per period: the phase of the release is known to a rounding only."""
+    for n in (20_000, 51_200):
+        tr = simulate(oscillator(0.0, 0.3, 0.5), 2, integrator, "reduced-step", n)
+        assert tr.status is Status.COMPUTED
+        assert len(tr.rests) == 2
+
+
+def test_a_landing_with_a_wrong_sign_of_v_is_no_impact():
+    """Near a graze with RK4 at N = 23: x_T > 0 with v_T < 0, a turning point in between."""
+    tr = simulate(oscillator(0.1, 0.8, 3.03523), 20, "rk4", "reduced-step", 23)
+    assert (tr.impact_v > 0.0).all()
+    after = np.searchsorted(tr.t, tr.impact_t) + 1
+    assert (tr.v[after] < 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("integrator", "blind", "sees"), [("newmark", 200, 1600), ("rk4", 40, 400), ("exact", 40, 400)]
+)
+def test_the_graze_of_the_first_flight_is_seen_once_the_step_allows_it(integrator, blind, sees):
+    """omega = 3.0383: a touch at t = 2.8308, v = .0039; where it is missed the next is at 3.64."""
+    osc = oscillator(0.1, 0.8, 3.0383)
+    first = simulate(osc, 3, integrator, "reduced-step", sees)
+    assert first.impact_t[0] == pytest.approx(2.8308, abs=2e-3)
+    assert first.impact_v[0] == pytest.approx(0.0039, abs=1e-3)
+    missed = simulate(osc, 3, integrator, "reduced-step", blind)
+    assert missed.impact_t[0] == pytest.approx(3.64, abs=0.02)
