@@ -1,0 +1,485 @@
+"""One-impact orbits against the tables, another formulation in 40 digits, and plain integration."""
+
+import dataclasses
+import math
+from functools import partial
+
+import mpmath as mp
+import naive
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from vibroimpact import Oscillator
+from vibroimpact.orbits import BIFURCATIONS, bifurcation, one_impact_orbit, one_impact_orbits
+
+# h, omega, R, n, v, omega t0
+ORBITS = [
+    (0.05, 2.3, 0.7, 1, 1.1757597511, 1.05851979),
+    (0.05, 2.2, 0.6, 1, 1.5933223776, 0.73373263),
+    (0.1, 2.0, 0.5, 1, 1.8032426117, -0.10094085),
+    (0.02, 4.1, 0.8, 2, 1.3590632910, 0.83266893),
+]
+# h, R, n, omega
+FLIPS = [
+    (0.05, 0.8, 1, 1.22973534658679),
+    (0.05, 0.8, 1, 2.65888454668484),
+    (0.05, 0.8, 2, 3.33809052026845),
+    (0.05, 0.8, 2, 4.64512198413259),
+    (0.1, 0.5, 1, 2.69176208595193),
+    (0.1, 0.5, 2, 3.27476229637949),
+    (0.1, 0.5, 2, 4.66788325419651),
+    (0.5, 1.0, 1, 2.63675987555693),
+    (0.5, 1.0, 2, 4.42911415342189),
+]
+GRAZES = [
+    (0.05, 0.8, 1.01658832780028),
+    (0.1, 0.5, 1.11292970401963),
+    (0.5, 1.0, 1.11561617993669),
+]
+# R, n, lower and upper edge of the stable window in omega at h = 0
+WINDOWS = [
+    (0.9, 1, 1.264903, 2.652886),
+    (0.9, 2, 3.353464, 4.641692),
+    (0.9, 3, 5.359596, 6.639072),
+    (0.8, 1, 1.260677, 2.653348),
+    (0.8, 2, 3.353178, 4.641837),
+    (0.8, 3, 5.359488, 6.639142),
+    (0.5, 1, 1.195148, 2.658152),
+    (0.5, 2, 3.350199, 4.643333),
+    (0.5, 3, 5.358368, 6.639864),
+]
+TWO = Oscillator(h=0.1, R=0.8, omega=1.6, f=1.0, clearance=0.7)
+
+
+def oscillator(h, R, omega, clearance=0.0, f=1.0, p=1.0):
+    """An oscillator by position."""
+    return Oscillator(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance)
+
+
+def random_oscillators(count, seed, clearance=1.0):
+    """Oscillators and n at random: a quarter each undamped, critical, over-damped, any."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        p = rng.uniform(0.5, 2.0)
+        h = (0.0, p, p * rng.uniform(1.0, 2.0), p * rng.uniform())[k % 4]
+        osc = oscillator(
+            h,
+            rng.uniform(),
+            p * rng.uniform(0.3, 7.0),
+            rng.uniform(-clearance, clearance),
+            rng.uniform(0.5, 2.0),
+            p,
+        )
+        yield osc, int(rng.integers(1, 4))
+
+
+def steady_response(osc, n):
+    """Orbits (v, theta), slower first, from the steady response, in 40 digits.
+
+    The free part u = (sigma - G, -R v - H) of the flight ends (1 + R) v faster than it began,
+    M u = u + (0, (1 + R) v); so G = sigma + g v, H = k v, and G^2 + (H / omega)^2 = f^2 / D.
+    """
+    with mp.workdps(40):
+        h, R, w, f, p, sigma = map(mp.mpf, dataclasses.astuple(osc))
+        flow = mp.expm(mp.matrix([[0, 1], [-p * p, -2 * h]]) * (2 * mp.pi * n / w))
+        free = mp.lu_solve(mp.eye(2) - flow, mp.matrix([0, 1 + R]))
+        g, k = free[0], free[1] - R
+        X = -f / (p * p - w * w + 2j * h * w)
+        a, b, c = g * g + (k / w) ** 2, sigma * g, sigma**2 - abs(X) ** 2
+        if b * b < a * c:
+            return []
+        speeds = [(-b + sign * mp.sqrt(b * b - a * c)) / a for sign in (-1, 1)]
+        return [
+            (float(v), float(mp.arg(mp.mpc(k * v / w, sigma + g * v) / X) % (2 * mp.pi)))
+            for v in speeds
+            if v > 0
+        ]
+
+
+def free_flight(osc, orbit, count=20001):
+    """x - clearance along the flight from eigenvalues and steady response (not at h = p)."""
+    t = np.linspace(0.0, orbit.n * osc.forcing_period, count)
+    X = -osc.f / (osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega)
+    response = X * np.exp(1j * (osc.omega * t + orbit.phase))
+    u = osc.clearance - response[0].imag
+    du = -osc.R * orbit.v - (1j * osc.omega * response[0]).imag
+    root = np.sqrt(complex(osc.h**2 - osc.p**2))
+    plus, minus = -osc.h + root, -osc.h - root
+    free = ((du - minus * u) * np.exp(plus * t) - (du - plus * u) * np.exp(minus * t)) / (2 * root)
+    return free.real + response.imag - osc.clearance
+
+
+def through_one_impact(osc, t, x, v, span, guess):
+    """Integrate over `span` from t with one impact near the time `guess`, by series."""
+
+    def state(tau):
+        return naive.exact_step(osc, t, x, v, tau)
+
+    tau = brentq(lambda tau: state(tau)[0] - osc.clearance, guess - 0.05, guess + 0.05, xtol=1e-15)
+    return naive.exact_step(osc, t + tau, osc.clearance, -osc.R * state(tau)[1], span - tau)
+
+
+@pytest.mark.parametrize(("h", "omega", "R", "n", "v", "phase"), ORBITS)
+def test_the_printed_orbits(h, omega, R, n, v, phase):
+    """Speed and phase to the last printed digit; they exist and are stable."""
+    orbit = one_impact_orbit(oscillator(h, R, omega), n)
+    assert orbit.v == pytest.approx(v, rel=0, abs=5.1e-11)
+    assert orbit.phase == pytest.approx(phase % (2 * math.pi), rel=0, abs=5.1e-9)
+    assert orbit.exists and orbit.stable and orbit.n == n
+
+
+def test_the_orbit_after_the_upper_edge():
+    """h = 0, R = 0.8, omega = 2.64 is stable; two orbits of the text at omega = 1.3."""
+    orbit = one_impact_orbit(oscillator(0.0, 0.8, 2.64))
+    assert orbit.stable
+    assert orbit.v == pytest.approx(0.46237772, abs=5.1e-9)
+    for h, R, v in [(0.0, 0.8, 1.4225), (0.02, 0.8, 1.4118), (0.02, 0.95, 1.3135)]:
+        orbit = one_impact_orbit(oscillator(h, R, 1.3))
+        assert orbit.stable
+        assert orbit.v == pytest.approx(v, abs=5.1e-5)
+
+
+def test_orbits_of_another_formulation():
+    """400 points, under-, critically and over-damped, any clearance: all orbits, 1e-10."""
+    numbers = [0, 0, 0]
+    for osc, n in random_oscillators(400, seed=5):
+        ours, true = one_impact_orbits(osc, n), steady_response(osc, n)
+        assert len(ours) == len(true), osc
+        numbers[len(ours)] += 1
+        for orbit, (v, phase) in zip(ours, true, strict=True):
+            assert orbit.v == pytest.approx(v, rel=1e-10, abs=1e-12)
+            turn = abs(orbit.phase - phase)
+            assert 0.0 <= orbit.phase < 2 * math.pi
+            assert min(turn, 2 * math.pi - turn) < 1e-9
+    assert min(numbers) > 15
+
+
+@pytest.mark.parametrize("R", [0.0, 0.3, 0.8, 1.0])
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("omega", [0.71, 1.7, 2.6, 4.2, 7.3])
+def test_the_undamped_closed_form(R, n, omega):
+    """The speed at h = 0, clearance 0."""
+    f, p = 1.3, 0.9
+    k = math.pi * n * p / omega
+    size = math.hypot((1 + R) / math.tan(k) / (2 * p), (1 - R) / (2 * omega))
+    orbit = one_impact_orbit(oscillator(0.0, R, omega, f=f, p=p), n)
+    assert orbit.v == pytest.approx(f / abs(p * p - omega * omega) / size, rel=1e-11)
+
+
+@pytest.mark.parametrize("R", [0.0, 0.3, 0.8, 0.99])
+def test_twice_the_eigenfrequency(R):
+    """Omega = 2p, h = 0, where sin(Om T) = 0: v = 4 f / (3 p (1 - R))."""
+    orbit = one_impact_orbit(oscillator(0.0, R, 3.0, f=0.7, p=1.5))
+    assert orbit.v == pytest.approx(4 * 0.7 / (3 * 1.5 * (1 - R)), rel=1e-14 / (1 - R))
+    assert math.sin(orbit.phase) == pytest.approx(0.0, abs=1e-14 / (1 - R))
+
+
+def test_resonance_and_the_neighbourhood_of_special_points():
+    """At h = 0, omega = p the orbit is the limit of its neighbours, and it closes."""
+    for clearance in (0.0, 0.3):
+        osc = oscillator(0.0, 0.5, 1.0, clearance)
+        orbit = one_impact_orbit(osc)
+        near = one_impact_orbit(oscillator(0.0, 0.5, 1.0 + 1e-7, clearance))
+        assert orbit.v == pytest.approx(near.v, rel=1e-6)
+        assert closing_error(osc, orbit) < 1e-14
+    critical = one_impact_orbit(oscillator(1.0, 0.5, 2.3))
+    for h in (1.0 - 1e-9, 1.0 + 1e-9):
+        assert one_impact_orbit(oscillator(h, 0.5, 2.3)).v == pytest.approx(critical.v, rel=1e-8)
+
+
+def closing_error(osc, orbit):
+    """Distance from the stop and from its speed after a flight, by series in 40 digits."""
+    T = orbit.n * osc.forcing_period
+    s, c = math.sin(orbit.phase), math.cos(orbit.phase)
+    x, v = naive.flow(osc, osc.clearance, -osc.R * orbit.v, s, c, T)
+    return max(abs(x - osc.clearance), abs(v - orbit.v)) / max(1.0, orbit.v)
+
+
+def test_orbits_close():
+    """Every orbit of 120 points returns to the stop with its speed and phase."""
+    worst = 0.0
+    for osc, n in random_oscillators(120, seed=8):
+        for orbit in one_impact_orbits(osc, n):
+            worst = max(worst, closing_error(osc, orbit) / (osc.p * orbit.n * osc.forcing_period))
+    assert 0.0 < worst < 1e-14
+
+
+@pytest.mark.parametrize(("h", "R", "n", "omega"), FLIPS)
+def test_the_printed_flips(h, R, n, omega):
+    """Each to 1e-14, and one side of it is stable."""
+    osc = oscillator(h, R, 2.0)
+    found = bifurcation(osc, "flip", "omega", omega - 0.02, omega + 0.03, n)
+    assert found == pytest.approx(omega, rel=1e-14)
+    orbit = one_impact_orbit(oscillator(h, R, found), n)
+    assert min(orbit.multipliers.real) == pytest.approx(-1.0, abs=1e-11)
+    sides = [one_impact_orbit(oscillator(h, R, omega + d), n).stable for d in (-1e-6, 1e-6)]
+    assert sides[0] != sides[1]
+
+
+@pytest.mark.parametrize(("h", "R", "omega"), GRAZES)
+def test_the_printed_grazes(h, R, omega):
+    """Each to 1e-14; the orbit exists above it and not below."""
+    found = bifurcation(oscillator(h, R, 2.0), "graze", "omega", omega - 0.02, omega + 0.03)
+    assert found == pytest.approx(omega, rel=1e-14)
+    for side in (1e-3, 1e-6, 1e-12):
+        assert not one_impact_orbit(oscillator(h, R, omega - side)).exists
+        assert one_impact_orbit(oscillator(h, R, omega + side)).exists
+
+
+@pytest.mark.parametrize(("R", "n", "low", "high"), WINDOWS)
+def test_the_stable_windows(R, n, low, high):
+    """Both edges to all printed digits; on the flip curve of h = 0; stable only within."""
+    for edge in (low, high):
+        osc = oscillator(0.0, R, 2.0)
+        found = bifurcation(osc, "flip", "omega", edge - 1e-3, edge + 1e-3, n)
+        assert found == pytest.approx(edge, rel=0, abs=5.1e-7)
+        q = ((1 - R) / (1 + R)) ** 2
+        assert math.cos(math.pi * n / found) ** 2 * (found**2 - q) == pytest.approx(1, abs=1e-12)
+    inside = np.linspace(low + 1e-6, high - 1e-6, 41)
+    assert all(one_impact_orbit(oscillator(0.0, R, omega), n).stable for omega in inside)
+    for omega in (low - 2e-6, high + 2e-6):
+        assert not one_impact_orbit(oscillator(0.0, R, omega), n).stable
+
+
+def test_trace_and_determinant_by_their_formulas():
+    """At clearance 0: the printed trace, det = R^2 exp(-2hT), and no fold."""
+    for osc, n in random_oscillators(300, seed=3, clearance=0.0):
+        orbit = one_impact_orbit(osc, n)
+        T = n * osc.forcing_period
+        assert orbit.determinant == pytest.approx(osc.R**2 * math.exp(-2 * osc.h * T), rel=1e-14)
+        assert 1 - orbit.trace + orbit.determinant > 0.0
+        assert orbit.multipliers.sum() == pytest.approx(orbit.trace, rel=1e-12, abs=1e-14)
+        assert orbit.multipliers.prod() == pytest.approx(orbit.determinant, rel=1e-12)
+        if osc.h == osc.p:
+            continue
+        Om = np.sqrt(complex(osc.p**2 - osc.h**2))
+        trace = -2 * osc.R * np.cos(Om * T)
+        kick = (1 + osc.R) * osc.f * math.sin(orbit.phase) / orbit.v
+        trace = math.exp(-osc.h * T) * (trace - kick * np.sin(Om * T) / Om).real
+        assert orbit.trace == pytest.approx(trace, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("osc", "n"),
+    [
+        (oscillator(0.05, 0.7, 2.3), 1),
+        (oscillator(0.02, 0.8, 4.1, -0.1), 2),
+        (oscillator(0.3, 0.6, 1.8, 0.2, f=1.4, p=1.2), 1),
+        (oscillator(1.0, 0.9, 2.5, -0.2), 1),
+        (oscillator(1.3, 0.9, 2.5, -0.1), 1),
+        (oscillator(0.0, 0.5, 1.0, 0.3), 1),
+        (oscillator(0.1, 0.0, 2.0), 1),
+        (TWO, 1),
+    ],
+)
+def test_multipliers_by_finite_differences(osc, n):
+    """Of the map over one period of the orbit, from a section two fifths of it before the impact.
+
+    Existence does not enter: the map is that of the flight with the one impact.
+    """
+    T = n * osc.forcing_period
+    for orbit in one_impact_orbits(osc, n):
+        t = orbit.phase / osc.omega
+        start = t + 0.6 * T
+        x, v = naive.exact_step(osc, t, osc.clearance, -osc.R * orbit.v, 0.6 * T)
+        go = partial(through_one_impact, osc, start, span=T, guess=0.4 * T)
+        np.testing.assert_allclose(go(x=x, v=v), (x, v), rtol=1e-11, atol=1e-12)
+        e = 2e-6
+        columns = [
+            np.subtract(go(x=x + dx, v=v + dv), go(x=x - dx, v=v - dv)) / (2 * e)
+            for dx, dv in ((e, 0.0), (0.0, e))
+        ]
+        matrix = np.array(columns).T
+        assert orbit.trace == pytest.approx(np.trace(matrix), rel=1e-7, abs=1e-8)
+        assert orbit.determinant == pytest.approx(np.linalg.det(matrix), rel=1e-7, abs=1e-8)
+        np.testing.assert_allclose(
+            np.poly(orbit.multipliers), [1.0, -orbit.trace, orbit.determinant], atol=1e-14
+        )
+
+
+def test_existence_and_the_peak_by_brute_force():
+    """400 points: existence and the largest maximum as on 20,000 samples of the flight."""
+    seen = set()
+    for osc, n in random_oscillators(400, seed=11, clearance=0.4):
+        if osc.h == osc.p:
+            continue
+        for orbit in one_impact_orbits(osc, n):
+            x = free_flight(osc, orbit)
+            tops = x[1:-1][(x[:-2] < x[1:-1]) & (x[1:-1] >= x[2:])]
+            scale = np.abs(x).max()
+            if len(tops):
+                assert orbit.peak == pytest.approx(tops.max(), abs=1e-6 * scale), osc
+            else:
+                assert orbit.peak == -math.inf, osc
+            assert orbit.exists == (x[2:-2].max() < 0.0)
+            seen.add((orbit.exists, len(tops) > 0))
+    assert seen == {(True, True), (True, False), (False, True)}
+
+
+@pytest.mark.parametrize("depth", [1e-4, 1e-7, 1e-11, 1e-13])
+def test_a_touch_of_any_depth_decides_existence(depth):
+    """Moved off the graze so that the maximum passes or misses the stop by a given depth."""
+    osc = oscillator(0.05, 0.8, 2.0)
+    graze = bifurcation(osc, "graze", "omega", 1.0, 1.05)
+    slope = (one_impact_orbit(oscillator(0.05, 0.8, graze + 1e-6)).peak) / 1e-6
+    for side in (-1, 1):
+        orbit = one_impact_orbit(oscillator(0.05, 0.8, graze + side * depth / slope))
+        assert orbit.peak == pytest.approx(side * depth, rel=5e-3, abs=2e-14)
+        assert orbit.exists == (side < 0)
+
+
+def test_a_maximum_in_the_middle_of_a_symmetric_flight():
+    """h = 0, R = 1: the flight is its own mirror image, and x' = 0 at T / 2 to rounding."""
+    at_top = 0
+    for omega in np.linspace(0.31, 6.9, 60):
+        for n in (1, 2, 3):
+            for clearance in (-0.3, 0.0, 0.3):
+                osc = oscillator(0.0, 1.0, omega, clearance)
+                for orbit in one_impact_orbits(osc, n):
+                    x = free_flight(osc, orbit, 2001)
+                    if x[999] < x[1000] > x[1001] and x[1000] == x[1:-1].max():
+                        at_top += 1
+                        assert orbit.peak == pytest.approx(x[1000], abs=1e-11 * np.abs(x).max())
+    assert at_top > 20
+
+
+def test_a_launch_into_the_stop_is_no_orbit():
+    """R = 0, the force pressing at the impact: the mass does not leave."""
+    orbits = [one_impact_orbit(oscillator(h, 0.0, 0.8)) for h in np.linspace(0.0, 0.5, 20)]
+    pressed = [orbit for orbit in orbits if math.sin(orbit.phase) < 0.0]
+    assert pressed
+    assert not any(orbit.exists for orbit in pressed)
+
+
+def test_two_orbits_and_the_fold_where_they_meet():
+    """The faster is a node, the slower a saddle; they meet at the fold's closed form, and end."""
+    slow, fast = one_impact_orbits(TWO)
+    assert 0.0 < slow.v < fast.v
+    assert one_impact_orbit(TWO) == fast
+    assert fast.stable
+    assert slow.exists and not slow.stable
+    assert 1 - slow.trace + slow.determinant < 0.0 < 1 - fast.trace + fast.determinant
+    fold = bifurcation(TWO, "fold", "f", 0.2, 1.0)
+    with mp.workdps(40):
+        h, R, w, _, p, sigma = map(mp.mpf, dataclasses.astuple(TWO))
+        flow = mp.expm(mp.matrix([[0, 1], [-p * p, -2 * h]]) * (2 * mp.pi / w))
+        free = mp.lu_solve(mp.eye(2) - flow, mp.matrix([0, 1 + R]))
+        g, k = free[0], (free[1] - R) / w
+        D = (p * p - w * w) ** 2 + (2 * h * w) ** 2
+        true = float(sigma * mp.sqrt(D) * abs(k) / mp.sqrt(g * g + k * k))
+    assert fold == pytest.approx(true, rel=1e-14)
+    at = partial(dataclasses.replace, TWO)
+    assert one_impact_orbits(at(f=fold - 1e-9)) == ()
+    slow, fast = one_impact_orbits(at(f=fold + 1e-9))
+    assert fast.v - slow.v < 1e-3
+    assert 1 - slow.trace + slow.determinant == pytest.approx(0.0, abs=1e-3)
+    for name, bracket in (("clearance", (0.7, 2.0)), ("omega", (1.6, 1.9))):
+        value = bifurcation(TWO, "fold", name, *bracket)
+        counts = [len(one_impact_orbits(at(**{name: value + d}))) for d in (-1e-9, 1e-9)]
+        assert counts == [2, 0]
+
+
+def test_the_faster_is_never_a_saddle_and_the_slower_always():
+    """1 - trace + det has the sign the module's docstring proves."""
+    pairs = 0
+    for osc, n in random_oscillators(600, seed=21):
+        orbits = one_impact_orbits(osc, n)
+        for orbit, sign in zip(reversed(orbits), (1, -1), strict=False):
+            assert sign * (1 - orbit.trace + orbit.determinant) > 0.0
+        pairs += len(orbits) == 2
+    assert pairs > 20
+
+
+def test_units_do_not_matter():
+    """Force and clearance scale x and v, to the bit for powers of two; p scales time."""
+    for osc, n in random_oscillators(60, seed=13):
+        for length, time, rel in ((8.0, 1.0, 0.0), (0.7, 1.0, 1e-10), (1.0, 3.7, 1e-10)):
+            scaled = Oscillator(
+                h=osc.h / time,
+                R=osc.R,
+                omega=osc.omega / time,
+                f=osc.f * length / time**2,
+                p=osc.p / time,
+                clearance=osc.clearance * length,
+            )
+            ours, theirs = one_impact_orbits(osc, n), one_impact_orbits(scaled, n)
+            for a, b in zip(ours, theirs, strict=True):
+                assert b.v == pytest.approx(a.v * length / time, rel=rel, abs=0)
+                assert b.phase == pytest.approx(a.phase, rel=10 * rel, abs=10 * rel)
+                assert b.exists == a.exists
+                np.testing.assert_allclose(
+                    b.multipliers, a.multipliers, rtol=0, atol=1e4 * rel * (1 + abs(a.trace))
+                )
+
+
+@pytest.mark.parametrize(
+    ("osc", "n"),
+    [
+        (oscillator(0.0, 1.0, 2.0), 1),  # grows without bound
+        (oscillator(0.0, 1.0, 1.4, f=0.7, p=0.7), 3),
+        (oscillator(0.0, 0.5, 2.0), 2),  # the flight is a multiple of the eigenperiod
+        (oscillator(0.0, 0.5, 0.5, 0.4), 1),
+        (oscillator(0.1, 0.5, 1.0, f=0.0), 1),
+        (oscillator(0.0, 1.0, 3.0, -0.5, f=0.0), 1),  # free bouncing: a family
+        (oscillator(0.1, 0.5, 1.7, 50.0), 1),  # out of reach
+        (oscillator(0.1, 0.5, 1.7, -50.0), 1),  # pressed too hard
+        (oscillator(0.1, 0.5, 1e200), 1),
+    ],
+)
+def test_no_orbit_is_nan_and_does_not_exist(osc, n):
+    """As documented: nothing in the tuple, NaN in the record, both flags False."""
+    assert one_impact_orbits(osc, n) == ()
+    orbit = one_impact_orbit(osc, n)
+    assert orbit.n == n
+    assert np.isnan([orbit.v, orbit.phase, orbit.trace, orbit.determinant, orbit.peak]).all()
+    assert orbit.multipliers.shape == (2,) and np.isnan(orbit.multipliers).all()
+    assert not orbit.exists and not orbit.stable
+
+
+@pytest.mark.parametrize("n", [0, -1, 1.0, True, "1", None])
+def test_n_is_a_positive_integer(n):
+    """Anything else is refused by its name."""
+    for call in (
+        partial(one_impact_orbits, TWO),
+        partial(one_impact_orbit, TWO),
+        partial(bifurcation, TWO, "fold", "f", 0.2, 1.0),
+    ):
+        with pytest.raises(ValueError, match=r"^n must be an integer >= 1, not "):
+            call(n)
+
+
+def test_what_cannot_be_bracketed_is_refused():
+    """Unknown names, no sign change, no orbit, a pole, and a meeting of what are no orbits."""
+    osc = oscillator(0.05, 0.8, 2.0)
+    with pytest.raises(ValueError, match="kind must be one of flip, graze, fold, not 'hopf'"):
+        bifurcation(osc, "hopf", "omega", 1.0, 2.0)
+    with pytest.raises(ValueError, match=r"parameter must be one of h, R, .* not 'x0'"):
+        bifurcation(osc, "flip", "x0", 1.0, 2.0)
+    with pytest.raises(ValueError, match=r"^omega \(forcing frequency\) must be"):
+        bifurcation(osc, "flip", "omega", -1.0, 2.0)
+    for kind in BIFURCATIONS:
+        with pytest.raises(ValueError, match=f"no {kind} is bracketed by omega = 2.0 and 2.1"):
+            bifurcation(osc, kind, "omega", 2.0, 2.1)
+    with pytest.raises(ValueError, match=r"no one-impact orbit \(n = 1\) at f = 0.1"):
+        bifurcation(TWO, "flip", "f", 0.1, 1.0)
+    with pytest.raises(ValueError, match=r"what meets at omega = 2\.4.* are no orbits: v <= 0"):
+        bifurcation(TWO, "fold", "omega", 2.3, 2.8)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "low", "high"), [("h", 0.0, 0.3), ("R", 0.3, 1.0), ("clearance", -0.1, 0.1)]
+)
+def test_a_flip_along_another_parameter(parameter, low, high):
+    """The same flip, reached along h, R or the clearance."""
+    osc = oscillator(0.1, 0.8, 2.67)
+    value = bifurcation(osc, "flip", parameter, low, high)
+    orbit = one_impact_orbit(dataclasses.replace(osc, **{parameter: value}))
+    assert 1 + orbit.trace + orbit.determinant == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_sign_that_changes_by_a_jump_is_refused(monkeypatch):
+    """A bracketed root finder would return the jump; nothing bifurcates there."""
+    monkeypatch.setitem(BIFURCATIONS, "graze", lambda osc, n: math.copysign(1.0, osc.omega - 2.05))
+    with pytest.raises(ValueError, match=r"by a jump at omega = 2.0[45]\d*: no graze"):
+        bifurcation(oscillator(0.05, 0.8, 2.0), "graze", "omega", 2.0, 2.1)
