@@ -7,12 +7,13 @@ No fast-math flag is set anywhere. Where a product and a sum should be fused, th
 from __future__ import annotations
 
 import hashlib
-import os
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
+import platformdirs
 from numba import types
 from numba.extending import intrinsic
 
@@ -23,15 +24,17 @@ def _cache_folder() -> str:
     """Return a cache folder named after the contents of every source file of this package.
 
     Numba's own cache looks only at the file that holds a function, so an edited helper in
-    another file would leave a stale kernel behind; a name made of all sources cannot.
+    another file would leave a stale kernel behind; a name made of all sources cannot. It lies
+    outside the package: what pip did not install it would leave behind, to shadow the next one.
     """
-    package = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(package.glob("*.py")):
+    for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.name.encode() + b"\0" + source.read_bytes())
-    root = Path(_config.CACHE_DIR or package / "__pycache__")
-    if not os.access(root if root.exists() else root.parent, os.W_OK):
-        root = Path.home() / ".cache" / "vibroimpact"
+    root = Path(_config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        root = Path(tempfile.gettempdir(), "vibroimpact")
     return str(root / f"numba-{digest.hexdigest()[:16]}")
 
 
