@@ -4,11 +4,14 @@ States are (x, v); `osc` is anything with the attributes h, R, omega, f, p and c
 kept as time, never as phase, and every step goes back to eq. (1).
 """
 
+import cmath
 import math
 from decimal import Decimal, localcontext
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
 
 
 def oscillator(h, R, omega, f=1.0, p=1.0, clearance=0.0):
@@ -97,11 +100,30 @@ def plain(osc, step, periods, n, x=0.0, v=0.0):
     return np.array(states), np.array(impacts).reshape(-1, 2)
 
 
-def reduced(osc, step, periods, n, x=0.0, v=0.0):
-    """The reduced step and the remainder of the step; where no chatter comes near completion.
+def on_the_chord(osc, step, t, x, v, x_T, v_T, rest):
+    """The share of the step, and the speed, at the impact of eqs (6), (7), (9).
 
     After a rebound the mean velocity (x - clearance) / time takes the place of x in eq. (7).
     """
+    if x == osc.clearance:
+        mean_0, mean_T = v, (x_T - osc.clearance) / rest
+        share = -mean_0 / (mean_T - mean_0)
+    else:
+        share = (osc.clearance - x) / (x_T - x)
+    return share, v + share * (v_T - v)
+
+
+def on_the_cubic(osc, step, t, x, v, x_T, v_T, rest):
+    """The share where the Hermite interpolant meets the stop, and the speed by a step to it."""
+    roots = CubicHermiteSpline([0.0, 1.0], [x, x_T], [rest * v, rest * v_T]).solve(
+        osc.clearance, extrapolate=False
+    )
+    share = min(roots[roots > 1e-9])
+    return share, step(osc, t, x, v, share * rest)[1]
+
+
+def shortened(osc, step, periods, n, x=0.0, v=0.0, locate=on_the_chord):
+    """Steps cut at their impacts, then their remainders; no chatter may come near completion."""
     T = 2.0 * math.pi / osc.omega / n
     states, impacts = [], []
     for k in range(periods * n):
@@ -111,12 +133,7 @@ def reduced(osc, step, periods, n, x=0.0, v=0.0):
             x_T, v_T = step(osc, t, x, v, rest)
             if x_T <= osc.clearance:
                 break
-            if x == osc.clearance:
-                mean_0, mean_T = v, (x_T - osc.clearance) / rest
-                share = -mean_0 / (mean_T - mean_0)
-            else:
-                share = (osc.clearance - x) / (x_T - x)
-            speed = v + share * (v_T - v)
+            share, speed = locate(osc, step, t, x, v, x_T, v_T, rest)
             assert 0.0 < share <= 1.0 and speed > 0.0, "a turning point inside the step"
             t += share * rest
             impacts.append((t, speed))
@@ -152,3 +169,184 @@ def literal(osc, periods, n, carry=True):
             if not carry:
                 a = acceleration(osc, t, x, v)
     return np.array(impacts).reshape(-1, 2), None
+
+
+# --- every impact on the closed form, by dense sampling ---
+
+
+class ClosedForm:
+    """The free flight from (t0, x, v) as three complex exponentials; not at h = p or resonance."""
+
+    def __init__(self, osc, t0, x, v):
+        self.t0 = t0
+        root = cmath.sqrt(complex(osc.h**2 - osc.p**2))
+        force = 1j * osc.omega
+        # x_p = Im(steady e^(i omega t)), written as two conjugate exponentials.
+        steady = -osc.f / (osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega)
+        steady *= cmath.exp(force * t0)
+        x_h, v_h = x - steady.imag, v - (force * steady).imag
+        one, two = -osc.h + root, -osc.h - root
+        self.rates = np.array([one, two, force])
+        self.weights = np.array(
+            [(v_h - two * x_h) / (2 * root), -(v_h - one * x_h) / (2 * root), 0]
+        )
+        self.weights[2] = -1j * steady
+
+    def __call__(self, t):
+        """x and x' at time t."""
+        waves = self.weights * np.exp(np.multiply.outer(t - self.t0, self.rates))
+        return waves.sum(axis=-1).real, (waves * self.rates).sum(axis=-1).real
+
+
+def series(osc, t0, y, v, terms=40):
+    """Taylor coefficients of x - clearance about t0."""
+    c = [y, v]
+    f = osc.f * cmath.exp(1j * osc.omega * t0)
+    for k in range(terms):
+        load = osc.p**2 * osc.clearance if k == 0 else 0.0
+        pull = 2 * osc.h * (k + 1) * c[k + 1] + osc.p**2 * c[k] + f.imag + load
+        c.append(-pull / ((k + 1) * (k + 2)))
+        f *= 1j * osc.omega / (k + 1)
+    return np.array(c)
+
+
+def first_touch(value, slope, grid):
+    """The first root of `value` on a grid that starts below; and the highest local maximum < 0."""
+    y, dy = value(grid), slope(grid)
+    near = -math.inf
+    for i in np.flatnonzero((y[1:] > 0.0) | ((dy[:-1] > 0.0) & (dy[1:] <= 0.0))):
+        end = grid[i + 1]
+        if y[i + 1] <= 0.0:
+            end = brentq(slope, grid[i], end, xtol=1e-300, rtol=1e-15) if dy[i + 1] else end
+            if value(end) <= 0.0:
+                near = max(near, float(value(end)))
+                continue
+        return brentq(value, grid[i], end, xtol=1e-300, rtol=1e-15), near
+    return None, near
+
+
+class ExactOrbit:
+    """Every impact, rest and section from t = 0, with an estimate of the error on the way.
+
+    Attributes
+    ----------
+    sections : list of (x, v, error)
+    impacts : list of (t, v, error)
+    rests : list of [start, end]
+    graze : float
+        When the orbit first came within `margin` of a graze; inf if never.
+    reached : float
+        The end, or where there were as many impacts as asked for at `most`.
+    """
+
+    def __init__(self, osc, periods, x=0.0, v=0.0, margin=1e-6, shortest=1e-13, most=10**6):
+        self.osc, self.margin, self.shortest = osc, margin, shortest
+        self.period = 2 * math.pi / osc.omega
+        self.end = periods * self.period
+        self.sections, self.impacts, self.rests = [], [], []
+        self.graze, self.spread = math.inf, np.zeros((2, 2))
+        self.rate = 2 * osc.h + osc.p + osc.omega
+        t = 0.0
+        if x == osc.clearance and v > 0.0:
+            self.impacts.append((0.0, v, 0.0))
+            v = -osc.R * v
+        while t < self.end and len(self.impacts) < most:
+            released = bool(self.rests) and self.rests[-1][1] == t
+            if x == osc.clearance and v == 0.0 and self.push(t) > 0.0 and not released:
+                t, x, v = self.rest(t)
+            else:
+                t, x, v = self.fly(t, x, v)
+        self.reached = t
+
+    def push(self, t):
+        """The acceleration that presses the mass at rest."""
+        return -self.osc.f * math.sin(self.osc.omega * t) - self.osc.p**2 * self.osc.clearance
+
+    def pass_sections(self, t0, t, state):
+        """Record the sections in (t0, t]."""
+        while len(self.sections) * self.period + self.period <= min(t, self.end) * (1 + 1e-14):
+            at = (len(self.sections) + 1) * self.period
+            x, v = state(at)
+            self.sections.append((float(x), float(v), math.sqrt(np.trace(self.spread))))
+
+    def rest(self, t):
+        """Wait until the force no longer presses."""
+        grid = t + np.linspace(0.0, self.period, 2001)
+        force = np.array([self.push(q) for q in grid])
+        pulls = np.flatnonzero(force[1:] <= 0.0)
+        release = math.inf
+        if pulls.size:
+            release = brentq(self.push, grid[pulls[0]], grid[pulls[0] + 1], xtol=1e-300, rtol=1e-15)
+        self.spread[:] = 0.0
+        self.pass_sections(t, release, lambda _: (self.osc.clearance, 0.0))
+        self.rests.append([t, release])
+        return release, self.osc.clearance, 0.0
+
+    def fly(self, t, x, v):
+        """One flight and the impact at its end."""
+        osc, stop = self.osc, self.osc.clearance
+        panel = 0.2 / self.rate
+        c = series(osc, t, x - stop, v)
+        released = bool(self.rests) and self.rests[-1][1] == t
+        m = 3 if released else ((1 if v else 2) if x == stop else 0)
+        c[:m] = 0.0
+        # The first panel by its series, divided by its root at the launch: for short flights.
+        quotient, whole = np.polynomial.Polynomial(c[m:]), np.polynomial.Polynomial(c)
+        if x == stop and self.push(t) > 0.0:
+            panel = min(panel, max(8 * abs(v) / self.push(t), 1e-3 * panel))
+        grid = np.linspace(0.0, panel, 129)
+        at, near = first_touch(quotient, quotient.deriv(), grid)
+        state = lambda q: (stop + whole(q - t), whole.deriv()(q - t))  # noqa: E731
+        heights = whole(grid)
+        flight, start = None, t + panel
+        if at is not None:
+            at += t
+            speed = float(whole.deriv()(at - t))
+            near = near * panel**m
+            size = np.abs(heights[grid <= at - t]).max(), max(abs(v), speed)
+        else:
+            at, speed, size, flight, near = self.long_flight(start, state, near * panel**m)
+            state_short, state_long = state, flight
+            state = lambda q: state_short(q) if q <= start else state_long(q)  # noqa: E731
+        if -self.margin < near < 0.0:
+            self.graze = min(self.graze, t)
+        self.pass_sections(t, at, state)
+        if at >= self.end:
+            return at, stop, speed
+        matrix = self.tangent(at - t)
+        error = 1e-15 * np.array(size)
+        self.spread = matrix @ self.spread @ matrix.T + np.diag(error**2)
+        a = self.push(at)
+        if a < 0.0 and speed**2 < -2.0 * a * self.margin:
+            self.graze = min(self.graze, at)
+        jump = np.array([[-osc.R, 0.0], [(1.0 + osc.R) * a / speed, -osc.R]])
+        self.impacts.append((at, speed, math.sqrt(np.trace(self.spread))))
+        self.spread = jump @ self.spread @ jump.T
+        v = -osc.R * speed
+        if a > 0.0 and -v < self.shortest:
+            v = 0.0
+        return at, stop, v
+
+    def long_flight(self, start, state, near):
+        """The flight after its first panel, on the closed form, window by window."""
+        osc, stop = self.osc, self.osc.clearance
+        form = ClosedForm(osc, start, *map(float, state(start)))
+        # Local maxima are at least about half a period of the fastest motion apart.
+        spacing = 0.02 * 2 * math.pi / self.rate
+        t, highest, fastest = start, 0.0, 0.0
+        while t < self.end:
+            grid = t + spacing * np.arange(201)
+            x, v = form(grid)
+            highest, fastest = max(highest, np.abs(x - stop).max()), max(fastest, np.abs(v).max())
+            at, close = first_touch(lambda q: form(q)[0] - stop, lambda q: form(q)[1], grid)
+            near = max(near, close)
+            if at is not None and at < self.end:
+                return at, float(form(at)[1]), (highest, fastest), form, near
+            t = grid[-1]
+        return self.end * (1 + 1e-12), 0.0, (highest, fastest), form, near
+
+    def tangent(self, dt):
+        """The matrix of the flight between impacts."""
+        free = SimpleNamespace(**(vars(self.osc) | {"f": 0.0}))
+        columns = [ClosedForm(free, 0.0, *unit)(dt) for unit in np.eye(2)]
+        return np.array(columns).T

@@ -14,24 +14,27 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads, prange, set_num_threads
+from numba import prange
 
-from vibroimpact.impacts import (
+from vibroimpact.exact_impacts import Lane, guard, reach
+from vibroimpact.flight import TERMS, fill_rows
+from vibroimpact.impacts import EXACT, PLAIN, mend
+from vibroimpact.integrators import affine_map, apply_map
+from vibroimpact.jit import fma, jit
+from vibroimpact.lyapunov import carry_tangents, orthonormalise
+from vibroimpact.phases import COS, SIN, THETA
+from vibroimpact.status import Status
+from vibroimpact.stop import (
     DISPLACEMENT,
-    EVENTS_SHAPE,
     IMPACT,
-    IMPACT_RULES,
     KIND,
-    PLAIN,
+    REST,
     SPEED,
     TIME,
-    mend,
+    new_scratch,
     start,
+    time_to_release,
 )
-from vibroimpact.integrators import INTEGRATORS, affine_map, apply_map
-from vibroimpact.jit import jit
-from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
-from vibroimpact.status import Status
 
 #: Points per block.
 LANES = 32
@@ -39,13 +42,30 @@ LANES = 32
 # Rows of a block's workspace, one column per lane: the state, the state at the end of the step,
 # the affine map, and what the impact rule needs.
 X, V, X_T, V_T, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION = range(15)
+# The phase before which a lane at rest is not released.
+WAKE = 15
+# For the rule ``exact``: the guard, and the greatest x that it allows in the step.
+ALONG_X, ALONG_V, ALONG_F, REACH = range(16, 20)
+# Two tangent vectors, and the same at the end of the step.
+TANGENTS, TANGENTS_T = 20, 24
+ROWS = 28
 
-_COMPUTED, _NON_FINITE = int(Status.COMPUTED), int(Status.NON_FINITE)
+_UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
 
 
 #: What is summed up over the recorded periods of a point, beside its last status.
 SUMS = np.dtype(
-    [("impacts", np.int64), ("max_penetration", float), ("rested", float), ("status", np.int64)]
+    [
+        ("impacts", np.int64),
+        ("slowest_impact", float),
+        ("max_penetration", float),
+        ("rested", float),
+        ("chatters", np.int64),
+        ("near_grazes", np.int64),
+        ("growth_1", float),
+        ("growth_2", float),
+        ("status", np.int64),
+    ]
 )
 
 
@@ -75,7 +95,21 @@ def predict(w, s, c):
         x_T = apply_map((w[XX, i], w[XV, i], w[XS, i], w[XC, i]), x, v, s, c)
         w[X_T, i] = x_T
         w[V_T, i] = apply_map((w[VX, i], w[VV, i], w[VS, i], w[VC, i]), x, v, s, c)
-        met |= x_T >= w[LEVEL, i]
+        met |= not x_T < w[LEVEL, i]  # a NaN is looked at, too
+    return met
+
+
+@jit(inline=True)
+def predict_guarded(w, s, c):
+    """As ``predict``, but return whether any may have met its stop between the grid points."""
+    met = False
+    for i in range(LANES):
+        x, v = w[X, i], w[V, i]
+        x_T = apply_map((w[XX, i], w[XV, i], w[XS, i], w[XC, i]), x, v, s, c)
+        w[X_T, i] = x_T
+        w[V_T, i] = apply_map((w[VX, i], w[VV, i], w[VS, i], w[VC, i]), x, v, s, c)
+        w[REACH, i] = reach(x, v, x_T, w[ALONG_X, i], w[ALONG_V, i], w[ALONG_F, i])
+        met |= not w[REACH, i] < w[LEVEL, i]
     return met
 
 
@@ -101,62 +135,138 @@ def set_start(w, points, rule):
         w[X, i], w[V, i], resting = start(pt)
         w[LEVEL, i] = -math.inf if resting and rule != PLAIN else pt.clearance
         w[CLEARANCE, i], w[RESTITUTION, i] = pt.clearance, pt.R
+        w[WAKE, i] = -math.inf
+        for k in range(4):
+            w[TANGENTS + k, i] = 1.0 if k == 0 or k == 3 else 0.0
 
 
 @jit(inline=True)
-def set_maps(w, points, integrator, grid):
-    """Give every lane the affine map of one step of `grid`."""
+def set_maps(w, taylor, points, rule, integrator, grid):
+    """Give every lane the affine map of one step of `grid`, and its Taylor rows and guard."""
     for i in range(LANES):
         pt = points[min(i, points.size - 1)]
-        rows = affine_map(integrator, grid.step / pt.omega, pt)
+        T = grid.step / pt.omega
+        rows = affine_map(integrator, T, pt)
         for k in range(8):
             w[XX + k, i] = rows[k]
+        if rule == EXACT:
+            fill_rows(taylor[i], T, pt)
+            w[ALONG_X, i], w[ALONG_V, i], w[ALONG_F, i] = guard(T, pt)
 
 
 @jit(inline=True)
-def record_step(events, n, x_T, rested, theta, pt, row, tally):
+def record_step(events, n, x_T, rested, grazes, theta, pt, row, tally):
     """Add the events of one mended step to the tally of the lane in that row."""
     sums = tally.sums[row]
     depth = x_T - pt.clearance
     capacity = tally.impacts.shape[1]
     for k in range(n):
-        if events[k, KIND] == IMPACT:
+        kind = events[k, KIND]
+        if kind == IMPACT:
             depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
+            speed = events[k, SPEED]
+            sums.slowest_impact = min(sums.slowest_impact, speed)
             if capacity > 0:
                 slot = sums.impacts % capacity
                 at = theta + pt.omega * events[k, TIME]
-                while at >= 2.0 * math.pi:  # twice at the most; fmod is ten times slower
+                while at >= 2.0 * math.pi:  # twice at the most
                     at -= 2.0 * math.pi
                 tally.impacts[row, slot, 0] = at
-                tally.impacts[row, slot, 1] = events[k, SPEED]
+                tally.impacts[row, slot, 1] = speed
             sums.impacts += 1
+        elif kind == REST:
+            sums.chatters += 1
     sums.rested += rested
+    sums.near_grazes += grazes
     sums.max_penetration = max(sums.max_penetration, depth)
 
 
+@jit(leaf=True)
+def mend_lane(w, i, taylor, rule, integrator, n, grid, pt, scratch):
+    """Mend one lane that met its stop in step `n`; returns what is to be recorded of it."""
+    theta, s, c = grid.table[THETA, n], grid.table[SIN, n], grid.table[COS, n]
+    lane = Lane(taylor[i], w[ALONG_X, i], w[ALONG_V, i], w[ALONG_F, i])
+    x, v, resting, n_events, rested, status, grazes = mend(
+        rule, integrator, w[X, i], w[V, i], w[X_T, i], w[V_T, i], w[LEVEL, i] < pt.clearance,
+        theta, s, c, grid.step, pt, lane, scratch,
+    )  # fmt: skip
+    end = w[X_T, i] if rule == PLAIN else x
+    w[X_T, i], w[V_T, i] = x, v
+    w[LEVEL, i] = -math.inf if resting else pt.clearance
+    if resting:
+        w[WAKE, i] = theta + grid.step + pt.omega * time_to_release(theta + grid.step, pt)
+    return end, n_events, rested, status, grazes
+
+
 @jit(inline=True)
-def advance(w, first, points, rule, integrator, grid, recording, tally, events):
+def advance(w, taylor, first, points, rule, integrator, grid, recording, lyapunov, tally, scratch):
     """Steps over `grid`: predict every lane, mend those that met the stop."""
+    watched = REACH if rule == EXACT else X_T
     for n in range(grid.table.shape[1]):
-        if predict(w, grid.table[SIN, n], grid.table[COS, n]):
-            theta = grid.table[THETA, n]
+        theta, s, c = grid.table[THETA, n], grid.table[SIN, n], grid.table[COS, n]
+        met = predict_guarded(w, s, c) if rule == EXACT else predict(w, s, c)
+        if lyapunov and recording:
+            predict_tangents(w)
+        if met:
             for i in range(points.size):
-                if w[X_T, i] >= w[LEVEL, i]:
-                    pt = points[i]
-                    x, v, resting, n_events, rested, outcome = mend(
-                        rule, integrator, w[X, i], w[V, i], w[X_T, i], w[V_T, i],
-                        w[LEVEL, i] < pt.clearance, theta, grid.step / pt.omega, pt, events,
-                    )  # fmt: skip
+                if w[watched, i] < w[LEVEL, i]:
+                    continue
+                pt, sums = points[i], tally.sums[first + i]
+                if theta + grid.step < w[WAKE, i] - 1e-9:  # asleep
+                    w[X_T, i], w[V_T, i] = pt.clearance, 0.0
                     if recording:
-                        end = w[X_T, i] if rule == PLAIN else x
-                        record_step(events, n_events, end, rested, theta, pt, first + i, tally)
-                    if outcome != _COMPUTED:
-                        tally.sums[first + i].status = outcome
-                    w[X_T, i], w[V_T, i] = x, v
-                    w[LEVEL, i] = -math.inf if resting else pt.clearance
+                        sums.rested += grid.step / pt.omega
+                    continue
+                w[WAKE, i] = -math.inf
+                end, n_events, rested, status, grazes = mend_lane(
+                    w, i, taylor, rule, integrator, n, grid, pt, scratch
+                )
+                sums.status = max(sums.status, status)
+                if recording:
+                    record_step(
+                        scratch.events, n_events, end, rested, grazes, theta, pt, first + i, tally
+                    )
+                    if lyapunov and n_events > 0:
+                        carry_tangents(
+                            w[TANGENTS : TANGENTS + 4, i], w[TANGENTS_T : TANGENTS_T + 4, i],
+                            scratch.events, n_events, theta, grid.step / pt.omega, taylor[i], pt,
+                        )  # fmt: skip
+        accept(w, lyapunov and recording)
+
+
+@jit(inline=True)
+def accept(w, tangents):
+    """Take the end of the step as the state of every lane, and of its tangent vectors."""
+    for i in range(LANES):
+        w[X, i] = w[X_T, i]
+        w[V, i] = w[V_T, i]
+    if tangents:
         for i in range(LANES):
-            w[X, i] = w[X_T, i]
-            w[V, i] = w[V_T, i]
+            awake = w[LEVEL, i] > -math.inf
+            for k in range(4):
+                w[TANGENTS + k, i] = w[TANGENTS_T + k, i] if awake else 0.0
+
+
+@jit(inline=True)
+def predict_tangents(w):
+    """Advance the tangent vectors of every lane by its map."""
+    for i in range(LANES):
+        for k in range(0, 4, 2):
+            x, v = w[TANGENTS + k, i], w[TANGENTS + k + 1, i]
+            w[TANGENTS_T + k, i] = fma(w[XX, i], x, w[XV, i] * v)
+            w[TANGENTS_T + k + 1, i] = fma(w[VX, i], x, w[VV, i] * v)
+
+
+@jit(inline=True)
+def end_period(w, first, n, k, lyapunov, tally):
+    """Store section `k` of `n` lanes, and orthonormalise their tangent vectors."""
+    record_section(w, first, n, k, tally)
+    if lyapunov:
+        for i in range(n):
+            sums = tally.sums[first + i]
+            growth_1, growth_2 = orthonormalise(w[TANGENTS : TANGENTS + 4, i])
+            sums.growth_1 += growth_1
+            sums.growth_2 += growth_2
 
 
 @jit(inline=True)
@@ -167,121 +277,39 @@ def record_section(w, first, n, k, tally):
         finite = math.isfinite(x) and math.isfinite(v)
         tally.sections[first + i, k, 0] = x if finite else math.nan
         tally.sections[first + i, k, 1] = v if finite else math.nan
-        if not finite and sums.status == _COMPUTED:
+        if not finite and sums.status < _UNRESOLVED:
             sums.status = _NON_FINITE
 
 
 @jit
-def run_block(first, points, rule, integrator, lead, grid, transient, periods, tally):
+def run_block(first, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally):
     """Run one block of at most ``LANES`` points from its start to the end of the record."""
-    w = np.empty((RESTITUTION + 1, LANES))
-    events = np.empty(EVENTS_SHAPE)
+    w = np.empty((ROWS, LANES))
+    taylor = np.empty((LANES, 4, TERMS))
+    scratch = new_scratch()
     set_start(w, points, rule)
     for k in range(-1, transient + periods):
         steps = lead if k < 0 else grid
         if k <= 0:
-            set_maps(w, points, integrator, steps)
+            set_maps(w, taylor, points, rule, integrator, steps)
         if rule == PLAIN and k < transient:
             advance_plain(w, steps)
             continue
-        advance(w, first, points, rule, integrator, steps, k >= transient, tally, events)
+        advance(
+            w, taylor, first, points, rule, integrator, steps, k >= transient, lyapunov, tally,
+            scratch,
+        )  # fmt: skip
         if k >= transient:
-            record_section(w, first, points.size, k - transient, tally)
+            end_period(w, first, points.size, k - transient, lyapunov, tally)
+        for i in range(LANES):
+            w[WAKE, i] -= 2.0 * math.pi if k >= 0 else 0.0  # the grid's phases begin again
 
 
 @jit(parallel=True)
-def run_blocks(points, rule, integrator, lead, grid, transient, periods, tally):
+def run_blocks(points, rule, integrator, lead, grid, transient, periods, lyapunov, tally):
     """Run every point, block by block over the threads."""
     for b in prange((points.size + LANES - 1) // LANES):
         lo, hi = b * LANES, min((b + 1) * LANES, points.size)
-        run_block(lo, points[lo:hi], rule, integrator, lead, grid, transient, periods, tally)
-
-
-def _last_in_order(rings: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Unroll rings of the last impacts into time order."""
-    width = rings.shape[1]
-    if width == 0:
-        return rings
-    first = np.where(count > width, count % width, 0)
-    order = (first[:, None] + np.arange(width)) % width
-    return np.take_along_axis(rings, order[:, :, None], axis=1)
-
-
-def integrate(
-    points: np.ndarray,
-    *,
-    integrator: str = "newmark",
-    impact: str = "reduced-step",
-    steps_per_period: int = 100,
-    transient: int = 200,
-    periods: int = 100,
-    phase: float = 0.0,
-    impacts: int = 64,
-    threads: int | None = None,
-) -> dict[str, np.ndarray]:
-    """Run every parameter point from t = 0 and record its attractor.
-
-    The record spans the `periods` forcing periods that follow `transient` of them, counted from
-    the first passage of the phase `phase`. An impact belongs to it if it comes after its start,
-    so that one at t = 0 itself does not.
-
-    Parameters
-    ----------
-    points : ndarray of dtype ``POINT``, shape (n,)
-        Valid parameter points; ``Oscillator.at`` makes one.
-    integrator, impact : str
-        Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
-    steps_per_period : int
-        Steps of length T = 2 pi / (omega steps_per_period).
-    transient, periods : int
-        Forcing periods left out, and recorded.
-    phase : float
-        omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. The grid of steps is
-        laid so that it falls on a grid point.
-    impacts : int
-        How many of the last impacts to keep.
-    threads : int, optional
-        Threads to use; all by default. The results do not depend on it.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``poincare_x``, ``poincare_v`` : (n, periods), state at the end of each recorded period;
-        ``impact_phase``, ``impact_v`` : (n, impacts), omega t mod 2 pi [rad] and speed before
-        the last impacts, in time order, NaN where there were fewer; ``impacts_per_period``,
-        ``max_penetration``, ``rest_fraction``, ``status`` : (n,). Where ``status`` is not
-        ``Status.COMPUTED`` the numbers are NaN. The rule ``plain`` knows no rest.
-
-    Raises
-    ------
-    KeyError
-        For an unknown integrator or impact rule.
-    """
-    n = points.size
-    tally = Tally(
-        sections=np.empty((n, periods, 2)),
-        impacts=np.full((n, impacts, 2), np.nan),
-        sums=np.zeros(n, dtype=SUMS),
-    )
-    rule, code = IMPACT_RULES[impact].code, INTEGRATORS[integrator].code
-    lead, grid = lead_in(phase, steps_per_period), one_period(phase, steps_per_period)
-    threads_before = get_num_threads()
-    set_num_threads(threads or threads_before)
-    try:
-        run_blocks(points, rule, code, lead, grid, transient, periods, tally)
-    finally:
-        set_num_threads(threads_before)
-    sums = tally.sums
-    last = _last_in_order(tally.impacts, sums["impacts"])
-    duration = periods * 2.0 * np.pi / points["omega"]
-    computed = sums["status"] == Status.COMPUTED
-    return {
-        "poincare_x": tally.sections[:, :, 0],
-        "poincare_v": tally.sections[:, :, 1],
-        "impact_phase": last[:, :, 0],
-        "impact_v": last[:, :, 1],
-        "impacts_per_period": np.where(computed, sums["impacts"] / periods, np.nan),
-        "max_penetration": np.where(computed, sums["max_penetration"], np.nan),
-        "rest_fraction": np.where(computed, sums["rested"] / duration, np.nan),
-        "status": sums["status"].astype(np.int8),
-    }
+        run_block(
+            lo, points[lo:hi], rule, integrator, lead, grid, transient, periods, lyapunov, tally
+        )

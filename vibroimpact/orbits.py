@@ -39,11 +39,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
-from vibroimpact.impacts import pressing
 from vibroimpact.integrators import INTEGRATORS, affine_map, exact
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.stop import pressing
 
 _EPS = float(np.finfo(float).eps)
 # An interval of a flight is halved at most so often; what is left is shorter than any feature.
@@ -222,6 +221,8 @@ def _peak(osc: Oscillator, n: int, v: float, phase: float) -> float:
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
     """Return the root in a bracket, to rounding."""
     xtol = _EPS * max(abs(low), abs(high))
+    from scipy.optimize import brentq  # 0.3 s that a sweep need not pay
+
     return float(brentq(function, low, high, xtol=xtol, rtol=4.0 * _EPS))
 
 

@@ -2,8 +2,9 @@
 
 This file shares no code with the kernel. It keeps what the kernel mends, so that it can be seen:
 the next step starts at t_0 + T_r, on a grid that is uniform no more, with the acceleration of
-eq. (10), which is that before the impact; and where x_0 = 0 after a rebound, eq. (7) gives
-T_r = 0, time stops advancing and the procedure stalls.
+eq. (10), which is that before the impact and off by 2h (1 + R) v after it: that makes the scheme
+first order where h > 0, and lets it miss the fourth impact of the third case at T = 2 pi/100.
+Where x_0 = 0 after a rebound, eq. (7) gives T_r = 0, time stops advancing and the procedure stalls.
 """
 
 from __future__ import annotations
@@ -70,8 +71,10 @@ def paper_procedure(
     Raises
     ------
     ValueError
-        If the clearance is not 0.
+        If the clearance is not 0, or a number of periods or steps is not positive.
     """
+    if min(periods, steps_per_period) < 1:
+        raise ValueError(f"periods = {periods}, steps_per_period = {steps_per_period}: not >= 1")
     if oscillator.clearance != 0.0:
         raise ValueError(f"the paper's stop is at 0, not at {oscillator.clearance:g}")
     T = oscillator.forcing_period / steps_per_period

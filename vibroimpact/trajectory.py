@@ -8,26 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from vibroimpact.impacts import (
-    DISPLACEMENT,
-    EVENTS_SHAPE,
-    IMPACT,
-    IMPACT_RULES,
-    KIND,
-    PLAIN,
-    RELEASE,
-    REST,
-    SPEED,
-    TIME,
-    mend,
-    start,
-    time_to_release,
-)
-from vibroimpact.integrators import INTEGRATORS, affine_map, apply_map
+from vibroimpact.attractors import resolve
+from vibroimpact.exact_impacts import Lane, guard, reach
+from vibroimpact.flight import TERMS, fill_rows
+from vibroimpact.impacts import EXACT, PLAIN, mend
+from vibroimpact.integrators import affine_map, apply_map
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
 from vibroimpact.status import Status
+from vibroimpact.stop import (
+    DISPLACEMENT,
+    IMPACT,
+    KIND,
+    RELEASE,
+    REST,
+    SPEED,
+    TIME,
+    new_scratch,
+    start,
+    time_to_release,
+)
 
 # Kinds of row in the log, beside the kinds of event: a grid state, and the end of a period.
 _STATE, _SECTION = 10, 11
@@ -96,35 +97,51 @@ def _put_start(log, pt, resting):
 
 
 @jit
-def _advance(rule, integrator, m, x, v, resting, steps, n, pt, events):
-    """Step `n` of a run of steps, as a lane of the kernel takes it; returns as ``mend`` does."""
-    s, c, T = steps.table[SIN, n], steps.table[COS, n], steps.step / pt.omega
-    x_T = apply_map((m[0], m[1], m[2], m[3]), x, v, s, c)
-    v_T = apply_map((m[4], m[5], m[6], m[7]), x, v, s, c)
-    if resting or x_T >= pt.clearance:
-        return mend(rule, integrator, x, v, x_T, v_T, resting, steps.table[THETA, n], T, pt, events)
-    return x_T, v_T, False, 0, 0.0, 0
+def _prepare(integrator, steps, pt):
+    """Return the affine map of a step, and the Taylor rows and guard of the rule ``exact``."""
+    T = steps.step / pt.omega
+    rows = np.empty((4, TERMS))
+    fill_rows(rows, T, pt)
+    along_x, along_v, along_f = guard(T, pt)
+    return affine_map(integrator, T, pt), Lane(rows, along_x, along_v, along_f)
 
 
 @jit
-def _approach(rule, integrator, lead, grid, transient, pt, events):
+def _advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
+    """Step `n` of a run of steps, as a lane of the kernel takes it; returns as ``mend`` does."""
+    m, lane = prepared
+    theta, s, c = steps.table[THETA, n], steps.table[SIN, n], steps.table[COS, n]
+    x_T = apply_map((m[0], m[1], m[2], m[3]), x, v, s, c)
+    v_T = apply_map((m[4], m[5], m[6], m[7]), x, v, s, c)
+    highest = x_T
+    if rule == EXACT:
+        highest = reach(x, v, x_T, lane.along_x, lane.along_v, lane.along_f)
+    if resting or not highest < pt.clearance:
+        return mend(
+            rule, integrator, x, v, x_T, v_T, resting, theta, s, c, steps.step, pt, lane, scratch
+        )
+    return x_T, v_T, False, 0, 0.0, 0, 0
+
+
+@jit
+def _approach(rule, integrator, lead, grid, transient, pt, scratch):
     """Run from t = 0 to the start of the record: state, whether at rest, and status."""
     x, v, resting = start(pt)
     resting = resting and rule != PLAIN
     status = 0
     for k in range(-1, transient):
         steps = lead if k < 0 else grid
-        m = affine_map(integrator, steps.step / pt.omega, pt)
+        prepared = _prepare(integrator, steps, pt)
         for n in range(steps.table.shape[1]):
-            x, v, resting, _, _, outcome = _advance(
-                rule, integrator, m, x, v, resting, steps, n, pt, events
+            x, v, resting, _, _, outcome, _ = _advance(
+                rule, integrator, prepared, x, v, resting, steps, n, pt, scratch
             )
             status = max(status, outcome)
     return x, v, resting, status
 
 
 @jit
-def _trace(pt, rule, integrator, lead, grid, transient, periods, every, events, log):
+def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
     Returns
@@ -133,9 +150,10 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, events, 
         Rows the log needs; those beyond its length are lost.
     status : int
     """
-    x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, events)
+    scratch = new_scratch()
+    x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, scratch)
     size, T = grid.table.shape[1], grid.step / pt.omega
-    m = affine_map(integrator, T, pt)
+    prepared = _prepare(integrator, grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
     if t == 0.0:
         rows = _put_start(log, pt, resting)
@@ -146,11 +164,11 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, events, 
             last = n + 1 == size
             theta_T = 2.0 * math.pi + grid.table[THETA, 0] if last else grid.table[THETA, n + 1]
             t_T = (2.0 * math.pi * k + theta_T) / pt.omega
-            x, v, resting, n_events, _, outcome = _advance(
-                rule, integrator, m, x, v, resting, grid, n, pt, events
+            x, v, resting, n_events, _, outcome, _ = _advance(
+                rule, integrator, prepared, x, v, resting, grid, n, pt, scratch
             )
             status = max(status, outcome)
-            rows = _put_events(log, rows, events, n_events, t, t_T, T, pt)
+            rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
             if ((k - transient) * size + n + 1) % every == 0:
                 in_log = 0 < rows <= log.shape[0]
                 if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
@@ -165,7 +183,7 @@ def trace(
     *,
     integrator: str,
     impact: str,
-    steps_per_period: int,
+    steps_per_period: int | None,
     transient: int = 0,
     periods: int,
     phase: float = 0.0,
@@ -185,29 +203,28 @@ def trace(
         Kind of row, t, x, v. NaN after a failure.
     status : Status
     """
-    rule, code = IMPACT_RULES[impact].code, INTEGRATORS[integrator].code
-    lead, grid = lead_in(phase, steps_per_period), one_period(phase, steps_per_period)
-    events = np.empty(EVENTS_SHAPE)
-    rows, log = periods * (steps_per_period // every + 8) + 1, np.empty((0, 4))
+    rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
+    lead, grid = lead_in(phase, n_steps), one_period(phase, n_steps)
+    outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
+    rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):
         log = np.empty((rows, 4))
-        rows, code_status = _trace(
-            points[0], rule, code, lead, grid, transient, periods, every, events, log
-        )
+        rows, status = _trace(points[0], rule, code, lead, grid, transient, periods, every, log)
     log = log[:rows]
     failed = ~np.isfinite(log[:, 2:]).all(axis=1)
     log[failed, 2:] = np.nan
-    if code_status == Status.COMPUTED and failed.any():
-        code_status = Status.NON_FINITE
-    return log, Status(code_status)
+    outcome = Status(max(outcome, status))
+    if failed.any() and not outcome.failed:
+        outcome = Status.NON_FINITE
+    return log, outcome
 
 
 def simulate(
     oscillator: Oscillator,
     periods: int = 20,
-    integrator: str = "newmark",
-    impact: str = "reduced-step",
-    steps_per_period: int = 100,
+    integrator: str = "exact",
+    impact: str = "exact",
+    steps_per_period: int | None = None,
     x0: float = 0.0,
     v0: float = 0.0,
 ) -> Trajectory:
@@ -222,8 +239,9 @@ def simulate(
         Forcing periods, >= 1.
     integrator, impact : str
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
-    steps_per_period : int
-        Steps of length T = 2 pi / (omega steps_per_period), >= 1.
+    steps_per_period : int, optional
+        Steps of length T = 2 pi / (omega steps_per_period), >= 1; by default 100, and for the
+        impact rule ``exact`` as few as it allows.
     x0, v0 : float
         Start: displacement (<= clearance) [length] and velocity [length/time].
 
@@ -236,21 +254,19 @@ def simulate(
     TypeError, ValueError
         If an argument is not of its kind or not in its valid range.
     """
+    if not isinstance(oscillator, Oscillator):
+        raise TypeError(f"oscillator must be an Oscillator, not {oscillator!r}")
     for name, number in (("periods", periods), ("steps_per_period", steps_per_period)):
+        if number is None and name == "steps_per_period":
+            continue
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise ValueError(f"{name} must be an integer >= 1, not {number!r}")
-    for name, given, table in (
-        ("integrator", integrator, INTEGRATORS),
-        ("impact", impact, IMPACT_RULES),
-    ):
-        if given not in table:
-            raise ValueError(f"{name} must be one of {', '.join(table)}, not {given!r}")
     points = oscillator.at(x0, v0)
     log, status = trace(
         points,
         integrator=integrator,
         impact=impact,
-        steps_per_period=int(steps_per_period),
+        steps_per_period=steps_per_period,
         periods=int(periods),
     )
     kind, t, x, v = log.T.copy()

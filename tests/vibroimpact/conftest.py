@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
 
 TESTS = Path(__file__).parents[1]
 
@@ -17,6 +20,24 @@ TESTS = Path(__file__).parents[1]
 _spec = importlib.util.spec_from_file_location("naive", TESTS / "naive.py")
 sys.modules["naive"] = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(sys.modules["naive"])
+
+
+#: Every integrator with every impact rule that takes it.
+METHODS = [
+    (integrator, rule)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != "exact" or integrator == "exact"
+]
+
+
+def pytest_generate_tests(metafunc):
+    """A test of `integrator` and `rule` is run for all of ``METHODS`` unless it chooses its own."""
+    marks = metafunc.definition.iter_markers("parametrize")
+    chosen = {name for mark in marks for name in re.split(r"\W+", str(mark.args[0]))}
+    if {"integrator", "rule"} <= set(metafunc.fixturenames) and not chosen & {"integrator", "rule"}:
+        ids = ["-".join(method) for method in METHODS]
+        metafunc.parametrize(("integrator", "rule"), METHODS, ids=ids)
 
 
 @dataclass(frozen=True)

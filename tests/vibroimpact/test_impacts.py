@@ -4,30 +4,37 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from vibroimpact import Oscillator, simulate
-from vibroimpact.impacts import (
-    EVENTS_SHAPE,
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.reduced_step import (
+    CUBIC,
+    REDUCED_STEP,
+    crossed,
+    fly,
+    plain,
+    reduced_step,
+    time_to_rest,
+)
+from vibroimpact.status import Status
+from vibroimpact.stop import (
     IMPACT,
-    IMPACT_RULES,
     KIND,
     RELEASE,
     REST,
     SPEED,
     TIME,
-    crossed,
-    fly,
-    plain,
+    new_scratch,
     pressing,
-    reduced_step,
     start,
     time_to_release,
-    time_to_rest,
 )
-from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.status import Status
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+# The rules that shorten a step.
+SHORTENING = pytest.mark.parametrize("rule", [REDUCED_STEP, CUBIC], ids=["reduced-step", "cubic"])
 # Nearly constant acceleration: the force stands at its crest, and nothing else acts.
 PUSH = {"h": 0.0, "omega": 1e-9, "f": 1.0, "p": 1e-9}
 CREST = 1.5 * math.pi
@@ -44,29 +51,38 @@ def preload(level, f=1.0, p=1.0, omega=1.0):
     return Oscillator(h=0.1, R=0.5, omega=omega, f=f, p=p, clearance=clearance)
 
 
-def run(pt, integrator, x, v, theta, T, resting=False):
+def run(pt, rule, integrator, x, v, theta, T, resting=False):
     """One mended step: state, rest, the rows of its events, time rested and status."""
-    events = np.full(EVENTS_SHAPE, np.nan)
-    code = INTEGRATORS[integrator].code
-    x, v, resting, n, rested, status = reduced_step(code, x, v, resting, theta, T, pt, events)
-    return x, v, resting, events[:n], rested, status
+    scratch, code = new_scratch(), INTEGRATORS[integrator].code
+    x, v, resting, n, rested, status = reduced_step(
+        rule, code, x, v, resting, theta, T, pt, scratch
+    )
+    return x, v, resting, scratch.events[:n], rested, status
+
+
+def flight(rule, integrator, x, v, theta, span, pt):
+    """One flight of at most `span`: time, state, and whether it ended on the stop."""
+    return fly(
+        rule, INTEGRATORS[integrator].code, x, v, theta, span, pt, new_scratch().coefficients
+    )
 
 
 @ALL
-def test_the_flight_under_a_constant_push_is_a_parabola(integrator):
+@SHORTENING
+def test_the_flight_under_a_constant_push_is_a_parabola(rule, integrator):
     """It returns after 2 u / a at the speed u it left with, whatever the length of the step."""
     pt = point(R=0.5, **PUSH)
-    code = INTEGRATORS[integrator].code
     for u, span in ((0.3, 1.0), (0.01, 1.0), (1e-6, 1.0), (0.4999, 1.0), (3.0, 7.5)):
-        dt, x, v, hit = fly(code, 0.0, -u, CREST, span, pt)
+        dt, x, v, hit = flight(rule, integrator, 0.0, -u, CREST, span, pt)
         assert (hit, x) == (True, 0.0)
         assert (dt, v) == (pytest.approx(2 * u, rel=1e-8), pytest.approx(u, rel=1e-8))
 
 
 @ALL
-def test_a_flight_longer_than_the_step_ends_with_it(integrator):
+@SHORTENING
+def test_a_flight_longer_than_the_step_ends_with_it(rule, integrator):
     """No impact is invented: 2 u / a is just beyond the span."""
-    dt, x, _, hit = fly(INTEGRATORS[integrator].code, 0.0, -0.51, CREST, 1.0, point(**PUSH))
+    dt, x, _, hit = flight(rule, integrator, 0.0, -0.51, CREST, 1.0, point(**PUSH))
     assert (hit, dt) == (False, 1.0)
     assert x == pytest.approx(-0.01, rel=1e-6)
 
@@ -79,7 +95,7 @@ def test_equations_6_to_9(integrator):
     x, v, theta, T = 0.2, 0.9, 0.7, 0.25
     x_T, v_T = row.step(x, v, math.sin(theta), math.cos(theta), T, pt)
     T_r = T * (0.3 - x) / (x_T - x)
-    dt, at, speed, hit = fly(row.code, x, v, theta, T, pt)
+    dt, at, speed, hit = flight(REDUCED_STEP, integrator, x, v, theta, T, pt)
     assert (hit, at) == (True, 0.3)
     assert dt == pytest.approx(T_r, rel=1e-14)
     assert speed == pytest.approx(v + (v_T - v) * T_r / T, rel=1e-14)
@@ -97,17 +113,36 @@ def test_a_rebound_within_the_step_divides_the_launch_out(integrator):
     assert 0.1 < share < 0.9
     # Not a parabola, on which the chord of v has the same root; Newmark's step always is one.
     assert abs(share + 2 * v / (v_T - v)) > 1e-3 or integrator == "newmark"
-    dt, at, speed, hit = fly(row.code, -0.2, v, theta, T, pt)
+    dt, at, speed, hit = flight(REDUCED_STEP, integrator, -0.2, v, theta, T, pt)
     assert (hit, at) == (True, -0.2)
     assert dt == pytest.approx(share * T, rel=1e-14)
     assert speed == pytest.approx(v + share * (v_T - v), rel=1e-14)
 
 
 @ALL
-def test_several_impacts_in_one_step_follow_one_another(integrator):
+@pytest.mark.parametrize("start_x", [0.2, 0.3])
+def test_the_cubic_rule_is_the_root_of_the_hermite_interpolant(start_x, integrator):
+    """Time: scipy's interpolant of the step; speed: that of a step of that length, no chord."""
+    pt = point(h=0.2, clearance=0.3, f=3.0)
+    row = INTEGRATORS[integrator]
+    x, v, theta, T = start_x, 0.9 if start_x < 0.3 else -0.2, 4.0, 0.25
+    x_T, v_T = row.step(x, v, math.sin(theta), math.cos(theta), T, pt)
+    assert x_T > 0.3
+    roots = CubicHermiteSpline([0.0, T], [x, x_T], [v, v_T]).solve(0.3, extrapolate=False)
+    T_r = roots[roots > 1e-9][0]
+    dt, at, speed, hit = flight(CUBIC, integrator, x, v, theta, T, pt)
+    assert (hit, at) == (True, 0.3)
+    assert dt == pytest.approx(T_r, rel=1e-13)
+    short = row.step(x, v, math.sin(theta), math.cos(theta), T_r, pt)
+    assert speed == pytest.approx(short[1], rel=1e-13)
+
+
+@ALL
+@SHORTENING
+def test_several_impacts_in_one_step_follow_one_another(rule, integrator):
     """Under a constant push every flight is R times as long and as fast as the one before."""
     pt = point(R=0.8, **PUSH)
-    x, v, resting, events, rested, status = run(pt, integrator, 0.0, -0.2, CREST, 1.2)
+    x, v, resting, events, rested, status = run(pt, rule, integrator, 0.0, -0.2, CREST, 1.2)
     speeds = 0.2 * 0.8 ** np.arange(len(events))
     assert (events[:, KIND] == IMPACT).all()
     np.testing.assert_allclose(events[:, SPEED], speeds, rtol=1e-7)
@@ -120,12 +155,13 @@ def test_several_impacts_in_one_step_follow_one_another(integrator):
 
 
 @ALL
+@SHORTENING
 @pytest.mark.parametrize("R", [0.0, 0.3, 0.8])
-def test_a_chatter_that_ends_within_the_step_ends_at_its_geometric_sum(integrator, R):
+def test_a_chatter_that_ends_within_the_step_ends_at_its_geometric_sum(rule, integrator, R):
     """2 v / (a (1 - R)) after the first rebound, then rest to the end of the step."""
     pt = point(R=R, **PUSH)
     u = 0.02
-    x, v, resting, events, rested, status = run(pt, integrator, 0.0, -u, CREST, 1.0)
+    x, v, resting, events, rested, status = run(pt, rule, integrator, 0.0, -u, CREST, 1.0)
     assert (x, v, resting, status) == (0.0, 0.0, True, Status.COMPUTED)
     (rest,) = events[events[:, KIND] == REST]
     assert rest[TIME] == pytest.approx(2 * u / (1 - R), rel=1e-7)
@@ -148,11 +184,11 @@ def test_a_chatter_needs_a_push_and_time():
 def test_the_plain_rule():
     """Position to the stop, velocity turned; a mass that already leaves is left alone."""
     pt = point(R=0.6, clearance=0.25)
-    events = np.full(EVENTS_SHAPE, np.nan)
-    assert plain(0.31, 1.5, 0.1, pt, events) == (0.25, -0.6 * 1.5, 1)
-    np.testing.assert_array_equal(events[0], [IMPACT, 0.1, 1.5, 0.31])
-    assert plain(0.31, -1.5, 0.1, pt, events) == (0.31, -1.5, 0)
-    assert plain(0.31, 0.0, 0.1, pt, events) == (0.31, 0.0, 0)
+    scratch = new_scratch()
+    assert plain(0.31, 1.5, 0.1, pt, scratch) == (0.25, -0.6 * 1.5, 1)
+    np.testing.assert_array_equal(scratch.events[0], [IMPACT, 0.1, 1.5, 0.31])
+    assert plain(0.31, -1.5, 0.1, pt, scratch) == (0.31, -1.5, 0)
+    assert plain(0.31, 0.0, 0.1, pt, scratch) == (0.31, 0.0, 0)
 
 
 def test_what_counts_as_crossing():
@@ -203,13 +239,14 @@ def test_a_preload_beyond_the_force_never_releases():
 
 
 @ALL
-def test_a_resting_mass_is_released_at_the_phase_not_at_the_step(integrator):
+@SHORTENING
+def test_a_resting_mass_is_released_at_the_phase_not_at_the_step(rule, integrator):
     """The flight after it starts at the release, and is the free flow from there."""
     osc = preload(0.4)
     pt = osc.at(osc.clearance)[0]
     turn, T = math.asin(0.4), 0.05
     x, v, resting, events, rested, _ = run(
-        pt, integrator, osc.clearance, 0.0, turn - 0.02, T, resting=True
+        pt, rule, integrator, osc.clearance, 0.0, turn - 0.02, T, resting=True
     )
     np.testing.assert_allclose(events[:, [KIND, TIME]], [[RELEASE, 0.02]], rtol=1e-12)
     assert not resting
@@ -254,4 +291,6 @@ def test_the_table_of_rules():
     assert sorted(codes) == list(range(len(codes)))
     assert IMPACT_RULES["plain"].order == 1
     assert IMPACT_RULES["reduced-step"].order == 2
+    assert IMPACT_RULES["cubic"].order == 4
+    assert IMPACT_RULES["exact"].order is None
     assert all(rule.source for rule in IMPACT_RULES.values())

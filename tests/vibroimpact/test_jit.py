@@ -13,8 +13,8 @@ from vibroimpact.jit import fma
 PROGRAM = """\
 import numpy as np
 import vibroimpact
-from vibroimpact.kernel import predict
-w = np.ones((15, 32))
+from vibroimpact.kernel import ROWS, predict
+w = np.ones((ROWS, 32))
 predict(w, 0.25, 0.5)
 print(vibroimpact.__file__)
 print(w[2, 0])

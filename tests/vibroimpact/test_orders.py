@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, simulate
+from vibroimpact.attractors import integrate
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import integrate
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
 PERIODS = 20
-LADDER = {"plain": (400, 800, 1600, 3200), "reduced-step": (100, 200, 400, 800)}
+LADDER = {
+    "plain": (400, 800, 1600, 3200),
+    "reduced-step": (100, 200, 400, 800),
+    "cubic": (100, 200, 400, 800),
+}
+# Order of a run, and what is left of the error on the finest step.
+SECOND, FOURTH = (1.7, 2.4), (3.6, 4.6)
+EXPECTED = {
+    "plain": ((0.8, 1.3), 2e-3),
+    "reduced-step": (SECOND, 3e-5),
+    "cubic": (FOURTH, 3e-9),
+    ("cubic", "newmark"): (SECOND, 3e-5),
+}
 
 
 def spread(n, count=12):
@@ -33,12 +45,12 @@ def slope(steps, errors):
 
 
 @ALL
-@pytest.mark.parametrize("rule", IMPACT_RULES)
+@pytest.mark.parametrize("rule", LADDER)
 @pytest.mark.parametrize("case", ["paper_A", "paper_B", "paper_C"])
 def test_the_order_through_impacts_is_that_of_the_rule(truth, case, rule, integrator):
     """State after 20 periods of the paper's cases, against 30 certified digits."""
     point, (x, v) = truth[case].oscillator.at(), truth[case].sections[PERIODS - 1]
-    assert IMPACT_RULES[rule].order == {"plain": 1, "reduced-step": 2}[rule]
+    assert IMPACT_RULES[rule].order == {"plain": 1, "reduced-step": 2, "cubic": 4}[rule]
     errors = []
     for n in LADDER[rule]:
         runs = [
@@ -54,19 +66,20 @@ def test_the_order_through_impacts_is_that_of_the_rule(truth, case, rule, integr
             for m in spread(n)
         ]
         errors.append(rms([[r["poincare_x"][0, 0] - x, r["poincare_v"][0, 0] - v] for r in runs]))
-    low, high = {"plain": (0.8, 1.3), "reduced-step": (1.7, 2.4)}[rule]
+    (low, high), most = EXPECTED.get((rule, integrator), EXPECTED[rule])
     assert low < slope(LADDER[rule], errors) < high
-    assert errors[-1] < {"plain": 2e-3, "reduced-step": 3e-5}[rule]
+    assert errors[-1] < most
 
 
 @ALL
+@pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
 @pytest.mark.parametrize("case", ["paper_A", "paper_B", "paper_C"])
-def test_the_first_impact_of_a_reduced_step_is_of_second_order(truth, case, integrator):
+def test_the_order_of_the_first_impact_is_that_of_the_rule(truth, case, rule, integrator):
     """Time and speed of the first impact from rest, before any error is carried on."""
     orbit = truth[case]
     errors = []
     for n in LADDER["reduced-step"]:
-        runs = [simulate(orbit.oscillator, 1, integrator, steps_per_period=m) for m in spread(n)]
+        runs = [simulate(orbit.oscillator, 1, integrator, rule, m) for m in spread(n)]
         errors.append(
             rms(
                 [
@@ -75,7 +88,8 @@ def test_the_first_impact_of_a_reduced_step_is_of_second_order(truth, case, inte
                 ]
             )
         )
-    assert 1.7 < slope(LADDER["reduced-step"], errors) < 2.4
+    (low, high), _ = EXPECTED.get((rule, integrator), EXPECTED[rule])
+    assert low < slope(LADDER[rule], errors) < high
 
 
 def test_the_reduced_step_is_a_hundred_times_better_at_the_papers_step(truth):
@@ -83,7 +97,7 @@ def test_the_reduced_step_is_a_hundred_times_better_at_the_papers_step(truth):
     for case in ("paper_A", "paper_B"):
         orbit = truth[case]
         error = {}
-        for rule in IMPACT_RULES:
+        for rule in LADDER:
             error[rule] = rms(
                 [
                     np.array([r.section_x[-1], r.section_v[-1]]) - orbit.sections[PERIODS - 1]
@@ -93,6 +107,7 @@ def test_the_reduced_step_is_a_hundred_times_better_at_the_papers_step(truth):
                 ]
             )
         assert error["plain"] > 50 * error["reduced-step"]
+        assert error["reduced-step"] > 50 * error["cubic"]
 
 
 @ALL
@@ -137,6 +152,7 @@ def test_the_one_impact_orbits(h, omega, R, n, v, phase, integrator):
     out = integrate(
         Oscillator(h=h, R=R, omega=omega, f=1.0).at(),
         integrator=integrator,
+        impact="reduced-step",
         steps_per_period=400,
         transient=400,
         periods=4,
@@ -154,7 +170,14 @@ def test_newmark_meets_the_one_impact_orbits_at_second_order():
     errors = [
         rms(
             [
-                integrate(point, steps_per_period=int(m), periods=1, impacts=1)["impact_v"][0, 0]
+                integrate(
+                    point,
+                    integrator="newmark",
+                    impact="reduced-step",
+                    steps_per_period=int(m),
+                    periods=1,
+                    impacts=1,
+                )["impact_v"][0, 0]
                 - 1.1757597511
                 for m in spread(n)
             ]

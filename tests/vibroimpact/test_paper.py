@@ -80,7 +80,7 @@ def test_the_procedure_never_passes_the_accumulation(truth):
         stalled = paper_procedure(orbit.oscillator, 2, n).stalled_at
         assert stalled is not None
         assert stalled < orbit.rests[0, 0]
-        assert simulate(orbit.oscillator, 2, steps_per_period=n).section_x.shape == (2,)
+        assert simulate(orbit.oscillator, 2, "newmark", "reduced-step", n).section_x.shape == (2,)
 
 
 def test_a_stall_where_nothing_rests():

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit, prange
 
 from vibroimpact import Oscillator
-from vibroimpact.kernel import integrate
+from vibroimpact.attractors import integrate
 
 H, R, N = 0.1, 0.8, 100
 

@@ -1,0 +1,120 @@
+"""The period class: made-up sections, known motions, and the flips of the closed form."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator
+from vibroimpact.attractors import integrate
+from vibroimpact.diagnostics import LONGEST_PERIOD, TOLERANCE, period_class
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.orbits import bifurcation, one_impact_orbit
+
+
+def cycle(m, periods, seed=0):
+    """Sections of a motion of period m."""
+    values = np.random.default_rng(seed).normal(size=(2, m))
+    return np.array([[np.resize(q, periods)] for q in values])
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 8, 63, 64])
+def test_made_up_cycles(m):
+    """The least period, and the impacts in it."""
+    x, v = cycle(m, 2 * m + 3)
+    found = period_class(x, v, np.array([3.0 / m]))
+    assert (found[0][0], found[1][0]) == (m, 3)
+
+
+def test_what_is_no_cycle():
+    """Noise, NaN, a period longer than half the record or than the bound."""
+    noise = np.random.default_rng(0).normal(size=(2, 1, 200))
+    assert period_class(*noise, np.array([1.0])) == (0, 0)
+    lost = np.full((2, 1, 50), np.nan)
+    assert period_class(*lost, np.array([np.nan])) == (0, 0)
+    x, v = cycle(10, 19)
+    assert period_class(x, v, np.array([1.0]))[0] == 0
+    x, v = cycle(LONGEST_PERIOD + 1, 4 * LONGEST_PERIOD)
+    assert period_class(x, v, np.array([1.0]))[0] == 0
+    assert period_class(np.zeros((1, 0)), np.zeros((1, 0)), np.array([0.0]))[0] == 0
+
+
+def test_the_tolerance_is_a_share_of_the_greatest():
+    """Half of it passes, twice it does not; x and v have each their own; rest is period 1."""
+    for scale in (1e-9, 1.0, 1e9):
+        for factor, m in ((0.5, 1), (2.0, 2)):
+            x = scale * np.array([[1.0, 1.0 + factor * TOLERANCE] * 10])
+            assert period_class(x, np.ones((1, 20)), np.array([1.0]))[0] == m
+            assert period_class(np.ones((1, 20)), x, np.array([1.0]))[0] == m
+    zero = np.zeros((1, 20))
+    assert period_class(zero, zero, np.array([0.0])) == (1, 0)
+
+
+def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
+    """Period class, and the last four impact speeds."""
+    out = integrate(osc.at(x0, v0), transient=transient, periods=periods, impacts=4)
+    m, q = period_class(out["poincare_x"], out["poincare_v"], out["impacts_per_period"])
+    return int(m[0]), int(q[0]), np.sort(out["impact_v"][0])
+
+
+def on_the_orbit(osc, n, aside=0.0):
+    """The state at phase 0 of the closed-form orbit with one impact in n periods."""
+    orbit = one_impact_orbit(osc, n)
+    wait = (2 * math.pi - orbit.phase) / osc.omega
+    s, c = math.sin(orbit.phase), math.cos(orbit.phase)
+    x, v = INTEGRATORS["exact"].step(0.0, -osc.R * orbit.v, s, c, wait, osc.at()[0])
+    return x, v + aside
+
+
+@pytest.mark.parametrize(
+    ("omega", "m", "q", "v"),
+    [
+        (2.64, 1, 1, [0.46237772] * 4),
+        (2.66, 2, 2, [0.448921, 0.448921, 0.451823, 0.451823]),
+        (2.70, 2, 2, None),
+        (2.80, 0, 0, None),
+    ],
+)
+def test_after_the_upper_edge(omega, m, q, v):
+    """h = 0, R = 0.8: period 1, twice 2, then none; speeds as printed.
+
+    From beside the orbit: from zero the mass comes to rest at 2.66, in a cycle of 6 periods.
+    """
+    osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
+    x0, v0 = on_the_orbit(osc, 1, 1e-4)
+    found = computed(osc, 8000, 128, x0, v0)
+    assert found[:2] == (m, q)
+    if v:
+        np.testing.assert_allclose(found[2], v, atol=1e-8 if m == 1 else 6e-7)
+
+
+def test_known_cycles():
+    """The paper's cases, n = 2, the attractor with three impacts in one period, and a rest."""
+    for h, R, q in ((0.5, 1.0, 2), (0.0, 0.5, 2), (0.5, 0.5, 4)):
+        assert computed(Oscillator(h=h, R=R, omega=1.0, f=1.0))[:2] == (1, q)
+    assert computed(Oscillator(h=0.02, R=0.8, omega=4.1, f=1.0))[:2] == (2, 1)
+    assert computed(Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0))[0] == 1
+    assert computed(Oscillator(h=0.1, R=0.3, omega=3.1, f=1.0))[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("h", "R", "n", "low", "high"),
+    [(0.05, 0.8, 1, 2.64, 2.68), (0.1, 0.5, 1, 2.68, 2.70), (0.1, 0.5, 2, 4.65, 4.68)],
+)
+def test_the_flip_is_where_the_period_doubles(h, R, n, low, high):
+    """Bisection on the period class, started 5e-8 beside the closed-form orbit.
+
+    Near the flip a motion settles, or parts from the orbit, like |multiplier|^k: below it the
+    start stays within the tolerance of the class, above it 4e5 periods carry it beyond.
+    """
+    flip = bifurcation(Oscillator(h=h, R=R, omega=low, f=1.0), "flip", "omega", low, high, n)
+
+    def doubled(omega):
+        osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
+        return computed(osc, 400_000, 8 * n, *on_the_orbit(osc, n, 5e-8))[0] != n
+
+    assert doubled(high) and not doubled(low)
+    while high - low > 2e-7:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if doubled(middle) else (middle, high)
+    assert abs(0.5 * (low + high) - flip) < 1e-6

@@ -1,0 +1,136 @@
+"""Lyapunov exponents: their sum, known orbits, rest, and two nearby orbits."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, Status
+from vibroimpact.attractors import integrate
+from vibroimpact.lyapunov import orthonormalise
+from vibroimpact.orbits import one_impact_orbit
+from vibroimpact.oscillator import POINT
+
+
+def test_the_exponents_add_up_to_the_loss():
+    """lambda_1 + lambda_2 = -2 h + 2 ln R * (impacts per unit time), on 1000 points that fly."""
+    rng = np.random.default_rng(8)
+    n = 2500
+    points = np.zeros(n, dtype=POINT)
+    points["h"] = rng.uniform(0.0, 0.5, n)
+    points["R"] = rng.uniform(0.3, 1.0, n)
+    points["omega"] = rng.uniform(0.8, 6.0, n)
+    points["f"], points["p"] = 1.0, 1.0
+    points["clearance"] = rng.choice([0.0, 1.0], n) * rng.uniform(-0.3, 0.5, n)
+    points["x0"] = points["clearance"] - rng.uniform(0.0, 1.0, n)
+    out = integrate(points, transient=50, periods=100, lyapunov=True)
+    rate = out["impacts_per_period"] * points["omega"] / (2 * math.pi)
+    loss = -2 * points["h"] + 2 * np.log(points["R"]) * rate
+    flies = (out["rest_fraction"] == 0.0) & (out["status"] == Status.CERTIFIED)
+    assert flies.sum() >= 1000
+    total = out["lyapunov"].sum(axis=1)
+    np.testing.assert_allclose(total[flies], loss[flies], atol=1e-9)
+    rested = out["rest_fraction"] > 0.0
+    assert rested.any()
+    assert (out["lyapunov"][rested] == -np.inf).all()
+
+
+def test_the_larger_comes_first():
+    """As the docstring says, also where both are equal but for the ends of the record."""
+    omegas = np.linspace(1.3, 3.0, 200)
+    points = np.concatenate([Oscillator(0.05, 0.8, w, 1.0).at() for w in omegas])
+    first, second = integrate(points, transient=50, periods=30, lyapunov=True)["lyapunov"].T
+    assert (first >= second).all()
+
+
+def test_a_chaotic_point():
+    """h = 0, omega = 2.8: about (+0.134, -0.345), over 50 000 periods (.142, -.352).
+
+    h = 0.1, omega = 2.95: 0.40 per period.
+    """
+    osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
+    (found,) = integrate(osc.at(), transient=500, periods=50_000, impacts=0, lyapunov=True)[
+        "lyapunov"
+    ]
+    np.testing.assert_allclose(found, [0.134, -0.345], atol=0.012)
+    osc = Oscillator(h=0.1, R=0.8, omega=2.95, f=1.0)
+    (found,) = integrate(osc.at(), transient=500, periods=20_000, impacts=0, lyapunov=True)[
+        "lyapunov"
+    ]
+    assert found[0] * osc.forcing_period == pytest.approx(0.40, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("h", "omega", "R", "n"),
+    [
+        (0.05, 2.655, 0.8, 1),
+        (0.1, 2.68, 0.5, 1),
+        (0.5, 2.6, 1.0, 1),
+        (0.1, 4.65, 0.5, 2),
+        (0.05, 2.3, 0.7, 1),
+        (0.02, 4.1, 0.8, 2),
+    ],
+)
+def test_a_stable_orbit_has_the_logarithms_of_its_multipliers(h, omega, R, n):
+    """Exponents = ln |multiplier| omega / (2 pi n), by the closed form of the orbit.
+
+    A record minus its first half is free of the vectors' way into their directions: with real
+    multipliers to 1e-8. With complex ones they turn for ever, and only the mean is as sharp.
+    """
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
+    orbit = one_impact_orbit(osc, n)
+    assert orbit.stable
+    turning = orbit.multipliers[0].imag != 0.0
+    assert turning == (omega in (2.3, 4.1))
+    known = np.log(np.abs(orbit.multipliers)) / (n * osc.forcing_period)
+    arguments = {"transient": 4000 * n, "impacts": 0, "lyapunov": True}
+    whole, half = (
+        integrate(osc.at(), periods=periods * n, **arguments)["lyapunov"][0]
+        for periods in (4000, 2000)
+    )
+    found = 2.0 * whole - half
+    np.testing.assert_allclose(found.mean(), known.mean(), atol=1e-10)
+    np.testing.assert_allclose(found, known, atol=2e-3 if turning else 1e-8)
+
+
+def test_after_a_rest_nothing_of_the_past_is_left():
+    """Both are -inf, and stay so; without the rest they are finite."""
+    points = np.concatenate(
+        [Oscillator(h=h, R=R, omega=w, f=1.0).at() for h, R, w in
+         ((0.0, 0.3, 0.3), (2.0, 0.7, 0.5), (0.05, 0.7, 2.3))]
+    )  # fmt: skip
+    out = integrate(points, transient=0, periods=10, lyapunov=True)["lyapunov"]
+    assert (out[:2] == -np.inf).all()
+    assert np.isfinite(out[2]).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "x0", "v0"),
+    [
+        ({"h": 0.1, "R": 0.8, "omega": 2.95}, -0.3, 0.2),
+        ({"h": 0.02, "R": 0.9, "omega": 1.7, "clearance": 0.2}, -0.3, 0.2),
+        ({"h": 0.3, "R": 0.6, "omega": 2.2, "clearance": -0.1, "p": 1.4}, -0.6, -0.4),
+    ],
+)
+def test_two_nearby_orbits_part_as_the_tangent_vectors_do(given, x0, v0):
+    """Six periods: the area and the first direction, by central differences of the section."""
+    osc, periods, step = Oscillator(**{"f": 1.0} | given), 6, 1e-7
+    starts = [osc.at(x0 + dx, v0 + dv) for dx, dv in ((step, 0), (-step, 0), (0, step), (0, -step))]
+    out = integrate(np.concatenate(starts), transient=0, periods=periods)
+    ends = np.stack([out["poincare_x"][:, -1], out["poincare_v"][:, -1]], axis=1)
+    matrix = np.stack([ends[0] - ends[1], ends[2] - ends[3]], axis=1) / (2 * step)
+    found = integrate(osc.at(x0, v0), transient=0, periods=periods, lyapunov=True)["lyapunov"][0]
+    growth = found * periods * osc.forcing_period
+    # The first vector starts along x.
+    assert growth[0] == pytest.approx(math.log(np.linalg.norm(matrix[:, 0])), abs=1e-6)
+    assert growth.sum() == pytest.approx(math.log(abs(np.linalg.det(matrix))), abs=1e-4)
+
+
+def test_orthonormalise():
+    """Lengths, directions, and vectors that are gone."""
+    w = np.array([3.0, 4.0, 1.0, 0.0])
+    grown = orthonormalise(w)
+    np.testing.assert_allclose(grown, [math.log(5.0), math.log(0.8)], rtol=1e-15)
+    np.testing.assert_allclose(w, [0.6, 0.8, 0.8, -0.6], rtol=1e-15)
+    assert orthonormalise(np.zeros(4)) == (-math.inf, -math.inf)
+    assert orthonormalise(np.array([1.0, 0.0, 2.0, 0.0]))[1] == -math.inf

@@ -1,0 +1,192 @@
+"""The impact rules of time stepping: ``plain``, ``reduced-step`` and ``cubic``.
+
+``plain`` is the rule (2)-(5) at the end of the step. ``reduced-step`` is the paper's
+procedure, eqs (6)-(10): the step is shortened to the impact, found by linear interpolation,
+the rule is applied there, and the remainder of the step follows, so that the state is back
+on the common grid. (``paper.py`` keeps the literal form, which restarts the grid at the impact.)
+``cubic`` finds the impact on the cubic Hermite interpolant of the step instead, and takes a step
+of that length to it, since the interpolant's own derivative loses an order.
+
+What the literal procedure leaves open, and how it is closed here:
+
+- A rebound starts on the stop, x_0 = clearance, where eq. (7) gives T_r = 0 for ever. The root
+  at the launch is divided out: eq. (7) is applied to (x - clearance) / t, which is -R v at the
+  launch. This is exact for a constant acceleration; to a step much longer than the flight, which
+  sees another acceleration, it is not applied: the step is cut to twice the flight, and so on.
+- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved.
+- Several impacts in one step follow one another until the remainder is used up.
+- A chatter whose geometric sum of flights, 2 v / (a (1 - R)), ends within the step while the
+  force presses is complete: the mass rests. So it does when a rebound is shorter than
+  ``SHORTEST_FLIGHT`` steps, far below what the rule resolves: at R = 1 too, where that loses at
+  the most the speed a T ``SHORTEST_FLIGHT`` / 2 once.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroimpact.flight import first_crossing
+from vibroimpact.integrators import step
+from vibroimpact.jit import jit
+from vibroimpact.status import Status
+from vibroimpact.stop import (
+    IMPACT,
+    MAX_FLIGHTS,
+    RELEASE,
+    RELEASE_MARGIN,
+    REST,
+    log_event,
+    pressing,
+    time_to_release,
+)
+
+REDUCED_STEP, CUBIC = 1, 2
+
+#: A rebound shorter than this many steps counts as rest.
+SHORTEST_FLIGHT = 1e-3
+# A crossing nearer than this many halvings of the step is contact, and a flight shorter than this
+# share of it is none: where the state at the stop is rounding, cutting would go on for ever.
+_MAX_HALVINGS = 24
+_SHORTEST_CUT = 2.0**-20
+_MAX_CUTS = 100
+
+_COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
+
+
+@jit(inline=True)
+def plain(x_T, v_T, T, pt, scratch):
+    """Rule (2)-(5) at the end of a step that ended at (x_T, v_T) on or beyond the stop."""
+    if not v_T > 0.0:
+        return x_T, v_T, 0
+    return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
+
+
+@jit(inline=True)
+def crossed(x, v, clearance):
+    """Whether a step that ended at (x, v) must be shortened."""
+    return x > clearance or (x == clearance and v > 0.0)
+
+
+@jit(inline=True)
+def linear_impact(x, v, x_T, v_T, T, clearance):
+    """Time and speed of the impact by linear interpolation of a step, eqs (6), (7) and (9)."""
+    if x == clearance:
+        T_r = T * (0.0 - v) / ((x_T - clearance) / T - v)  # (7) on (x - clearance) / t
+    else:
+        T_r = T * (clearance - x) / (x_T - x)  # (6), (7)
+    return T_r, v + (v_T - v) * T_r / T  # (9)
+
+
+@jit(inline=True)
+def cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients):
+    """Time of the impact on the cubic Hermite interpolant of a step, and the speed there.
+
+    The speed is that of a step of that length; 0 where the interpolant does not cross.
+    """
+    rise = x_T - x
+    coefficients[0] = x - pt.clearance
+    coefficients[1] = T * v
+    coefficients[2] = 3.0 * rise - T * (2.0 * v + v_T)
+    coefficients[3] = T * (v + v_T) - 2.0 * rise
+    u, _ = first_crossing(coefficients[:4], 1 if x == pt.clearance else 0, 1.0)
+    _, v_Tr = step(integrator, x, v, s, c, u * T, pt)
+    return u * T, v_Tr if u > 0.0 else 0.0
+
+
+@jit(inline=True)
+def fly(rule, integrator, x, v, theta, span, pt, coefficients):
+    """Advance until the first impact, or for at most `span`.
+
+    Returns
+    -------
+    dt, x, v : float
+        Time used, and the state there: before the impact, if there is one.
+    hit : bool
+    """
+    s, c = math.sin(theta), math.cos(theta)
+    launched = x == pt.clearance
+    T = span
+    halvings = 0
+    for _ in range(_MAX_CUTS):
+        x_T, v_T = step(integrator, x, v, s, c, T, pt)
+        if not crossed(x_T, v_T, pt.clearance):
+            if halvings < _MAX_HALVINGS:
+                return T, x_T, v_T, False
+            return T, pt.clearance, max(v_T, 0.0), True
+        if rule == CUBIC:
+            T_r, v_Tr = cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients)
+        else:
+            T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
+        short = launched and T_r < 0.25 * T
+        if short and T_r > _SHORTEST_CUT * span:
+            T = 2.0 * T_r
+        elif v_Tr > 0.0 and not short:
+            return T_r, pt.clearance, v_Tr, True  # (8)
+        else:
+            T *= 0.5
+            halvings += 1
+    return 0.0, pt.clearance, 0.0, True  # no speed that could take it off the stop
+
+
+@jit
+def time_to_rest(v, theta, left, T, pt):
+    """Return the time until the chatter that follows a rebound at speed `v` is complete.
+
+    inf where it is not complete within the time `left` of a step of length `T`.
+    """
+    a = pressing(theta, pt)
+    if not a > 0.0:
+        return math.inf
+    if 2.0 * v <= SHORTEST_FLIGHT * T * a:
+        return 0.0
+    remaining = 2.0 * v / (a * (1.0 - pt.R)) if pt.R < 1.0 else math.inf
+    return remaining if remaining <= min(left, time_to_release(theta, pt)) else math.inf
+
+
+@jit(leaf=True)
+def reduced_step(rule, integrator, x, v, resting, theta, T, pt, scratch):
+    """One step of length `T` from phase `theta`, shortened at every impact in it.
+
+    Returns
+    -------
+    x, v : float
+        State at the end of the step; NaN where it could not be resolved.
+    resting : bool
+        Whether the mass is at rest on the stop there.
+    n : int
+        Number of rows written to ``scratch.events``.
+    rested : float
+        Time spent at rest.
+    status : int
+    """
+    events, coefficients = scratch
+    tau = 0.0
+    n = 0
+    rested = 0.0
+    for _ in range(MAX_FLIGHTS):
+        if resting:
+            wait = time_to_release(theta + pt.omega * tau, pt)
+            if pt.omega * (T - tau - wait) <= RELEASE_MARGIN:
+                return pt.clearance, 0.0, True, n, rested + (T - tau), _COMPUTED
+            tau += wait
+            rested += wait
+            n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
+            x, v, resting = pt.clearance, 0.0, False
+        dt, x, v, hit = fly(
+            rule, integrator, x, v, theta + pt.omega * tau, T - tau, pt, coefficients
+        )
+        if not hit:
+            if dt == T - tau:
+                return x, v, False, n, rested, _COMPUTED
+            tau += dt
+            continue
+        tau += dt
+        if v > 0.0:
+            n = log_event(events, n, IMPACT, tau, v, x)
+        v = -pt.R * v
+        wait = time_to_rest(-v, theta + pt.omega * tau, T - tau, T, pt)
+        if wait < math.inf:
+            tau += wait
+            resting = True
+            n = log_event(events, n, REST, tau, 0.0, pt.clearance)
+    return math.nan, math.nan, False, n, rested, _UNRESOLVED
