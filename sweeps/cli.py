@@ -5,20 +5,28 @@ What a command needs is imported inside it, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Mapping
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
-if TYPE_CHECKING:
-    import numpy as np
 
-    from sweeps.config import SweepConfig
-    from vibroimpact.status import Status
+class _Commands(TyperGroup):
+    """The commands, each of which Ctrl-C ends in the same way."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            _stop(FAILED, "interrupted")
+
 
 app = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -39,6 +47,20 @@ def main() -> None:
 def _stop(code: int, error: object) -> NoReturn:
     typer.echo(f"vibroimpact: error: {error}", err=True)
     raise typer.Exit(code)
+
+
+@contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM end the block like Ctrl-C."""
+
+    def interrupt(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _show_version(asked: bool) -> None:
@@ -89,18 +111,32 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compute the sweep that CONFIG describes."""
+    with _termination_as_interrupt():
+        _run(config, output, overrides or (), threads, dry_run, overwrite, quiet)
+
+
+def _run(
+    config: Path,
+    output: Path | None,
+    overrides: Sequence[str],
+    threads: int | None,
+    dry_run: bool,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    from sweeps import reports
     from sweeps.loading import ConfigError, load_config
     from sweeps.store import StoreError, check_output
 
     try:
         _check_threads(threads)
-        sweep = load_config(config, overrides or ())
+        sweep = load_config(config, overrides)
         path = output or sweep.output
-        check_output(path, overwrite)
+        check_output(path, overwrite, reports.estimated_size(sweep))
     except (ConfigError, StoreError) as error:
         _stop(REFUSED, error)
     if dry_run:
-        typer.echo(_plan(sweep, path))
+        typer.echo(reports.plan(sweep, path))
         return
 
     try:
@@ -108,12 +144,13 @@ def run(
 
         path = run_sweep(sweep, path, threads=threads, overwrite=overwrite, progress=not quiet)
     except KeyboardInterrupt:
-        _stop(FAILED, f"interrupted; {_kept(path)}")
+        _stop(FAILED, f"interrupted; {reports.kept(path)}")
     except (StoreError, OSError, MemoryError) as error:
         # The request was accepted above, so this is a full disk or the like.
-        _stop(FAILED, f"the run failed: {str(error) or type(error).__name__}; {_kept(path)}")
+        reason = str(error) or type(error).__name__
+        _stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
     if not quiet:
-        typer.echo(_summary(path))
+        typer.echo(reports.summary(path))
 
 
 def _check_threads(threads: int | None) -> None:
@@ -124,92 +161,6 @@ def _check_threads(threads: int | None) -> None:
         _stop(
             REFUSED, f"--threads {threads} is not allowed; expected: an integer from 1 to {cores}"
         )
-
-
-def _axis(name: str, values: np.ndarray) -> str:
-    from vibroimpact.oscillator import PARAMETERS
-
-    ends = f"{values[0]:g} .. {values[-1]:g}"
-    return f"{name} = {ends} [{PARAMETERS[name].unit}], {_count(len(values), 'value')}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
-
-
-def _plan(sweep: SweepConfig, path: Path) -> str:
-    """Describe a sweep before it is run."""
-    import numpy as np
-
-    from sweeps.store import VARIABLES
-
-    record, steps = sweep.record, sweep.method.steps_per_period
-    periods = sweep.grid.size * (record.transient + record.periods)
-    samples = 0
-    if record.trajectory:
-        samples = record.periods * steps // record.trajectory.every + 1
-    widths = {None: 1, "section": record.periods, "impact": record.impacts, "sample": samples}
-    size = sweep.grid.size * sum(
-        np.dtype(variable.dtype).itemsize * widths[variable.record]
-        for variable in VARIABLES.values()
-    )
-    axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
-    return "\n".join(
-        [
-            f"name             {sweep.name}",
-            *(f"axis             {axis}" for axis in axes or ["none, a single point"]),
-            f"points           {sweep.grid.size:,}",
-            f"forcing periods  {periods:,}",
-            f"steps            {periods * steps:,}",
-            f"estimated size   {_bytes(size)}",
-            f"output           {path}",
-        ]
-    )
-
-
-def _bytes(size: float) -> str:
-    units = ["B", "kB", "MB", "GB", "TB"]
-    while size >= 1000.0 and len(units) > 1:
-        size /= 1000.0
-        del units[0]
-    return f"{size:.3g} {units[0]}"
-
-
-def _summary(path: Path) -> str:
-    """Describe a sweep after it was run, with the command to type next."""
-    from sweeps.store import open_sweep, status_counts
-
-    with open_sweep(path) as dataset:
-        seconds = float(dataset.attrs["duration"])
-        outcome = f"{path}: {_outcomes(status_counts(dataset))}"
-    return f"{outcome} in {seconds:.3g} s\nnext: vibroimpact plot {shlex.quote(str(path))}"
-
-
-def _outcomes(counts: Mapping[Status, int]) -> str:
-    """Say how many points there are, and what became of those that were not computed."""
-    from vibroimpact.status import Status
-
-    troubles = [
-        f"{number:,} {status.name} ({status.meaning})"
-        for status, number in counts.items()
-        if number and status is not Status.COMPUTED
-    ]
-    points = _count(sum(counts.values()), "point")
-    return f"{points}, of which {'; '.join(troubles)}" if troubles else points
-
-
-def _kept(path: Path) -> str:
-    """Say what a run that ended early left behind."""
-    from sweeps.store import StoreError, open_sweep, status_counts
-    from vibroimpact.status import Status
-
-    try:
-        with open_sweep(path) as dataset:
-            counts = status_counts(dataset)
-    except StoreError:
-        return "nothing is kept"
-    points = sum(counts.values())
-    return f"{points - counts[Status.PENDING]:,} of {_count(points, 'point')} kept in {path}"
 
 
 @app.command()
@@ -243,21 +194,34 @@ def plot(
     """Draw a picture from the file of a sweep."""
     from sweeps.store import StoreError, open_sweep
 
-    figure = output or file.with_suffix(".png")
-    if figure.absolute() == file.absolute():
-        _stop(REFUSED, f"the picture {figure} would replace the data; give -o another file")
-    cuts = dict(map(_cut, at or ()))
+    cuts = _cuts(at or ())
     try:
         with open_sweep(file) as dataset:
             from sweeps import plotting
 
             try:
-                written = plotting.plot(dataset, figure, kind, axis, cuts, coordinate)
+                found = plotting.on_grid(dataset, cuts)
+                figure = output or file.with_suffix(".png")
+                written = plotting.plot(dataset, figure, kind, axis, found, coordinate)
             except plotting.PlotError as error:
                 _stop(REFUSED, error)
     except StoreError as error:
         _stop(REFUSED, error)
+    for name, value in cuts.items():
+        if value != found[name]:
+            text = f"{name} = {value:g} is not on the grid; drawn at {name} = {found[name]:g}"
+            typer.echo(text, err=True)
     typer.echo(written)
+
+
+def _cuts(texts: Sequence[str]) -> dict[str, float]:
+    cuts: dict[str, float] = {}
+    for text in texts:
+        name, value = _cut(text)
+        if name in cuts:
+            _stop(REFUSED, f"--at {text} is not allowed; {name} was given before")
+        cuts[name] = value
+    return cuts
 
 
 def _cut(text: str) -> tuple[str, float]:
@@ -271,24 +235,14 @@ def _cut(text: str) -> tuple[str, float]:
 @app.command()
 def info(file: SweepFile) -> None:
     """Show what the file of a sweep holds, with its configuration."""
-    from sweeps.store import StoreError, open_sweep, status_counts
+    from sweeps.reports import contents
+    from sweeps.store import StoreError, open_sweep
 
     try:
         with open_sweep(file) as dataset:
-            attributes = dict(dataset.attrs)
-            configuration = attributes.pop("configuration")
-            rows = [("points", _outcomes(status_counts(dataset)))]
-            axes = dataset["status"].dims
-            rows += [("axis", _axis(str(axis), dataset[axis].values)) for axis in axes]
-            for name, variable in dataset.data_vars.items():
-                sizes = ", ".join(f"{dim}: {size}" for dim, size in variable.sizes.items())
-                rows.append(("variable", f"{name} ({sizes})"))
+            typer.echo(contents(dataset), nl=False)
     except StoreError as error:
         _stop(REFUSED, error)
-    rows = [*((name, str(value)) for name, value in attributes.items()), *rows]
-    for name, text in rows:
-        typer.echo(f"{name:20} {text}")
-    typer.echo(f"\n{configuration}", nl=False)
 
 
 @app.command()

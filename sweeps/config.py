@@ -5,9 +5,8 @@ The names, ranges and defaults of the parameters are those of ``vibroimpact.osci
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -15,13 +14,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 import yaml
 from pydantic import (
-    AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
-    ModelWrapValidatorHandler,
     Tag,
     ValidationInfo,
     field_validator,
@@ -29,76 +24,38 @@ from pydantic import (
 )
 
 from sweeps.grid import Grid
+from sweeps.values import (
+    Key,
+    MisplacedError,
+    Number,
+    Range,
+    Section,
+    Values,
+    Whole,
+    extremes,
+    form,
+    integer,
+    known,
+    length,
+    null,
+    off,
+    shortest,
+    whole,
+)
+from vibroimpact.attractors import default_steps
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.oscillator import PARAMETERS, POINT
 
-#: The path to a value in the configuration, for example ("oscillator", "h", 2).
-Key = tuple[str | int, ...]
+#: What can be computed of each point beside what is always recorded.
+DIAGNOSTICS = ("period", "lyapunov")
 
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
-_MOST_VALUES = 10_000_000
+_MOST_POINTS = 1_000_000_000
+_MOST_STEPS = 1_000_000
 _MOST_PERIODS = 1_000_000_000
-
-
-class MisplacedError(ValueError):
-    """A value that is wrong only beside another one; `key` is where to report it."""
-
-    def __init__(self, key: Key, problem: str) -> None:
-        super().__init__(problem)
-        self.key = key
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise ValueError("is not a number")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    except ValueError:
-        raise ValueError("is not a number") from None
-    if not math.isfinite(number):
-        raise ValueError("is not a finite number")
-    return number
-
-
-def _whole(value: object) -> int:
-    number = _number(value)
-    if not number.is_integer():
-        raise ValueError("is not an integer")
-    return int(number)
-
-
-def _off(value: object) -> object:
-    return False if isinstance(value, str) and value.lower() == "false" else value
-
-
-def _form(value: object) -> str:
-    """Tell the forms of a value apart, so that an error speaks of the form that was meant."""
-    if isinstance(value, (dict, BaseModel)):
-        return "<mapping>"
-    return "<list>" if isinstance(value, (list, tuple)) else "<scalar>"
-
-
-def _known(table: Mapping[str, object]) -> AfterValidator:
-    def check(name: str) -> str:
-        if name not in table:
-            raise ValueError("is unknown" + nearest(name, table))
-        return name
-
-    return AfterValidator(check)
-
-
-def nearest(name: str, valid: Iterable[str]) -> str:
-    folded = {word.casefold(): word for word in valid}
-    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.5)
-    return f" (did you mean {folded[match[0]]}?)" if match else ""
-
-
-def _integer(meaning: str, low: int, high: int, default: Any = ...) -> Any:
-    text = f"{meaning}: an integer from {low} to {high}"
-    return Field(default, ge=low, le=high, description=text)
+_MOST_RECORDED = 1_000_000
+_MOST_SAMPLES = 10_000_000
 
 
 def _choice(meaning: str, table: Mapping[str, object], default: str) -> Any:
@@ -108,86 +65,23 @@ def _choice(meaning: str, table: Mapping[str, object], default: str) -> Any:
 
 def _parameter(name: str) -> Any:
     parameter = PARAMETERS[name]
+    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
-        f"{parameter.meaning} [{parameter.unit}]: {parameter.allowed}; "
+        f"{parameter.meaning}{unit}: {parameter.allowed}; "
         "to sweep it, a list of such numbers or {start, stop, num, spacing: linear or log}"
     )
     return Field(... if parameter.default is None else parameter.default, description=text)
-
-
-class Section(BaseModel):
-    """A mapping of the configuration, which remembers the order of its keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    _order: tuple[str, ...] = ()
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _keep_order(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        section = handler(data)
-        if isinstance(data, dict):
-            section._order = tuple(dict.fromkeys([*data, *cls.model_fields]))
-        return section
-
-    def items(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values, the given ones first and in their order."""
-        for name in self._order:
-            yield name, getattr(self, name)
-
-
-Number = Annotated[float, BeforeValidator(_number)]
-Whole = Annotated[int, BeforeValidator(_whole)]
-
-
-class Range(Section):
-    """The values of an axis, from its first to its last."""
-
-    start: Number = Field(description="first value: a finite number")
-    stop: Number = Field(description="last value, included: a finite number")
-    num: Whole = _integer("number of values", 1, _MOST_VALUES)
-    spacing: Literal["linear", "log"] = Field("linear", description="spacing: linear or log")
-
-    @model_validator(mode="after")
-    def _has_values(self) -> Self:
-        if self.spacing == "log" and min(self.start, self.stop) <= 0.0:
-            raise ValueError("has log spacing, which needs start > 0 and stop > 0")
-        if self.num == 1 and self.start != self.stop:
-            raise ValueError("has num: 1, which needs start and stop to be equal")
-        if not math.isfinite(self.stop - self.start):
-            raise ValueError("is too wide for a floating-point number")
-        return self
-
-    def values(self) -> np.ndarray:
-        """Return the values, `start` and `stop` exactly among them."""
-        space = np.geomspace if self.spacing == "log" else np.linspace
-        low, high = sorted((self.start, self.stop))
-        # Rounding may put a value next to an end on the wrong side of it.
-        return np.clip(space(self.start, self.stop, self.num), low, high)
-
-
-Values = Annotated[
-    Annotated[Number, Tag("<scalar>")]
-    | Annotated[tuple[Number, ...], Field(min_length=1), Tag("<list>")]
-    | Annotated[Range, Tag("<mapping>")],
-    Discriminator(_form),
-]
-
-
-def _extremes(value: float | tuple[float, ...] | Range) -> tuple[float, ...]:
-    """Return values among which are the least and the greatest."""
-    if isinstance(value, Range):
-        return value.start, value.stop
-    return value if isinstance(value, tuple) else (value,)
 
 
 class _ParameterSection(Section):
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        for number in _extremes(value):
+        for number in extremes(value):
             if not PARAMETERS[str(info.field_name)].accepts(number):
-                contains = "" if isinstance(value, float) else f"contains {number:g}, which "
+                contains = (
+                    "" if isinstance(value, float) else f"contains {shortest(number)}, which "
+                )
                 raise ValueError(f"{contains}is not allowed")
         return value
 
@@ -213,43 +107,73 @@ class StartSection(_ParameterSection):
 class MethodSection(Section):
     """How the motion is computed."""
 
-    integrator: Annotated[str, _known(INTEGRATORS)] = _choice(
-        "integrator between impacts", INTEGRATORS, "newmark"
+    integrator: Annotated[str, known(INTEGRATORS)] = _choice(
+        "integrator between impacts", INTEGRATORS, "exact"
     )
-    impact: Annotated[str, _known(IMPACT_RULES)] = _choice(
-        "rule for impacts", IMPACT_RULES, "reduced-step"
+    impact: Annotated[str, known(IMPACT_RULES)] = _choice("rule for impacts", IMPACT_RULES, "exact")
+    steps_per_period: Annotated[
+        Annotated[int, Field(ge=4, le=_MOST_STEPS), BeforeValidator(whole)] | None,
+        BeforeValidator(null),
+    ] = Field(
+        None,
+        description=f"time steps per forcing period: an integer from 4 to {_MOST_STEPS}, "
+        "or null for as many as the method needs",
     )
-    steps_per_period: Whole = _integer("time steps per forcing period", 4, 1_000_000, 100)
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.impact == "exact" and self.integrator != "exact":
+            others = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
+            raise MisplacedError(
+                ("method", "integrator"),
+                f"impact exact needs the integrator exact, not {self.integrator}; "
+                f"expected: integrator exact, or one of the impact rules {others}",
+            )
+        return self
 
 
 class Trajectory(Section):
     """Which samples of the motion are kept."""
 
-    every: Whole = _integer("time steps from one sample to the next", 1, _MOST_PERIODS)
+    every: Whole = integer("time steps from one sample to the next", 1, _MOST_PERIODS)
 
 
 class RecordSection(Section):
     """What is kept of each point."""
 
-    transient: Whole = _integer(
+    transient: Whole = integer(
         "forcing periods computed before anything is kept", 0, _MOST_PERIODS, 200
     )
-    periods: Whole = _integer("forcing periods kept, with one section each", 1, _MOST_PERIODS, 100)
+    periods: Whole = integer("forcing periods kept, with one section each", 1, _MOST_RECORDED, 100)
     phase: Number = Field(
         0.0,
         ge=0.0,
         lt=2.0 * math.pi,
         description="forcing phase omega t of the section [rad]: a number >= 0 and < 2 pi",
     )
-    impacts: Whole = _integer("how many of the last impacts are kept", 0, _MOST_PERIODS, 64)
+    impacts: Whole = integer("how many of the last impacts are kept", 0, _MOST_RECORDED, 64)
     trajectory: Annotated[
-        Annotated[Literal[False], BeforeValidator(_off), Tag("<scalar>")]
+        Annotated[Literal[False], BeforeValidator(off), Tag("<scalar>")]
         | Annotated[Trajectory, Tag("<mapping>")],
-        Discriminator(_form),
+        Discriminator(form),
     ] = Field(
         False,
         description="samples of the motion: false, or {every: k} to keep each k-th time step",
     )
+    diagnostics: tuple[
+        Annotated[str, known(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
+    ] = Field(
+        (),
+        description="what else to compute of each point: a list of names out of "
+        f"{', '.join(DIAGNOSTICS)}",
+    )
+
+    @field_validator("diagnostics")
+    @classmethod
+    def _once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(names)) < len(names):
+            raise ValueError("has a name twice")
+        return names
 
 
 def key_list(section: type[Section]) -> str:
@@ -277,7 +201,12 @@ class SweepConfig(Section):
         default_factory=StartSection,
         validate_default=True,
     )
-    method: MethodSection = _section("how to compute", MethodSection, default_factory=MethodSection)
+    method: MethodSection = _section(
+        "how to compute",
+        MethodSection,
+        default_factory=MethodSection,
+        validate_default=True,
+    )
     record: RecordSection = _section("what to keep", RecordSection, default_factory=RecordSection)
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
@@ -295,16 +224,90 @@ class SweepConfig(Section):
     def _before_stop(cls, start: StartSection, info: ValidationInfo) -> StartSection:
         if "oscillator" not in info.data:
             return start  # refused already
-        x0 = max(_extremes(start.x0))
-        clearance = min(_extremes(info.data["oscillator"].clearance))
+        x0 = max(extremes(start.x0))
+        clearance = min(extremes(info.data["oscillator"].clearance))
         if x0 > clearance:
             given = "x0" in start.model_fields_set
             raise MisplacedError(
                 ("start", "x0") if given else ("oscillator", "clearance"),
-                f"x0 = {x0:g} lies beyond the stop at clearance = {clearance:g}; "
+                f"x0 = {shortest(x0)} lies beyond the stop at clearance = {shortest(clearance)}; "
                 "every x0 must be <= every clearance",
             )
         return start
+
+    @field_validator("start")
+    @classmethod
+    def _not_too_many(cls, start: StartSection, info: ValidationInfo) -> StartSection:
+        if "oscillator" in info.data:
+            sections = {"oscillator": info.data["oscillator"], "start": start}
+            lengths: dict[Key, int] = {
+                (title, name): length(value)
+                for title, section in sections.items()
+                for name, value in section.items()
+            }
+            points = math.prod(lengths.values())
+            if points > _MOST_POINTS:
+                raise MisplacedError(
+                    max(lengths, key=lambda key: lengths[key]),
+                    f"the axes make a grid of {points:,} points; "
+                    f"expected: at most {_MOST_POINTS:,}",
+                )
+        return start
+
+    @field_validator("method")
+    @classmethod
+    def _enough_steps(cls, method: MethodSection, info: ValidationInfo) -> MethodSection:
+        if "oscillator" not in info.data:
+            return method
+        chosen, steps = _default_steps(info.data["oscillator"], method), method.steps_per_period
+        if chosen > _MOST_STEPS:
+            raise MisplacedError(
+                ("oscillator", "omega"),
+                f"exact impacts would need {chosen:.3g} steps per forcing period, at the greatest "
+                f"h and p and the least omega; expected: at most {_MOST_STEPS}",
+            )
+        if steps is not None and method.impact == "exact" and steps < chosen:
+            raise MisplacedError(
+                ("method", "steps_per_period"),
+                f"{steps} are not enough for exact impacts here; "
+                f"expected: an integer from {chosen} to {_MOST_STEPS}, or null",
+            )
+        return method
+
+    @field_validator("record")
+    @classmethod
+    def _can_be_recorded(cls, record: RecordSection, info: ValidationInfo) -> RecordSection:
+        if "oscillator" not in info.data or "method" not in info.data:
+            return record
+        method = info.data["method"]
+        if "lyapunov" in record.diagnostics and method.impact != "exact":
+            raise MisplacedError(
+                ("record", "diagnostics"),
+                f"lyapunov needs the impact rule exact, not {method.impact}; "
+                "expected: method.impact: exact, or diagnostics without lyapunov",
+            )
+        steps = method.steps_per_period or _default_steps(info.data["oscillator"], method)
+        samples = _samples(record, int(steps))
+        if samples > _MOST_SAMPLES:
+            raise MisplacedError(
+                ("record", "trajectory"),
+                f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
+            )
+        return record
+
+    @cached_property
+    def steps(self) -> int:
+        """Steps per forcing period, the same all over the grid."""
+        return self.method.steps_per_period or int(_default_steps(self.oscillator, self.method))
+
+    @cached_property
+    def widths(self) -> dict[str, int]:
+        """The width of each record of a point; that of ``sample`` without the impacts."""
+        return {
+            "section": self.record.periods,
+            "impact": self.record.impacts,
+            "sample": _samples(self.record, self.steps),
+        }
 
     @cached_property
     def grid(self) -> Grid:
@@ -323,11 +326,28 @@ class SweepConfig(Section):
     def to_yaml(self) -> str:
         """Return the configuration with every default but without `output`, as YAML.
 
-        Loading it gives the same sweep: the same values, and the axes in the same order.
+        Loading it gives the same sweep: the same values and steps, and the axes in the same order.
         """
         plain = _plain(self)
         del plain["output"]
+        plain["method"]["steps_per_period"] = self.steps
         return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
+def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> float:
+    """Return the steps per period that the method needs in the worst corner of the grid."""
+    worst = np.zeros(1, POINT)
+    worst["h"], worst["p"] = max(extremes(oscillator.h)), max(extremes(oscillator.p))
+    worst["omega"] = min(extremes(oscillator.omega))
+    try:
+        with np.errstate(over="ignore"):
+            return default_steps(worst, method.impact)
+    except OverflowError:
+        return math.inf
+
+
+def _samples(record: RecordSection, steps: int) -> int:
+    return record.periods * steps // record.trajectory.every + 1 if record.trajectory else 0
 
 
 def _plain(value: Any) -> Any:

@@ -13,19 +13,8 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from sweeps.config import (
-    MisplacedError,
-    Range,
-    RecordSection,
-    Section,
-    SweepConfig,
-    Trajectory,
-    key_list,
-    nearest,
-)
-
-#: The path to a value in the configuration, for example ("oscillator", "h", 2).
-Key = tuple[str | int, ...]
+from sweeps.config import RecordSection, SweepConfig, Trajectory, key_list
+from sweeps.values import Key, MisplacedError, Range, Section, nearest, suggestion
 
 
 class ConfigError(ValueError):
@@ -62,8 +51,9 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
     try:
         return SweepConfig.model_validate({"name": path.stem, **data})
     except ValidationError as refusal:
-        errors = [_explained(error, sources, str(path)) for error in refusal.errors()]
-        raise ConfigError("\n".join(errors)) from None
+        errors = _without_echoes(refusal.errors())
+        texts = [_explained(error, data, sources, str(path)) for error in errors]
+        raise ConfigError("\n".join(texts)) from None
 
 
 def _text(path: Path) -> str:
@@ -150,7 +140,14 @@ def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> N
     target[key[-1]] = _parse(value, origin, key, sources)
 
 
-def _explained(error: ErrorDetails, sources: Mapping[Key, str], path: str) -> str:
+def _without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out that a key is missing where it is only misspelt."""
+    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
+    meant = {(*loc[:-1], nearest(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
+    return [error for error in errors if error["type"] != "missing" or error["loc"] not in meant]
+
+
+def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
     """Say in one line where an error of pydantic is, what was given and what is allowed."""
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, MisplacedError):
@@ -160,9 +157,9 @@ def _explained(error: ErrorDetails, sources: Mapping[Key, str], path: str) -> st
     if error["type"] == "missing":
         return f"{where}{_dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
-        suggestion = nearest(str(key[-1]), section.model_fields)
-        return f"{where}unknown key {_dotted(key)}{suggestion}; expected: {key_list(section)}"
-    given = f"{_dotted(key)} = {_shown(error['input'])}"
+        meant = suggestion(str(key[-1]), section.model_fields)
+        return f"{where}unknown key {_dotted(key)}{meant}; expected: {key_list(section)}"
+    given = f"{_dotted(key)} = {_shown(_typed(data, key, error['input']))}"
     return f"{where}{given} {reason or 'is not allowed'}; expected: {expected}"
 
 
@@ -186,6 +183,16 @@ def _located(loc: Key) -> tuple[Key, type[Section], str]:
             kind = field.annotation if field else None
             inner = kind if isinstance(kind, type) and issubclass(kind, Section) else None
     return tuple(key), section, expected
+
+
+def _typed(data: Any, key: Key, otherwise: object) -> object:
+    """Return what was typed at `key`, which pydantic may have converted already."""
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return otherwise
+    return data
 
 
 def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:

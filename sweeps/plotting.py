@@ -5,9 +5,10 @@ Every function of ``KINDS`` draws onto a ``Figure`` of its own, without pyplot a
 
 from __future__ import annotations
 
-import math
+import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -15,14 +16,25 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
-import yaml
-from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from sweeps.plotting_marks import (
+    BLUE,
+    VERMILION,
+    draw_density,
+    draw_points,
+    draw_stop,
+    guard,
+    mark_status,
+    mathtext,
+)
+from sweeps.selection import PlotError, Setting, listed, on_grid, recorded, select, swept_axes
+from sweeps.variables import is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
+
+__all__ = ["KINDS", "PlotError", "bifurcation", "on_grid", "plot", "section", "trajectory"]
 
 FORMATS = ("png", "svg", "pdf")
 DPI = 200
@@ -32,16 +44,6 @@ COORDINATES = ("poincare_x", "poincare_v", "impact_v", "impact_phase")
 
 #: More points than this are drawn as a density: single markers would merge into a blob.
 DENSITY_FROM = 2_000_000
-
-# Okabe and Ito's colours, told apart with every kind of colour vision.
-BLUE, VERMILION = "#0072B2", "#D55E00"
-STATUS_COLOURS = {
-    Status.PENDING: "#CCCCCC",
-    Status.UNRESOLVED: "#777777",
-    Status.NON_FINITE: "#333333",
-}
-# Starts well away from white, so that a pixel met once is still seen.
-DENSITY_COLOURS = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.0,
@@ -56,10 +58,6 @@ STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
 }
-
-
-class PlotError(Exception):
-    """A picture cannot be drawn as asked; the text is one paragraph for the user."""
 
 
 def plot(
@@ -98,24 +96,41 @@ def plot(
         If the request does not fit the file, or the picture cannot be written.
     """
     output = Path(output)
+    data = Path(str(dataset.encoding.get("source", "")))
+    if output.exists() and data.is_file() and output.samefile(data):
+        raise PlotError(f"the picture {output} would replace the data; give -o another file")
     if output.suffix.lower().lstrip(".") not in FORMATS:
-        raise PlotError(f"{output} must end in one of {_listed('.' + f for f in FORMATS)}")
+        raise PlotError(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
     if not output.parent.is_dir():
         raise PlotError(f"the folder {output.parent} of the picture {output.name} does not exist")
-    kind = kind or _default_kind(dataset)
+    kind = _default_kind(dataset) if kind is None else kind
     if kind not in KINDS:
-        raise PlotError(f"there is no picture {kind!r}; choose one of {_listed(KINDS)}")
+        raise PlotError(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
     options = {"axis": axis, "coordinate": coordinate}
     options = {name: value for name, value in options.items() if value is not None}
     if options and kind != "bifurcation":
-        raise PlotError(f"{_listed(options)} can be chosen for a bifurcation only, not a {kind}")
+        raise PlotError(f"{listed(options)} can be chosen for a bifurcation only, not a {kind}")
     with mpl.rc_context(STYLE):
         figure = KINDS[kind](dataset, at=at, **options)
         try:
-            figure.savefig(output, dpi=DPI)
+            _save(figure, output)
         except OSError as error:
-            raise PlotError(f"{output} cannot be written: {error}") from error
+            raise PlotError(f"{output} cannot be written: {error.strerror or error}") from error
     return output
+
+
+def _save(figure: Figure, output: Path) -> None:
+    """Write a figure beside `output` and put it there whole."""
+    target = output.resolve()
+    draft = target.with_name(f".{target.stem}-{os.getpid()}{output.suffix}")
+    try:
+        with warnings.catch_warnings():
+            # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
+            warnings.filterwarnings("ignore", "Glyph", UserWarning)
+            figure.savefig(draft, dpi=DPI)
+        os.replace(draft, target)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def bifurcation(
@@ -127,7 +142,7 @@ def bifurcation(
 ) -> Figure:
     """Draw a coordinate of the section or of the impacts over one swept axis.
 
-    Points that were not computed to the end are marked below the diagram, not drawn.
+    Points that failed or were not computed yet are marked below the diagram, not drawn.
 
     Parameters
     ----------
@@ -141,20 +156,24 @@ def bifurcation(
     PlotError
         If the file has no such axis or coordinate, or nothing to draw.
     """
-    axes = _axes(dataset)
+    axes = swept_axes(dataset)
     if not axes:
         raise PlotError("the file holds a single point: a bifurcation needs a swept axis")
-    axis = axis or max(axes, key=lambda name: dataset.sizes[name])
+    if axis is None:
+        axis = max(axes, key=lambda name: dataset.sizes[name])
     if axis not in axes:
-        raise PlotError(f"{axis} is not a swept axis; the file has {_listed(axes)}")
+        raise PlotError(f"{axis or repr(axis)} is not a swept axis; the file has {listed(axes)}")
     held = [name for name in COORDINATES if name in dataset]
-    coordinate = coordinate or next(iter(held), COORDINATES[0])
+    if coordinate is None:
+        coordinate = next(iter(held), COORDINATES[0])
     if coordinate not in held:
-        raise PlotError(f"the file has no {coordinate} to draw; it has {_listed(held) or 'none'}")
-    line = _select(dataset[[coordinate, "status"]], at, free=axis)
+        asked = coordinate or repr(coordinate)
+        raise PlotError(f"the file has no {asked} to draw; it has {listed(held) or 'none'}")
+    line = select(dataset[[coordinate, "status"]], at, free=axis)
     values, status = line[axis].values, line["status"].values
-    y = line[coordinate].values[status == Status.COMPUTED]
-    x = np.broadcast_to(values[status == Status.COMPUTED, None], y.shape)[np.isfinite(y)]
+    good = np.isin(status, [one for one in Status if not one.failed])
+    y = line[coordinate].values[good]
+    x = np.broadcast_to(values[good, None], y.shape)[np.isfinite(y)]
     y = y[np.isfinite(y)]
     if not len(y):
         raise PlotError(f"there is nothing to draw: no point has a {coordinate}")
@@ -166,16 +185,16 @@ def bifurcation(
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.set_minor_formatter(NullFormatter())
     if len(y) > DENSITY_FROM:
-        _draw_density(figure, panel, x, y, len(values))
+        draw_density(figure, panel, x, y, len(values))
     else:
-        _draw_points(panel, x, y)
+        draw_points(panel, x, y)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     panel.set_xlabel(_label(dataset[axis]))
     panel.set_ylabel(_label(dataset[coordinate]))
-    _guard(panel.set_ylim, y)
-    _mark_status(figure, panel, values, status)
-    _entitle(figure, dataset, line, 100)
+    guard(panel.set_ylim, y)
+    mark_status(figure, panel, values, status)
+    _entitle(figure, Setting.of(dataset), line, 100)
     return figure
 
 
@@ -187,16 +206,18 @@ def section(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Fi
     PlotError
         If the file has no section, or nothing was recorded at this point.
     """
-    point, (x, v) = _recorded(dataset, ("poincare_x", "poincare_v"), at)
+    point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
+    setting = Setting.of(dataset)
+    clearance = setting.value("clearance", point)
     figure = Figure(figsize=(4.5, 4.0), layout="constrained")
     panel = figure.add_subplot()
-    _draw_points(panel, x, v)
-    _draw_stop(panel.axvline, dataset, point)
+    draw_points(panel, x, v)
+    draw_stop(panel.axvline, clearance)
     panel.set_xlabel(_label(dataset["poincare_x"]))
     panel.set_ylabel(_label(dataset["poincare_v"]))
-    _guard(panel.set_xlim, np.append(x, _value(dataset, point, "clearance")))
-    _guard(panel.set_ylim, v)
-    _entitle(figure, dataset, point, 64)
+    guard(panel.set_xlim, np.append(x, clearance))
+    guard(panel.set_ylim, v)
+    _entitle(figure, setting, point, 64)
     figure.legend(loc="outside lower center", frameon=False)
     return figure
 
@@ -212,8 +233,9 @@ def trajectory(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) ->
         If the file has no trajectory, or nothing was recorded at this point.
     """
     names = ("trajectory_t", "trajectory_x", "trajectory_v")
-    point, (t, x, v) = _recorded(dataset, names, at)
-    clearance = _value(dataset, point, "clearance")
+    point, (t, x, v) = recorded(dataset, names, at)
+    setting = Setting.of(dataset)
+    clearance = setting.value("clearance", point)
     beyond = x > clearance
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     panels = figure.subplot_mosaic([["x", "phase"], ["v", "phase"]])
@@ -233,12 +255,12 @@ def trajectory(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) ->
     panels["v"].set_xlabel(_label(dataset["trajectory_t"]))
     panels["phase"].set_xlabel(_label(dataset["trajectory_x"]))
     panels["phase"].set_ylabel(_label(dataset["trajectory_v"]))
-    _draw_stop(panels["x"].axhline, dataset, point, label=False)
-    _draw_stop(panels["phase"].axvline, dataset, point)
+    draw_stop(panels["x"].axhline, clearance, label=False)
+    draw_stop(panels["phase"].axvline, clearance)
     panels["x"].margins(x=0.01)
     panels["phase"].locator_params(axis="x", nbins=6)
     panels["phase"].set_title(_deepest(x - clearance))
-    _entitle(figure, dataset, point, 100)
+    _entitle(figure, setting, point, 100)
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure
 
@@ -252,63 +274,9 @@ KINDS: Mapping[str, Callable[..., Figure]] = {
 
 
 def _default_kind(dataset: xr.Dataset) -> str:
-    if _axes(dataset):
+    if swept_axes(dataset):
         return "bifurcation"
     return "trajectory" if "trajectory_x" in dataset else "section"
-
-
-def _axes(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Name the swept axes in the order of the file."""
-    return tuple(str(name) for name in dataset["status"].dims)
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)
-
-
-def _select(
-    dataset: xr.Dataset, at: Mapping[str, float] | None, free: str | None = None
-) -> xr.Dataset:
-    """Fix every swept axis but `free` at the grid value nearest to `at`, or at its first."""
-    at = at or {}
-    axes = [name for name in _axes(dataset) if name != free]
-    for name, value in at.items():
-        if name not in axes:
-            raise PlotError(f"{name} cannot be fixed here; choose from: {_listed(axes) or 'none'}")
-        low, high = float(dataset[name].min()), float(dataset[name].max())
-        slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
-        if not low - slack <= value <= high + slack:
-            raise PlotError(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
-    index = {name: 0 for name in axes}
-    for name, value in at.items():
-        index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
-    return dataset.isel(index)
-
-
-def _recorded(
-    dataset: xr.Dataset, names: tuple[str, ...], at: Mapping[str, float] | None
-) -> tuple[xr.Dataset, list[np.ndarray]]:
-    """Read variables at one point, without the padding."""
-    missing = [name for name in names if name not in dataset]
-    if missing:
-        raise PlotError(f"the file has no {_listed(missing)}: record it and run the sweep again")
-    point = _select(dataset[[*names, "status"]], at)
-    columns = np.array([point[name].values for name in names])
-    columns = columns[:, np.isfinite(columns).all(axis=0)]
-    if not columns.size:
-        outcome = Status(int(point["status"])).meaning
-        raise PlotError(f"there is nothing to draw at this point: {outcome}")
-    return point, list(columns)
-
-
-def _value(dataset: xr.Dataset, point: xr.Dataset, name: str) -> float:
-    """Return a parameter's value: of the point if it was swept, else of the configuration."""
-    if name in _axes(dataset):
-        return float(point[name])
-    configuration = yaml.safe_load(dataset.attrs["configuration"])
-    defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
-    given = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
-    return float(given[name])
 
 
 def _label(variable: xr.DataArray, gap: str = " ") -> str:
@@ -326,38 +294,6 @@ def _log_spaced(values: np.ndarray) -> bool:
     return np.allclose(ratios, ratios[0], rtol=1e-6)
 
 
-def _draw_points(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Draw markers, the smaller the more of the panel they would cover."""
-    counts, *_ = np.histogram2d(x, y, bins=(600, 300))
-    size = float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), 0.5, 3.5))
-    (points,) = panel.plot(x, y, "o", color=BLUE, rasterized=True)
-    points.set(markersize=size, markeredgewidth=0, alpha=float(np.clip(1e5 / len(y), 0.15, 1.0)))
-
-
-def _draw_density(figure: Figure, panel: Axes, x: np.ndarray, y: np.ndarray, columns: int) -> None:
-    """Draw the share of each column's points that fall into each of its pixels."""
-    space = np.geomspace if panel.get_xscale() == "log" else np.linspace
-    edges = space(x.min(), x.max(), min(columns, 700) + 1), np.linspace(y.min(), y.max(), 351)
-    counts, *_ = np.histogram2d(x, y, bins=edges)
-    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    share = np.ma.masked_equal(share, 0.0)
-    mesh = panel.pcolormesh(
-        *edges, share.T, norm=LogNorm(1e-3, 1.0, clip=True), cmap=DENSITY_COLOURS, rasterized=True
-    )
-    panel.use_sticky_edges = False  # leave the usual margin around the outermost values
-    bar = figure.colorbar(mesh, ax=panel, pad=0.01, aspect=40)
-    bar.set_label("share of the points of a column")
-
-
-def _draw_stop(
-    draw: Callable[..., object], dataset: xr.Dataset, point: xr.Dataset, label: bool = True
-) -> None:
-    clearance = _value(dataset, point, "clearance")
-    symbol = PARAMETERS["clearance"].symbol
-    text = rf"stop, $x = {symbol} = {clearance:.6g}$" if label else None
-    draw(clearance, color="black", linewidth=0.8, linestyle="--", label=text)
-
-
 def _deepest(depth: np.ndarray) -> str:
     if depth.max() <= 0.0:
         return "no sample beyond the stop"
@@ -365,46 +301,22 @@ def _deepest(depth: np.ndarray) -> str:
     return f"deepest penetration {mantissa}e{int(exponent)}"
 
 
-def _guard(limit: Callable[..., object], values: np.ndarray) -> None:
-    """Keep rounding errors about a constant from being blown up to the panel's size."""
-    size = float(np.abs(values).max())
-    if np.ptp(values) < 1e-6 * size:
-        limit(values.mean() - 0.5 * size, values.mean() + 0.5 * size)
-
-
-def _mark_status(figure: Figure, panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
-    """Mark what was not computed in a strip below the data."""
-    found = [s for s in STATUS_COLOURS if (status == s).any()]
-    if not found:
-        return
-    low, high = panel.get_ylim()
-    panel.set_ylim(low - 0.04 * (high - low), high)
-    strip = panel.get_xaxis_transform()
-    for one in found:
-        at = values[status == one]
-        (marks,) = panel.plot(at, np.full(at.shape, 0.015), "|", transform=strip, rasterized=True)
-        marks.set(markersize=6, color=STATUS_COLOURS[one])
-        text = f"{one.meaning} ({len(at)} of {len(values)})"
-        panel.plot([], [], linewidth=5, color=STATUS_COLOURS[one], label=text)
-    figure.legend(loc="outside lower center", ncols=1, frameon=False)
-
-
-def _entitle(figure: Figure, dataset: xr.Dataset, drawn: xr.Dataset, width: int) -> None:
+def _entitle(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> None:
     """Put the sweep's name, the parameters of what is drawn, and the method above it."""
     parameters = [
-        f"${PARAMETERS[name].symbol} = {_value(dataset, drawn, name):.6g}$"
+        f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
         for name in PARAMETERS
         if name not in drawn.dims
     ]
-    configuration = yaml.safe_load(dataset.attrs["configuration"])
-    method = configuration["method"]
+    method = setting.method
     words = (
         f"integrator {method['integrator']}, impact rule {method['impact']}, "
         f"{method['steps_per_period']} steps per period"
     )
-    if "status" in drawn and not drawn["status"].dims and int(drawn["status"]) != Status.COMPUTED:
-        words += f"\n{fill(Status(int(drawn['status'])).meaning, width)}"
-    name = fill(str(dataset.attrs["name"]), width).replace("$", r"\$")
+    if not drawn["status"].dims:
+        status = Status(int(drawn["status"]))
+        words += f"\n{fill(status.meaning, width)}" if is_remarkable(status) else ""
+    name = fill(setting.name, width).replace("$", r"\$")
     figure.suptitle(f"{name}\n{_joined(parameters, width)}\n{words}", fontsize=8.5)
 
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +24,17 @@ from rich.progress import (
 
 from sweeps.config import SweepConfig
 from sweeps.store import SweepWriter
-from vibroimpact.kernel import LANES, integrate
+from sweeps.variables import bytes_per_point
+from vibroimpact.attractors import integrate
+from vibroimpact.diagnostics import period_class
+from vibroimpact.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.trajectory import trajectories
 
 #: Results of one block held in memory at most [bytes].
 _BLOCK_MEMORY = 64 * 2**20
+#: Time steps of one block at most, all points together, so that it takes about a second.
+_BLOCK_STEPS = 200_000_000
 #: A sweep is reported and written in at least this many blocks where it has the points.
 _BLOCKS = 50
 
@@ -62,19 +72,20 @@ def run_sweep(
     StoreError
         If the output is refused or cannot be written.
     """
-    record = config.record
     path = Path(output) if output is not None else config.output
     writer = SweepWriter(
         path,
         config.grid,
+        name=config.name,
         configuration=config.to_yaml(),
-        widths={"section": record.periods, "impact": record.impacts},
-        first_section=record.transient + 1,
-        with_trajectory=bool(record.trajectory),
+        widths=config.widths,
+        first_section=config.record.transient + 1,
+        diagnostics=config.record.diagnostics,
         overwrite=overwrite,
     )
     with writer, _Display(config, shown=progress) as display:
-        _compute(config, np.empty(0, POINT), threads)  # compiles, if need be
+        with _no_interrupt_lost():
+            _compute(config, np.empty(0, POINT), threads)  # compiles, if need be
         display.start_clock()
         for block in config.grid.blocks(block_size(config)):
             points = config.grid.points(block)
@@ -84,14 +95,14 @@ def run_sweep(
 
 
 def block_size(config: SweepConfig) -> int:
-    """Return the points per block: small enough for memory and for a moving progress bar."""
+    """Return the points per block: few enough for memory, and for signs of progress."""
     record = config.record
-    numbers = 2 * (record.periods + record.impacts) + 4
-    if record.trajectory:
-        steps = record.periods * config.method.steps_per_period
-        numbers += 4 * (steps // record.trajectory.every + 8 * record.periods + 1)
-    fits = max(1, _BLOCK_MEMORY // (8 * numbers))
-    wanted = max(config.grid.size // _BLOCKS, 4 * LANES)
+    memory = bytes_per_point(config.widths, record.diagnostics)
+    if record.trajectory:  # the logs that the samples are taken from, with room for impacts
+        memory += 32 * (config.widths["sample"] + 8 * record.periods)
+    fits = max(1, _BLOCK_MEMORY // memory)
+    work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps)
+    wanted = min(max(config.grid.size // _BLOCKS, 4 * LANES), max(work, 2 * LANES))
     # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
     return min(fits, wanted) // LANES * LANES or fits
 
@@ -102,15 +113,61 @@ def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> di
     common: dict[str, Any] = {
         "integrator": method.integrator,
         "impact": method.impact,
-        "steps_per_period": method.steps_per_period,
+        "steps_per_period": config.steps,
         "transient": record.transient,
         "periods": record.periods,
         "phase": record.phase,
     }
-    results = integrate(points, impacts=record.impacts, threads=threads, **common)
+    results = integrate(
+        points,
+        impacts=record.impacts,
+        lyapunov="lyapunov" in record.diagnostics,
+        threads=threads,
+        **common,
+    )
+    if "period" in record.diagnostics:
+        found = period_class(
+            results["poincare_x"], results["poincare_v"], results["impacts_per_period"]
+        )
+        results |= dict(zip(("period", "period_impacts"), found, strict=True))
     if record.trajectory:
         results |= trajectories(points, every=record.trajectory.every, **common)
     return results
+
+
+@contextmanager
+def _no_interrupt_lost() -> Iterator[None]:
+    """Raise at the end an interrupt that came in a callback of LLVM, which swallows exceptions."""
+    came = False
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def noted(handler: Callable[..., object]) -> Callable[..., None]:
+        def handle(number: int, frame: object) -> None:
+            nonlocal came
+            came = True
+            handler(number, frame)
+
+        return handle
+
+    def report(unraisable: Any) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            hook(unraisable)
+
+    hook, sys.unraisablehook = sys.unraisablehook, report
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number, handler in before.items():
+        if callable(handler):
+            signal.signal(number, noted(handler))
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 class _Display:

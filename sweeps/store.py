@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import os
 import platform
+import shutil
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -21,9 +21,17 @@ from typing import Self
 import h5py
 import numpy as np
 import xarray as xr
-import yaml
 
 from sweeps.grid import Block, Grid
+from sweeps.variables import (
+    FIXED_WIDTHS,
+    RECORDS,
+    VARIABLES,
+    Variable,
+    bytes_per_point,
+    held_variables,
+    shown_bytes,
+)
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -33,67 +41,30 @@ FORMAT_VERSION = 1
 #: Samples per chunk of a trajectory: 8 KiB, so a short record wastes little of it.
 _SAMPLES_PER_CHUNK = 1024
 
+#: Endings that name another kind of file, which a slip would give to the data.
+_OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
+
 
 class StoreError(Exception):
     """A file cannot be used as asked; the text is one paragraph for the user."""
 
 
-@dataclass(frozen=True)
-class Variable:
-    """One variable of the file.
-
-    Attributes
-    ----------
-    record : str or None
-        The dimension that follows the swept axes; None where there is one value per point.
-    unit, long_name, symbol : str
-        As in ``PARAMETERS``.
-    dtype : str
-        As stored. Points not written yet hold NaN, or ``Status.PENDING`` in an integer.
-    """
-
-    record: str | None
-    unit: str
-    long_name: str
-    symbol: str
-    dtype: str = "float64"
-
-
-#: What a file can hold. ``status`` is last, since `SweepWriter.write` keeps this order.
-VARIABLES: Mapping[str, Variable] = {
-    "poincare_x": Variable("section", "length", "displacement at the section", "x"),
-    "poincare_v": Variable("section", "length/time", "velocity at the section", r"\dot{x}"),
-    "impact_phase": Variable(
-        "impact", "rad", "forcing phase at the impact", r"\omega t\ \mathrm{mod}\ 2\pi"
-    ),
-    "impact_v": Variable("impact", "length/time", "speed before the impact", r"\dot{x}^{-}"),
-    "trajectory_t": Variable("sample", "time", "time", "t"),
-    "trajectory_x": Variable("sample", "length", "displacement", "x"),
-    "trajectory_v": Variable("sample", "length/time", "velocity", r"\dot{x}"),
-    "impacts_per_period": Variable(None, "1", "impacts per forcing period", r"n_\mathrm{i}"),
-    "max_penetration": Variable(None, "length", "deepest penetration", r"\delta_\mathrm{max}"),
-    "rest_fraction": Variable(None, "1", "fraction of time at rest", r"\tau_\mathrm{rest}"),
-    "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
-}
-
-#: The record dimensions and what their coordinates count.
-RECORDS: Mapping[str, str] = {
-    "section": "number of the forcing period that ends at the section",
-    "impact": "number of the impact among those kept",
-    "sample": "number of the sample",
-}
-
-
-def check_output(path: str | Path, overwrite: bool) -> None:
-    """Refuse a path that a sweep cannot be written to.
+def check_output(path: str | Path, overwrite: bool, size: int = 0) -> None:
+    """Refuse a path that a sweep of `size` bytes cannot be written to.
 
     Raises
     ------
     StoreError
-        If `path` is a directory or in none, or exists and `overwrite` is false or it is not a
-        file that a sweep can have written.
+        If `path` is a directory or in none, has the ending of another kind of file, exists and
+        `overwrite` is false or it is not a file that a sweep can have written, or if there is
+        no room for the sweep.
     """
     path = Path(path)
+    if path.suffix.lower() in _OTHER_ENDINGS:
+        raise StoreError(
+            f"the output {path} is to be an HDF5 file, whose name does not end in {path.suffix}; "
+            f"did you mean {path.with_suffix('.h5')}?"
+        )
     if not path.parent.is_dir():
         raise StoreError(f"the folder {path.parent} of the output {path.name} does not exist")
     if path.is_dir():
@@ -102,6 +73,12 @@ def check_output(path: str | Path, overwrite: bool) -> None:
         raise StoreError(f"{path} exists; give --overwrite to replace it or -o for another file")
     if path.exists() and path.stat().st_size > 0 and not h5py.is_hdf5(path):
         raise StoreError(f"{path} is not an HDF5 file and will not be replaced; give -o another")
+    free = shutil.disk_usage(path.parent).free + (path.stat().st_size if path.exists() else 0)
+    if size > free:
+        raise StoreError(
+            f"the sweep takes about {shown_bytes(size)}, and the disk of {path} has only "
+            f"{shown_bytes(free)} left; record less, or give -o a file elsewhere"
+        )
 
 
 class SweepWriter:
@@ -115,21 +92,24 @@ class SweepWriter:
         The file to create.
     grid : Grid
         Its axes become the leading dimensions of every result.
+    name : str
+        The name of the sweep.
     configuration : str
         The configuration as YAML, kept as it is.
     widths : mapping of str to int
-        Width of the record dimensions ``section`` and ``impact``; 0 leaves its variables out.
+        Width of the record dimensions ``section``, ``impact`` and ``sample``; 0 leaves the
+        variables of one out. ``sample`` is a guess: it grows as the trajectories come.
     first_section : int
         The number of the forcing period of the first section; the others follow.
-    with_trajectory : bool
-        Whether there are trajectories. Their ``sample`` dimension grows as they come.
+    diagnostics : collection of str
+        The diagnostics whose variables there are.
     overwrite : bool
         Whether an existing file may be replaced.
 
     Raises
     ------
     StoreError
-        If `path` is refused by `check_output` or cannot be created.
+        If `path` is refused by `check_output` or cannot be created. No file is left behind.
     """
 
     def __init__(
@@ -137,31 +117,43 @@ class SweepWriter:
         path: str | Path,
         grid: Grid,
         *,
+        name: str,
         configuration: str,
         widths: Mapping[str, int],
         first_section: int,
-        with_trajectory: bool,
+        diagnostics: Collection[str] = (),
         overwrite: bool,
     ) -> None:
-        check_output(path, overwrite)
+        check_output(path, overwrite, grid.size * bytes_per_point(widths, diagnostics))
         self.path = Path(path)
         self._axes = tuple(grid.axes)
         self._shape = grid.shape
-        coordinates = {
-            "section": np.arange(first_section, first_section + widths.get("section", 0)),
-            "impact": np.arange(widths.get("impact", 0)),
+        held = held_variables(widths, diagnostics)
+        self._records = {
+            record: np.arange(0 if record == "sample" else {**widths, **FIXED_WIDTHS}[record])
+            for record in dict.fromkeys(v.record for v in held.values() if v.record)
         }
-        self._records = {name: values for name, values in coordinates.items() if len(values)}
-        if with_trajectory:
-            self._records["sample"] = np.arange(0)
-        name = str(yaml.safe_load(configuration).get("name", self.path.stem))
+        if "section" in self._records:
+            self._records["section"] += first_section
         self._started = time.monotonic()
         try:
             self._file = h5py.File(self.path, "w" if overwrite else "x")
-        except OSError as error:
+        except (OSError, ValueError) as error:
             raise StoreError(f"{self.path} cannot be created: {_reason(error)}") from error
-        self._describe(name, configuration)
-        self._scales: dict[str, h5py.Dataset] = {}
+        try:
+            self._describe(name, configuration)
+            self._scales: dict[str, h5py.Dataset] = {}
+            self._lay_out(grid)
+            self._variables = {name: self._add_variable(name, v) for name, v in held.items()}
+        except BaseException as error:
+            self._file.close()
+            self.path.unlink(missing_ok=True)
+            if isinstance(error, (OSError, RuntimeError, ValueError)):
+                raise StoreError(f"{self.path} cannot be created: {_reason(error)}") from error
+            raise
+
+    def _lay_out(self, grid: Grid) -> None:
+        """Create the dimension scales."""
         for axis, values in grid.axes.items():
             about = PARAMETERS[axis]
             self._add_scale(
@@ -169,11 +161,6 @@ class SweepWriter:
             )
         for record, numbers in self._records.items():
             self._add_scale(record, numbers, RECORDS[record], "1", "")
-        self._variables = {
-            name: self._add_variable(name, variable)
-            for name, variable in VARIABLES.items()
-            if variable.record is None or variable.record in self._records
-        }
 
     def _describe(self, name: str, configuration: str) -> None:
         self._file.attrs.update(

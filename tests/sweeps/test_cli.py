@@ -1,19 +1,29 @@
 """The command line: exit codes, what goes to which stream, and what is created."""
 
 import json
+import math
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
 import types
+import unittest.mock
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
 import sweeps
 from sweeps.cli import app
+from sweeps.loading import load_config
+from sweeps.runner import block_size
+from vibroimpact.flight import LONGEST_STEP
+from vibroimpact.status import Status
 
 CONFIG = """\
 name: small
@@ -83,10 +93,10 @@ def test_run_info_and_plot():
 
     shown = done("info", "small.h5")
     assert re.search(r"name +small\n", shown)
-    assert re.search(r"points +10 points\n", shown)
+    assert re.search(r"points +10 points, all certified: ", shown)
     assert "omega = 1.5 .. 3 [rad/time], 5 values" in shown
     assert "poincare_x (omega: 5, clearance: 2, section: 4)" in shown
-    for part in ("vibroimpact_version", "numba_version", "duration", "integrator: newmark"):
+    for part in ("vibroimpact_version", "numba_version", "duration", "integrator: exact"):
         assert part in shown
 
     assert done("plot", "small.h5") == "small.png\n"
@@ -130,19 +140,90 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, "sweeps.runner", None)
     printed = done("run", "small.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
-    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, three numbers and the status.
-    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 3) + 1)
+    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, six numbers and the status.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 6) + 1)
     assert rows == [
         ("name", "small"),
         ("axis", "omega = 1.5 .. 3 [rad/time], 5 values"),
         ("axis", "clearance = 0 .. 0.1 [length], 2 values"),
         ("points", "10"),
         ("forcing periods", "70"),
+        ("steps per period", "20"),
         ("steps", "1,400"),
         ("estimated size", f"{size / 1000:.3g} kB"),
         ("output", "small.h5"),
     ]
     assert [path.name for path in Path().iterdir()] == ["small.yaml"]
+
+
+def test_dry_run_shows_the_steps_chosen_for_the_worst_point():
+    printed = done("run", "small.yaml", "--dry-run", "--set", "method={}")
+    steps = math.ceil(2 * math.pi * (1.2 / 1.5 + 1) / LONGEST_STEP)
+    assert re.search(rf"steps per period +{steps}\n", printed)
+    printed = done("run", "small.yaml", "--dry-run", "--set", "method={impact: plain}")
+    assert re.search(r"steps per period +100\n", printed)
+
+
+def test_no_unit_is_shown_where_there_is_none():
+    printed = done("run", "small.yaml", "--dry-run", "--set", "oscillator.R=[0.5, 0.8]")
+    assert "R = 0.5 .. 0.8, 2 values" in printed
+
+
+def test_what_became_of_the_points_is_told():
+    assert "10 points, all certified: every impact found, none missed in " in done(
+        "run", "small.yaml"
+    )
+    with h5py.File("small.h5", "r+") as file:
+        file["status"][0] = [Status.SETTLED, Status.COMPUTED]
+    assert re.search(
+        rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
+        done("info", "small.h5"),
+    )
+    printed = done("run", "small.yaml", "--overwrite", "--set", "method={impact: plain}")
+    assert "small.h5: 10 points in " in printed
+
+
+def test_diagnostics_are_computed_where_they_are_asked_for():
+    with unittest.mock.patch("sweeps.runner.period_class") as period:
+        done("run", "small.yaml", "--quiet")
+    assert not period.called
+    both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
+    done("run", "small.yaml", "--quiet", "--overwrite", *both)
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert dict(dataset["lyapunov"].sizes) == {"omega": 5, "clearance": 2, "exponent": 2}
+        assert np.isfinite(dataset["lyapunov"].values).all()
+        assert (dataset["period"].values[:, 0] == 1).any()
+        assert (dataset["near_grazes"].values >= 0).all()
+        slowest, speeds = dataset["slowest_impact"].values, dataset["impact_v"].values
+        assert (slowest <= np.nanmin(speeds, axis=-1)).all()
+
+
+def test_any_block_size_gives_the_same_data(monkeypatch):
+    small = ("--set", "method={}", "--set", "record.diagnostics=[period, lyapunov]")
+    done("run", "small.yaml", "--quiet", *small)
+    monkeypatch.setattr("sweeps.runner.block_size", lambda _: 3)
+    done("run", "small.yaml", "--quiet", *small, "-o", "blocks.h5")
+    with (
+        xr.open_dataset("small.h5", engine="h5netcdf") as first,
+        xr.open_dataset("blocks.h5", engine="h5netcdf") as second,
+    ):
+        xr.testing.assert_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("record", "points", "expected"),
+    [
+        ("{transient: 0, periods: 1, impacts: 0}", 100_000, 2016),
+        ("{transient: 999, periods: 1, impacts: 0}", 1_000_000, 20000),  # 2e8 / (1000 * 10)
+        ("{transient: 1e6, periods: 1}", 100_000, 64),
+        ("{transient: 0, periods: 1e6}", 100_000, 4),  # 16 MB each
+    ],
+)
+def test_a_block_is_done_in_about_a_second(record, points, expected):
+    method = "method={impact: plain, steps_per_period: 10}"
+    num = f"oscillator.omega={{start: 1, stop: 2, num: {points}}}"
+    config = load_config("small.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])
+    assert block_size(config) == pytest.approx(expected, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -176,6 +257,62 @@ def test_an_interrupted_run_says_what_is_kept(monkeypatch):
     result = call("run", "small.yaml", "--overwrite")
     assert result.exit_code == 1
     assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["info", "plot", "run", "schema"])
+def test_an_interrupted_command_exits_with_1(monkeypatch, command):
+    done("run", "small.yaml", "--quiet")
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.loading.load_config", interrupt)
+    monkeypatch.setattr("sweeps.config.json_schema", interrupt)
+    file = {"info": ["small.h5"], "plot": ["small.h5"], "run": ["small.yaml"], "schema": []}
+    result = call(command, *file[command])
+    assert result.exit_code == 1
+    assert result.stderr == "vibroimpact: error: interrupted\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run(folder, number):
+    endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
+    command = [sys.executable, "-m", "sweeps.cli", "run", "small.yaml", *endless]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
+        deadline = time.monotonic() + 120
+        while not Path("small.h5").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        run.send_signal(number)
+        _, stderr = run.communicate(timeout=120)
+    assert run.returncode == 1
+    assert stderr.splitlines()[-1].startswith("vibroimpact: error: interrupted; ")
+    assert "Traceback" not in stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, number):
+    from sweeps import runner
+
+    class Callback:  # exceptions in it are swallowed, as in LLVM's
+        def __del__(self):
+            os.kill(os.getpid(), number)
+            time.sleep(0.1)
+
+    computed = []
+
+    def compute(config, points, threads):
+        computed.append(points.size)
+        Callback()
+        return {}
+
+    monkeypatch.setattr(runner, "_compute", compute)
+    result = call("run", "small.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
+    assert computed == [0]
+    assert capfd.readouterr().err == ""
 
 
 # Requests that are refused
@@ -254,6 +391,10 @@ def test_a_file_that_is_not_a_sweep(command):
     ("arguments", "parts"),
     [
         (["--kind", "bifurcatoin"], ["bifurcatoin", "bifurcation"]),
+        (["--kind", ""], ["no picture ''"]),
+        (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
+        (["-o", "link.png"], ["link.png", "replace the data"]),
+        (["-o", "folder/../small.h5"], ["small.h5", "replace the data"]),
         (["--axis", "h"], ["h is not a swept axis", "omega"]),
         (["--coordinate", "poincare_y"], ["poincare_y", "poincare_x"]),
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
@@ -266,9 +407,41 @@ def test_a_file_that_is_not_a_sweep(command):
 )
 def test_a_picture_that_cannot_be_drawn(arguments, parts):
     done("run", "small.yaml", "--quiet")
+    Path("link.png").symlink_to("small.h5")
+    Path("folder").mkdir()
     message = refused("plot", "small.h5", *arguments)
     for part in parts:
         assert part in message
+
+
+def test_a_cut_off_the_grid_is_told():
+    done("run", "small.yaml", "--quiet")
+    result = call("plot", "small.h5", "--at", "clearance=0.06")
+    assert (result.exit_code, result.stdout) == (0, "small.png\n")
+    assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"
+    rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
+    assert (rounded.exit_code, rounded.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_more_than_the_disk_holds(monkeypatch, dry):
+    usage = types.SimpleNamespace(free=1000)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    message = refused("run", "small.yaml", *dry)
+    assert re.search(r"the sweep takes about \d\.\d+ kB, .* has only 1 kB left", message)
+
+
+def test_a_grid_beyond_all_bounds():
+    axis = "{start: 0, stop: 1, num: 1e7}"
+    three = [f"oscillator.{name}={axis}" for name in ("h", "R", "f")]
+    message = refused("run", "small.yaml", *(part for text in three for part in ("--set", text)))
+    assert "a grid of 10,000,000,000,000,000,000,000 points" in message
+    assert "at most 1,000,000,000" in message
+
+
+@pytest.mark.parametrize("name", ["z.txt", "z.png", "z.yaml"])
+def test_an_output_with_the_ending_of_another_kind(name):
+    assert "did you mean z.h5?" in refused("run", "small.yaml", "-o", name)
 
 
 @pytest.mark.parametrize(

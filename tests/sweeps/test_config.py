@@ -10,6 +10,7 @@ import yaml
 from sweeps import config as config_module
 from sweeps.config import OscillatorSection, StartSection, json_schema
 from sweeps.loading import ConfigError, load_config
+from vibroimpact.flight import LONGEST_STEP
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.oscillator import PARAMETERS
@@ -18,8 +19,8 @@ EXAMPLE = """\
 name: frequency-bifurcation
 oscillator: {h: 0.1, R: 0.8, omega: {start: 0.8, stop: 4.0, num: 4096}, f: 1.0}
 start: {x0: 0.0, v0: 0.0}
-method: {integrator: newmark, impact: reduced-step, steps_per_period: 100}
-record: {transient: 200, periods: 100, phase: 0.0, impacts: 64, trajectory: false}
+method: {integrator: exact, impact: exact, steps_per_period: null}
+record: {transient: 200, periods: 100, phase: 0.0, impacts: 64, trajectory: false, diagnostics: []}
 output: results/frequency.h5
 """
 OSCILLATOR = {"h": "0.1", "R": "0.8", "omega": "2.0", "f": "1.0"}
@@ -64,7 +65,7 @@ def oscillator(**values):
 def test_the_example_is_read_as_written(load):
     config = load(EXAMPLE)
     assert (config.name, config.output) == ("frequency-bifurcation", Path("results/frequency.h5"))
-    assert (config.method.integrator, config.method.impact) == ("newmark", "reduced-step")
+    assert (config.method.integrator, config.method.impact) == ("exact", "exact")
     assert config.record.trajectory is False
     assert list(config.grid.axes) == ["omega"]
     np.testing.assert_array_equal(config.grid.axes["omega"], np.linspace(0.8, 4.0, 4096))
@@ -152,8 +153,90 @@ def test_the_configuration_is_frozen(load):
 def test_every_integrator_and_impact_rule_is_accepted(load):
     for integrator in INTEGRATORS:
         for impact in IMPACT_RULES:
-            method = f"method: {{integrator: {integrator}, impact: {impact}}}\n"
-            assert load(oscillator() + method).method.impact == impact
+            if impact != "exact" or integrator == "exact":
+                method = f"method: {{integrator: {integrator}, impact: {impact}}}\n"
+                assert load(oscillator() + method).method.impact == impact
+
+
+@pytest.mark.parametrize(
+    ("values", "method", "steps"),
+    [
+        ({}, "impact: exact", 16),  # 2 pi (1.2 / 2 + 1) / 0.65
+        ({"h": "[0.1, 2, 1]"}, "impact: exact", 34),
+        ({"omega": "{start: 3, stop: 0.5, num: 4}", "p": "[1, 4]"}, "impact: exact", 91),
+        ({}, "impact: plain", 100),
+        ({"omega": "1e-9"}, "impact: cubic", 100),
+        ({}, "steps_per_period: 64", 64),
+        ({}, "steps_per_period: 16", 16),
+        ({}, "impact: plain, steps_per_period: 4", 4),
+        ({}, "steps_per_period: ~", 16),
+    ],
+)
+def test_the_steps_are_those_of_the_worst_point(load, values, method, steps):
+    config = load(oscillator(**values) + f"method: {{{method}}}\n")
+    assert LONGEST_STEP == 0.65  # that the numbers above are for
+    assert config.steps == steps
+    written = config.to_yaml()
+    assert yaml.safe_load(written)["method"]["steps_per_period"] == steps
+    assert load(written).steps == steps
+
+
+def test_the_widths_are_those_of_the_record(load):
+    record = "record: {periods: 7, impacts: 3, trajectory: {every: 4}}\n"
+    widths = load(oscillator() + record).widths
+    assert widths == {"section": 7, "impact": 3, "sample": 7 * 16 // 4 + 1}
+    assert load(oscillator()).widths["sample"] == 0
+
+
+def test_diagnostics_are_asked_for_by_name(load):
+    config = load(oscillator() + "record: {diagnostics: [lyapunov, period]}\n")
+    assert config.record.diagnostics == ("lyapunov", "period")
+    config = load(oscillator() + "method: {impact: plain}\nrecord: {diagnostics: [period]}\n")
+    assert config.record.diagnostics == ("period",)
+
+
+@pytest.mark.parametrize(
+    ("lines", "parts"),
+    [
+        ("method: {integrator: rk4}",
+         ["line 2: method.integrator: impact exact needs the integrator exact, not rk4",
+          "expected: integrator exact, or one of the impact rules plain, reduced-step, cubic"]),
+        ("method: {steps_per_period: 15}",
+         ["line 2: method.steps_per_period: 15 are not enough for exact impacts here",
+          "an integer from 16 to 1000000, or null"]),
+        ("method: {impact: cubic}\nrecord: {diagnostics: [period, lyapunov]}",
+         ["line 3: record.diagnostics: lyapunov needs the impact rule exact, not cubic"]),
+        ("record: {diagnostics: [perod]}",
+         ["line 2: record.diagnostics[0] = perod is unknown (did you mean period?)",
+          "period, lyapunov"]),
+        ("record: {diagnostics: [period, period]}",
+         ["record.diagnostics = [period, period] has a name twice"]),
+        ("record: {diagnostics: period}", ["record.diagnostics = period is not allowed", "a list"]),
+        ("record: {periods: 1e6, trajectory: {every: 1}}",
+         ["line 2: record.trajectory: 16,000,001 samples per point are too many",
+          "at most 10,000,000"]),
+    ],
+)  # fmt: skip
+def test_settings_that_do_not_go_together(refusal, lines, parts):
+    message = refusal(oscillator() + lines + "\n")
+    assert message.count("\n") == 0
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize("values", [{"omega": "1e-9"}, {"omega": "1e-300"}, {"h": "1e308"}])
+def test_more_steps_than_can_be_computed(refusal, values):
+    message = refusal("# a comment\n" + oscillator(**values))
+    assert "line 2: oscillator.omega: exact impacts would need" in message
+    assert "at most 1000000" in message and message.count("\n") == 0
+
+
+def test_a_grid_that_is_too_large(refusal, load):
+    axis = "{start: 0, stop: 1, num: 1e3}"
+    assert load(oscillator(h=axis, R=axis, f=axis)).grid.size == 10**9
+    message = refusal("# a comment\n" + oscillator(h=axis, R=axis, f=axis, p="[1, 2]"))
+    assert "line 2: oscillator.h: the axes make a grid of 2,000,000,000 points" in message
+    assert "at most 1,000,000,000" in message
 
 
 # --set
@@ -175,7 +258,7 @@ def test_overrides_replace_and_add_in_order(load):
 
 
 def test_overrides_may_add_a_section(load):
-    assert load(oscillator(), ["method.integrator=rk4"]).method.integrator == "rk4"
+    assert load(oscillator(), ["method.impact=plain"]).method.impact == "plain"
 
 
 @pytest.mark.parametrize(
@@ -188,7 +271,11 @@ def test_overrides_may_add_a_section(load):
         ("oscillator.h=[1,", ["not valid YAML"]),
         ("oscillator.h", ["expected key=value"]),
         ("oscillator.h=", ["oscillator.h = (nothing) is not a number"]),
-        ("record.trajectory={ever: 2}", ["record.trajectory.every is missing"]),
+        (
+            "record.trajectory={ever: 2}",
+            ["record.trajectory.ever (did you mean every?)"],
+        ),
+        ("record.trajectory={}", ["record.trajectory.every is missing"]),
         ("=", ["unknown key"]),
         ("a..b=1", ["unknown key a"]),
         ("<scalar>=1", ["unknown key <scalar>"]),
@@ -225,7 +312,9 @@ def test_to_yaml_round_trip(load, text):
     for name, values in config.grid.axes.items():
         np.testing.assert_array_equal(again.grid.axes[name], values)
     assert again.grid.fixed == config.grid.fixed
-    assert again.model_dump(exclude={"output"}) == config.model_dump(exclude={"output"})
+    left_out = {"output": True, "method": {"steps_per_period"}}
+    assert again.model_dump(exclude=left_out) == config.model_dump(exclude=left_out)
+    assert again.steps == config.steps
 
 
 def test_to_yaml_is_complete_and_keeps_the_order(load):
@@ -234,6 +323,7 @@ def test_to_yaml_is_complete_and_keeps_the_order(load):
     assert list(plain["start"]) == ["v0", "x0"]
     assert plain["record"] == {
         "transient": 200, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
+        "diagnostics": [],
     }  # fmt: skip
 
 
@@ -260,7 +350,9 @@ def test_to_yaml_is_complete_and_keeps_the_order(load):
         ({"R": "{start: 0, stop: 1.2, num: 3}"}, "oscillator.R", "contains 1.2,", "from 0 to 1"),
         ({"f": "{start: 0, stop: 1, num: 0}"}, "oscillator.f.num", "0", "an integer from 1"),
         ({"f": "{start: 0, stop: 1, num: 1.5}"}, "oscillator.f.num", "1.5", "an integer from 1"),
-        ({"f": "{start: 0, stop: 1, num: 1e8}"}, "oscillator.f.num", "100000000", "from 1"),
+        ({"f": "{start: 0, stop: 1, num: 1e8}"}, "oscillator.f.num", "1e8", "from 1"),
+        ({"h": "1_0"}, "oscillator.h", "1_0 is not a number", ">= 0"),
+        ({"h": "[-7, 1]"}, "oscillator.h", "contains -7,", ">= 0"),
         ({"f": "{start: x, stop: 1, num: 2}"}, "oscillator.f.start", "x", "finite number"),
         ({"f": "{start: 0, stop: 1, num: 1}"}, "oscillator.f", "num: 1", "to be equal"),
         ({"f": "{start: 0, stop: 1, num: 2, spacing: log}"}, "oscillator.f", "log", "start > 0"),
@@ -288,6 +380,9 @@ def test_refused_values(refusal, values, key, given, allowed):
         ("record: {transient: -1}", "record.transient", "-1", "an integer from 0"),
         ("record: {impacts: false}", "record.impacts", "false", "an integer from 0"),
         ("record: {phase: 6.2832}", "record.phase", "6.2832", "< 2 pi"),
+        ("record: {phase: 7}", "record.phase", "7 is not", "< 2 pi"),
+        ("record: {periods: 1e7}", "record.periods", "1e7", "from 1 to 1000000"),
+        ("record: {impacts: 1000001}", "record.impacts", "1000001", "from 0 to 1000000"),
         ("record: {phase: -0.1}", "record.phase", "-0.1", ">= 0"),
         ("record: {trajectory: true}", "record.trajectory", "true", "false, or {every: k}"),
         ("record: {trajectory: [1]}", "record.trajectory", "[1]", "false, or {every: k}"),
@@ -311,6 +406,22 @@ def test_unknown_key(refusal):
     message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  omga: 1\n  omega: 1\n  f: 1\n")
     assert "line 4: unknown key oscillator.omga (did you mean omega?)" in message
     assert "keys among h, R, omega, f, p, clearance" in message
+
+
+def test_a_misspelt_key_is_not_reported_missing_as_well(refusal):
+    message = refusal("oscilator: {h: 1}\n")
+    assert "unknown key oscilator (did you mean oscillator?)" in message
+    assert message.count("\n") == 0
+    message = refusal(oscillator().replace("omega", "omga").replace("f: ", "x: "))
+    assert "omega is missing" not in message
+    assert "oscillator.f is missing" in message
+
+
+@pytest.mark.parametrize(("values", "errors"), [("[[1], [2]]", 2), ("[[1, 2], 3]", 1)])
+def test_a_nested_list_is_reported_once_per_item(refusal, values, errors):
+    message = refusal(oscillator(h=values))
+    assert message.count("is not a number") == errors
+    assert len(message.splitlines()) == errors
 
 
 def test_unknown_key_in_another_case(refusal):
@@ -402,7 +513,13 @@ def test_the_schema_accepts_the_example_and_refuses_a_wrong_one():
     texts = [EXAMPLE, *(path.read_text() for path in root.glob("configs/**/*.yaml"))]
     for text in texts:
         validator.validate(yaml.safe_load(text))
-    for wrong in ("record: {periods: 0}\n", "method: {integrator: euclid}\n", "hh: 1\n"):
+    for wrong in (
+        "record: {periods: 0}\n",
+        "record: {diagnostics: [speed]}\n",
+        "method: {integrator: euclid}\n",
+        "method: {steps_per_period: 3}\n",
+        "hh: 1\n",
+    ):
         assert not validator.is_valid(yaml.safe_load(oscillator() + wrong))
     assert not validator.is_valid(yaml.safe_load("oscillator: {h: 1}\n"))
 
@@ -416,5 +533,5 @@ def test_the_schema_describes_every_parameter():
     for name, parameter in PARAMETERS.items():
         description = properties[name]["description"]
         assert parameter.meaning in description
-        assert f"[{parameter.unit}]" in description
+        assert (f"[{parameter.unit}]" in description) == (parameter.unit != "1")
         assert parameter.allowed in description

@@ -1,12 +1,15 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 
-from sweeps import plotting
+from sweeps import plotting, selection
 from sweeps.grid import Grid
 from sweeps.plotting import KINDS, PlotError, bifurcation, plot, section, trajectory
-from sweeps.store import VARIABLES, SweepWriter, open_sweep
+from sweeps.store import SweepWriter, open_sweep
+from sweeps.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -20,7 +23,7 @@ def results(points, widths, seed=0):
     random = np.random.default_rng(seed)
     arrays = {}
     for name, variable in VARIABLES.items():
-        width = {**widths, "sample": SAMPLES, None: None}[variable.record]
+        width = {**widths, "exponent": 2, None: None}[variable.record]
         arrays[name] = random.normal(size=(points,) if width is None else (points, width))
     arrays["impact_v"][..., -1:] = np.nan
     arrays["status"] = np.zeros(points, np.int8)
@@ -32,25 +35,26 @@ def sweep(tmp_path):
     """Return a function that writes and opens a sweep of random numbers."""
     opened = []
 
-    def make(axes, *, sections=5, impacts=3, with_trajectory=True, name="a test", **changed):
-        fixed = {key: value for key, value in FIXED.items() if key not in axes}
+    def make(
+        axes, *, sections=5, impacts=3, with_trajectory=True, name="a test", fixed=FIXED, **changed
+    ):
+        fixed = {key: value for key, value in fixed.items() if key not in axes}
         grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
         configuration = {
-            "name": name,
             "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
             "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
             "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
             "record": {"transient": 10},
         }
-        widths = {"section": sections, "impact": impacts}
+        widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"
         with SweepWriter(
             path,
             grid,
+            name=name,
             configuration=yaml.safe_dump(configuration),
             widths=widths,
             first_section=11,
-            with_trajectory=with_trajectory,
             overwrite=False,
         ) as store:
             store.write(
@@ -139,7 +143,8 @@ def test_points_that_failed_are_marked_and_not_drawn(sweep, tmp_path):
     assert [x for x, _ in drawn(panel, "|")] == [1.0, 1.5, 4.0]
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [
-        f"{Status(s).meaning} (1 of 4)" for s in (-1, 1, 2)
+        f"{status.meaning} (1 of 4)"
+        for status in (Status.PENDING, Status.UNRESOLVED, Status.NON_FINITE)
     ]
     plot(dataset, tmp_path / "a.png")
 
@@ -212,10 +217,85 @@ def test_a_trajectory_has_the_papers_three_panels(sweep):
 
 
 def test_a_trajectory_within_the_stop_says_so(sweep):
-    inside = -np.abs(results(1, {"section": 5, "impact": 3})["trajectory_x"])
+    inside = -np.abs(results(1, {"section": 5, "impact": 3, "sample": SAMPLES})["trajectory_x"])
     figure = trajectory(sweep({}, trajectory_x=inside))
     assert "no sample beyond the stop" in [panel.get_title() for panel in figure.axes]
     assert all(drawn(panel) == [] for panel in figure.axes)
+
+
+def test_points_that_did_not_fail_are_drawn(sweep):
+    good = [status for status in Status if not status.failed]
+    assert {Status.CERTIFIED, Status.SETTLED, Status.UNBOUNDED} <= set(good)
+    dataset = sweep({"omega": OMEGA}, status=np.array(good, np.int8))
+    figure = bifurcation(dataset)
+    assert drawn(figure.axes[0]) == pairs(OMEGA[:, None], dataset["poincare_x"].values)
+    assert not figure.legends
+
+
+@pytest.mark.parametrize("status", [s for s in Status if s is not Status.PENDING])
+def test_a_title_says_more_only_where_there_is_more_to_say(sweep, status):
+    title = section(sweep({}, status=np.array([status], np.int8))).get_suptitle()
+    plain = status in (Status.COMPUTED, Status.CERTIFIED)
+    assert (status.meaning in title.replace("\n", " ")) != plain
+
+
+def test_the_configuration_is_read_once_per_picture(sweep, tmp_path, monkeypatch):
+    dataset = sweep({"omega": OMEGA})
+    read, calls = selection.yaml.safe_load, []
+    monkeypatch.setattr(selection.yaml, "safe_load", lambda text: calls.append(1) or read(text))
+    for kind in KINDS:
+        calls.clear()
+        plot(dataset, tmp_path / "a.png", kind)
+        assert len(calls) == 1
+
+
+@pytest.mark.parametrize("link", ["symbolic", "hard", "dotted"])
+def test_the_data_are_never_replaced(sweep, tmp_path, link):
+    dataset = sweep({"omega": OMEGA})
+    data, picture = tmp_path / "0.h5", tmp_path / "link.png"
+    before = data.read_bytes()
+    if link == "symbolic":
+        picture.symlink_to("0.h5")
+    elif link == "hard":
+        picture.hardlink_to(data)
+    else:
+        (tmp_path / "folder").mkdir()
+        picture = tmp_path / "folder" / ".." / "0.h5"
+    with pytest.raises(PlotError, match="would replace the data; give -o another file"):
+        plot(dataset, picture)
+    assert data.read_bytes() == before
+
+
+def test_a_picture_is_replaced_whole_or_not_at_all(sweep, tmp_path, monkeypatch):
+    dataset = sweep({"omega": OMEGA})
+    target, link = tmp_path / "a.png", tmp_path / "link.png"
+    target.write_text("old")
+    link.symlink_to("a.png")
+
+    def fail(self, path, **_):
+        Path(path).write_text("half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(plotting.Figure, "savefig", fail)
+        plot(dataset, target)
+    assert target.read_text() == "old"
+    plot(dataset, link)
+    assert link.is_symlink() and target.read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.h5", "a.png", "link.png"]
+
+
+def test_a_name_that_the_font_lacks_gives_no_warning(sweep, tmp_path):
+    plot(sweep({"omega": OMEGA}, name="振動 衝突"), tmp_path / "a.png")
+
+
+def test_powers_of_ten_are_set_as_such(sweep, tmp_path):
+    dataset = sweep({"omega": OMEGA}, fixed={**FIXED, "clearance": 1e300, "f": 2.5e-7})
+    figure = section(dataset)
+    assert r"$f = 2.5 \times 10^{-7}$" in figure.get_suptitle()
+    assert r"$\sigma = 1 \times 10^{300}$" in figure.get_suptitle()
+    (legend,) = figure.legends
+    assert r"\sigma = 1 \times 10^{300}$" in legend.get_texts()[0].get_text()
 
 
 def test_a_point_that_failed_is_titled_so(sweep):
@@ -261,6 +341,9 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"output": "a"}, r"must end in one of"),
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
         ({"output": "folder.png"}, r"folder\.png cannot be written"),
+        ({"kind": ""}, "no picture ''; choose one of"),
+        ({"axis": ""}, "'' is not a swept axis"),
+        ({"coordinate": ""}, "no '' to draw; it has"),
         ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, section, trajectory"),
         ({"axis": "h"}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),

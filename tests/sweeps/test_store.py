@@ -1,39 +1,43 @@
 import resource
+import types
 
 import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
+from sweeps import store as store_module
+from sweeps.config import DIAGNOSTICS
 from sweeps.grid import Grid
 from sweeps.store import (
     FORMAT_VERSION,
-    VARIABLES,
     StoreError,
     SweepWriter,
     check_output,
     open_sweep,
     status_counts,
 )
+from sweeps.variables import VARIABLES, bytes_per_point, held_variables
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
-CONFIGURATION = "name: a test\noscillator: {h: 0.1}\n"
+CONFIGURATION = "oscillator: {h: 0.1}\n"
 GRID = Grid(
     {"R": np.array([0.8, 0.5]), "omega": np.geomspace(0.8, 4.0, 5)},
     {"h": 0.1, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0},
 )
-WIDTHS = {"section": 4, "impact": 3}
+WIDTHS = {"section": 4, "impact": 3, "sample": 6}
 
 
-def writer(path, grid=GRID, *, widths=WIDTHS, with_trajectory=True, overwrite=False):
+def writer(path, grid=GRID, *, widths=WIDTHS, diagnostics=DIAGNOSTICS, overwrite=False):
     return SweepWriter(
         path,
         grid,
+        name="a test",
         configuration=CONFIGURATION,
         widths=widths,
         first_section=11,
-        with_trajectory=with_trajectory,
+        diagnostics=diagnostics,
         overwrite=overwrite,
     )
 
@@ -42,9 +46,10 @@ def results(points, samples=6, widths=WIDTHS, seed=0):
     random = np.random.default_rng(seed)
     arrays = {}
     for name, variable in VARIABLES.items():
-        width = {**widths, "sample": samples, None: None}[variable.record]
+        width = {**widths, "exponent": 2, "sample": samples, None: None}[variable.record]
         shape = (points,) if width is None else (points, width)
-        arrays[name] = random.normal(size=shape)
+        array = random.normal(scale=100.0, size=shape)
+        arrays[name] = array.astype(variable.dtype if variable.dtype != "int8" else float)
     arrays["status"] = np.zeros(points, np.int8)
     return arrays
 
@@ -89,7 +94,7 @@ def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
     write_blocks(path, GRID.blocks(10), whole(GRID))
     with xr.open_dataset(path, engine="h5netcdf") as dataset, open_sweep(path) as ours:
         xr.testing.assert_identical(dataset, ours)
-        assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample"}
+        assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample", "exponent"}
         for name, values in GRID.axes.items():
             np.testing.assert_array_equal(dataset[name].values, values)
             assert dataset[name].attrs["long_name"] == PARAMETERS[name].meaning
@@ -97,6 +102,7 @@ def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
             assert dataset[name].attrs["symbol"] == PARAMETERS[name].symbol
         assert dataset["section"].values.tolist() == [11, 12, 13, 14]
         assert dataset["impact"].values.tolist() == [0, 1, 2]
+        assert dataset["exponent"].values.tolist() == [0, 1]
         assert dataset["sample"].values.tolist() == list(range(6))
         flags = dict(
             zip(
@@ -133,19 +139,49 @@ def test_an_unwritten_single_point_is_pending(tmp_path):
     with open_sweep(path) as dataset:
         assert dataset["status"] == Status.PENDING
         assert np.isnan(dataset["rest_fraction"])
+        for name in ("chatters", "near_grazes", "period", "period_impacts"):
+            assert dataset[name] == -1
         assert np.isnan(dataset["poincare_x"]).all()
         assert dataset.sizes["sample"] == 0
 
 
 def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
     path = tmp_path / "out.h5"
-    widths = {"section": 4, "impact": 0}
-    with writer(path, widths=widths, with_trajectory=False) as store:
+    widths = {"section": 4, "impact": 0, "sample": 0}
+    with writer(path, widths=widths, diagnostics=()) as store:
         store.write((slice(0, 2), slice(0, 5)), results(10, widths=widths))
     with open_sweep(path) as dataset:
         assert set(dataset.sizes) == {"R", "omega", "section"}
         assert {"poincare_x", "impacts_per_period"} <= set(dataset.data_vars)
         assert not {"impact_v", "impact_phase", "trajectory_t"} & set(dataset.data_vars)
+
+
+@pytest.mark.parametrize(
+    ("diagnostics", "expected"),
+    [
+        ((), set()),
+        (("period",), {"period", "period_impacts"}),
+        (("lyapunov",), {"lyapunov"}),
+        (DIAGNOSTICS, {"period", "period_impacts", "lyapunov"}),
+    ],
+)
+def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
+    path = tmp_path / "out.h5"
+    writer(path, diagnostics=diagnostics).close()
+    held = held_variables(WIDTHS, diagnostics)
+    with open_sweep(path) as dataset:
+        assert set(dataset.data_vars) == set(held)
+        assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
+        assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
+
+
+def test_every_diagnostic_has_its_variables():
+    assert {variable.diagnostic for variable in VARIABLES.values()} == {None, *DIAGNOSTICS}
+
+
+def test_the_estimate_is_what_the_arrays_take():
+    taken = sum(array.nbytes if name != "status" else 10 for name, array in results(10).items())
+    assert bytes_per_point(WIDTHS, DIAGNOSTICS) * 10 == taken
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
@@ -174,14 +210,16 @@ def test_a_partial_file_says_what_is_pending(tmp_path):
         store.write((slice(1, 2), slice(0, 2)), given)
         raise KeyboardInterrupt
     with open_sweep(path) as dataset:
-        assert status_counts(dataset) == {
+        counts = dict.fromkeys(Status, 0) | {
             Status.PENDING: 8,
             Status.COMPUTED: 1,
-            Status.UNRESOLVED: 0,
             Status.NON_FINITE: 1,
         }
+        assert status_counts(dataset) == counts
         pending = dataset["status"].values == Status.PENDING
         for name, variable in VARIABLES.items():
+            if variable.dtype == "int64":
+                assert (dataset[name].values[pending] == -1).all()
             if variable.dtype == "float64":
                 assert np.isnan(dataset[name].values[pending]).all()
                 assert np.isfinite(dataset[name].values[~pending]).all()
@@ -236,7 +274,7 @@ def test_an_existing_file_is_kept_unless_told(tmp_path):
 
 
 def test_a_file_of_another_kind_is_never_replaced(tmp_path):
-    path = tmp_path / "sweep.yaml"
+    path = tmp_path / "sweep.csv"
     path.write_bytes(b"precious")
     with pytest.raises(StoreError, match="not an HDF5 file and will not be replaced"):
         writer(path, overwrite=True)
@@ -249,6 +287,58 @@ def test_outputs_that_are_refused(tmp_path):
         check_output(tmp_path, overwrite=True)
     with pytest.raises(StoreError, match=r"the folder .*missing of the output new\.h5 does not"):
         check_output(tmp_path / "missing" / "new.h5", overwrite=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".png", ".svg", ".PDF", ".yaml", ".yml", ".txt"])
+def test_the_ending_of_another_kind_of_file_is_refused(tmp_path, ending):
+    with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
+        check_output(tmp_path / f"z{ending}", overwrite=True)
+    check_output(tmp_path / "z.5", overwrite=False)
+
+
+def test_a_sweep_larger_than_the_disk_is_refused(tmp_path, monkeypatch):
+    free = types.SimpleNamespace(free=100_000)
+    monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: free)
+    path = tmp_path / "out.h5"
+    with pytest.raises(StoreError, match=r"takes about 50 MB, .* only 100 kB left"):
+        check_output(path, False, 50_000_000)
+    with pytest.raises(StoreError, match="only 100 kB left"):
+        writer(path, widths={**WIDTHS, "section": 2000})
+    assert not path.exists()
+    path.write_bytes(b"\x89HDF\r\n\x1a\n".ljust(1000))
+    check_output(path, True, 101_000)  # what is replaced makes room
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize(
+    ("failure", "raised"),
+    [
+        (ValueError("Unable to create dataset\nat line 3"), StoreError),
+        (OSError(28, "No space left on device"), StoreError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+    ],
+)
+def test_a_file_that_cannot_be_laid_out_is_not_left_behind(
+    tmp_path, monkeypatch, failure, raised, overwrite
+):
+    def fail(*_):
+        raise failure
+
+    monkeypatch.setattr(SweepWriter, "_add_variable", fail)
+    with pytest.raises(raised) as caught:
+        writer(tmp_path / "out.h5", overwrite=overwrite)
+    assert list(tmp_path.iterdir()) == []
+    assert raised is not StoreError or "out.h5 cannot be created: " in str(caught.value)
+    assert "line 3" not in str(caught.value)
+
+
+def test_a_grid_too_large_for_hdf5_is_refused(tmp_path, monkeypatch):
+    huge = types.SimpleNamespace(free=10**40)
+    monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: huge)
+    axis = np.zeros(200_000)
+    with pytest.raises(StoreError, match=r"out\.h5 cannot be created"):
+        writer(tmp_path / "out.h5", Grid(dict.fromkeys(("h", "R", "f", "p"), axis), {}))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,108 @@
+"""What of an opened sweep a picture shows: the cut through its grid, and the values there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+import yaml
+
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+
+class PlotError(Exception):
+    """A picture cannot be drawn as asked; the text is one paragraph for the user."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the configuration of a sweep says of all its points.
+
+    Attributes
+    ----------
+    name : str
+    fixed : mapping of str to object
+        The parameters, of which those that were not swept are numbers.
+    method : mapping of str to object
+    """
+
+    name: str
+    fixed: Mapping[str, Any]
+    method: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Self:
+        """Read the configuration of an opened sweep."""
+        configuration = yaml.safe_load(dataset.attrs["configuration"])
+        defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
+        fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
+        return cls(str(dataset.attrs["name"]), fixed, configuration["method"])
+
+    def value(self, name: str, point: xr.Dataset) -> float:
+        """Return a parameter's value at a point of the sweep."""
+        return float(point[name] if name in point.coords else self.fixed[name])
+
+
+def listed(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+def swept_axes(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Name the swept axes in the order of the file."""
+    return tuple(str(name) for name in dataset["status"].dims)
+
+
+def on_grid(dataset: xr.Dataset, at: Mapping[str, float]) -> dict[str, float]:
+    """Replace values by the nearest of the grid where they differ by more than rounding.
+
+    Raises
+    ------
+    PlotError
+        If there is no such swept axis, or a value is outside it.
+    """
+    axes = swept_axes(dataset)
+    found = {}
+    for name, value in at.items():
+        if name not in axes:
+            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+        values = dataset[name].values
+        low, high = float(values.min()), float(values.max())
+        slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
+        if not low - slack <= value <= high + slack:
+            raise PlotError(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
+        nearest = float(values[np.argmin(np.abs(values - value))])
+        found[name] = value if abs(nearest - value) <= slack else nearest
+    return found
+
+
+def select(
+    dataset: xr.Dataset, at: Mapping[str, float] | None, free: str | None = None
+) -> xr.Dataset:
+    """Fix every swept axis but `free` at the grid value nearest to `at`, or at its first."""
+    axes = [name for name in swept_axes(dataset) if name != free]
+    if free is not None and free in (at or {}):
+        raise PlotError(f"{free} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+    index = {name: 0 for name in axes}
+    for name, value in on_grid(dataset, at or {}).items():
+        index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
+    return dataset.isel(index)
+
+
+def recorded(
+    dataset: xr.Dataset, names: tuple[str, ...], at: Mapping[str, float] | None
+) -> tuple[xr.Dataset, list[np.ndarray]]:
+    """Read variables at one point, without the padding."""
+    missing = [name for name in names if name not in dataset]
+    if missing:
+        raise PlotError(f"the file has no {listed(missing)}: record it and run the sweep again")
+    point = select(dataset[[*names, "status"]], at)
+    columns = np.array([point[name].values for name in names])
+    columns = columns[:, np.isfinite(columns).all(axis=0)]
+    if not columns.size:
+        outcome = Status(int(point["status"])).meaning
+        raise PlotError(f"there is nothing to draw at this point: {outcome}")
+    return point, list(columns)

@@ -1,0 +1,118 @@
+"""What the file of a sweep holds: its variables, their dimensions and their size."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibroimpact.status import Status
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the file.
+
+    Attributes
+    ----------
+    record : str or None
+        The dimension that follows the swept axes; None where there is one value per point.
+    unit, long_name, symbol : str
+        As in ``PARAMETERS``.
+    dtype : str
+        As stored. Points not written yet hold NaN, or ``Status.PENDING`` (-1) in an integer.
+    diagnostic : str or None
+        The diagnostic that it belongs to; None where it is always recorded.
+    """
+
+    record: str | None
+    unit: str
+    long_name: str
+    symbol: str
+    dtype: str = "float64"
+    diagnostic: str | None = None
+
+
+#: What a file can hold. ``status`` is last, since `SweepWriter.write` keeps this order.
+VARIABLES: Mapping[str, Variable] = {
+    "poincare_x": Variable("section", "length", "displacement at the section", "x"),
+    "poincare_v": Variable("section", "length/time", "velocity at the section", r"\dot{x}"),
+    "impact_phase": Variable(
+        "impact", "rad", "forcing phase at the impact", r"\omega t\ \mathrm{mod}\ 2\pi"
+    ),
+    "impact_v": Variable("impact", "length/time", "speed before the impact", r"\dot{x}^{-}"),
+    "trajectory_t": Variable("sample", "time", "time", "t"),
+    "trajectory_x": Variable("sample", "length", "displacement", "x"),
+    "trajectory_v": Variable("sample", "length/time", "velocity", r"\dot{x}"),
+    "impacts_per_period": Variable(None, "1", "impacts per forcing period", r"n_\mathrm{i}"),
+    "slowest_impact": Variable(
+        None, "length/time", "speed before the slowest impact", r"\dot{x}^{-}_\mathrm{min}"
+    ),
+    "max_penetration": Variable(None, "length", "deepest penetration", r"\delta_\mathrm{max}"),
+    "rest_fraction": Variable(None, "1", "fraction of time at rest", r"\tau_\mathrm{rest}"),
+    "chatters": Variable(None, "1", "complete chatters", r"n_\mathrm{c}", "int64"),
+    "near_grazes": Variable(None, "1", "near grazes", r"n_\mathrm{g}", "int64"),
+    "period": Variable(
+        None, "1", "forcing periods per repetition, 0: none found", "m", "int64", "period"
+    ),
+    "period_impacts": Variable(None, "1", "impacts per repetition", "q", "int64", "period"),
+    "lyapunov": Variable(
+        "exponent", "1/time", "Lyapunov exponent", r"\lambda", diagnostic="lyapunov"
+    ),
+    "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
+}
+
+#: The record dimensions and what their coordinates count.
+RECORDS: Mapping[str, str] = {
+    "section": "number of the forcing period that ends at the section",
+    "impact": "number of the impact among those kept",
+    "sample": "number of the sample",
+    "exponent": "number of the exponent, the larger first",
+}
+#: The width of the records that have the same in every sweep.
+FIXED_WIDTHS: Mapping[str, int] = {"exponent": 2}
+
+
+def held_variables(
+    widths: Mapping[str, int], diagnostics: Collection[str] = ()
+) -> dict[str, Variable]:
+    """Return the variables of a file.
+
+    Parameters
+    ----------
+    widths : mapping of str to int
+        Width of the record dimensions; 0 leaves their variables out.
+    diagnostics : collection of str
+        Those without which a variable that belongs to one is left out.
+    """
+    widths = {**widths, **FIXED_WIDTHS}
+    return {
+        name: variable
+        for name, variable in VARIABLES.items()
+        if (variable.record is None or widths.get(variable.record, 0) > 0)
+        and (variable.diagnostic is None or variable.diagnostic in diagnostics)
+    }
+
+
+def bytes_per_point(widths: Mapping[str, int], diagnostics: Collection[str] = ()) -> int:
+    """Return what the results of one point take; arguments as for `held_variables`."""
+    widths = {**widths, **FIXED_WIDTHS}
+    return sum(
+        np.dtype(variable.dtype).itemsize * (widths[variable.record] if variable.record else 1)
+        for variable in held_variables(widths, diagnostics).values()
+    )
+
+
+def is_remarkable(status: Status) -> bool:
+    """Whether there is more to say of a point than that it was computed."""
+    return status not in (Status.COMPUTED, Status.CERTIFIED)
+
+
+def shown_bytes(size: float) -> str:
+    """Write a size with its unit, as in 1.2 GB."""
+    units = ["B", "kB", "MB", "GB", "TB"]
+    while size >= 1000.0 and len(units) > 1:
+        size /= 1000.0
+        del units[0]
+    return f"{size:.3g} {units[0]}"
