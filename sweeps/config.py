@@ -42,7 +42,7 @@ from sweeps.values import (
     shortest,
     whole,
 )
-from vibroimpact.attractors import default_steps
+from vibroimpact.attractors import MOST_STEPS, default_steps
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.oscillator import PARAMETERS, POINT
@@ -52,7 +52,6 @@ DIAGNOSTICS = ("period", "lyapunov")
 
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000
-_MOST_STEPS = 1_000_000
 _MOST_PERIODS = 1_000_000_000
 _MOST_RECORDED = 1_000_000
 _MOST_SAMPLES = 10_000_000
@@ -112,11 +111,11 @@ class MethodSection(Section):
     )
     impact: Annotated[str, known(IMPACT_RULES)] = _choice("rule for impacts", IMPACT_RULES, "exact")
     steps_per_period: Annotated[
-        Annotated[int, Field(ge=4, le=_MOST_STEPS), BeforeValidator(whole)] | None,
+        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(whole)] | None,
         BeforeValidator(null),
     ] = Field(
         None,
-        description=f"time steps per forcing period: an integer from 4 to {_MOST_STEPS}, "
+        description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
         "or null for as many as the method needs",
     )
 
@@ -259,18 +258,16 @@ class SweepConfig(Section):
     def _enough_steps(cls, method: MethodSection, info: ValidationInfo) -> MethodSection:
         if "oscillator" not in info.data:
             return method
-        chosen, steps = _default_steps(info.data["oscillator"], method), method.steps_per_period
-        if chosen > _MOST_STEPS:
-            raise MisplacedError(
-                ("oscillator", "omega"),
-                f"exact impacts would need {chosen:.3g} steps per forcing period, at the greatest "
-                f"h and p and the least omega; expected: at most {_MOST_STEPS}",
-            )
+        steps = method.steps_per_period
+        try:
+            chosen = _default_steps(info.data["oscillator"], method)
+        except ValueError as error:
+            raise MisplacedError(("oscillator", "omega"), str(error)) from None
         if steps is not None and method.impact == "exact" and steps < chosen:
             raise MisplacedError(
                 ("method", "steps_per_period"),
                 f"{steps} are not enough for exact impacts here; "
-                f"expected: an integer from {chosen} to {_MOST_STEPS}, or null",
+                f"expected: an integer from {chosen} to {MOST_STEPS}, or null",
             )
         return method
 
@@ -298,7 +295,7 @@ class SweepConfig(Section):
     @cached_property
     def steps(self) -> int:
         """Steps per forcing period, the same all over the grid."""
-        return self.method.steps_per_period or int(_default_steps(self.oscillator, self.method))
+        return self.method.steps_per_period or _default_steps(self.oscillator, self.method)
 
     @cached_property
     def widths(self) -> dict[str, int]:
@@ -334,16 +331,12 @@ class SweepConfig(Section):
         return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
-def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> float:
+def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> int:
     """Return the steps per period that the method needs in the worst corner of the grid."""
     worst = np.zeros(1, POINT)
     worst["h"], worst["p"] = max(extremes(oscillator.h)), max(extremes(oscillator.p))
     worst["omega"] = min(extremes(oscillator.omega))
-    try:
-        with np.errstate(over="ignore"):
-            return default_steps(worst, method.impact)
-    except OverflowError:
-        return math.inf
+    return default_steps(worst, method.impact)
 
 
 def _samples(record: RecordSection, steps: int) -> int:

@@ -23,14 +23,30 @@ def _last_in_order(rings: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.take_along_axis(rings, order[:, :, None], axis=1)
 
 
+#: The rule ``exact`` is refused where it needs more steps per forcing period.
+MOST_STEPS = 1_000_000
+
+
 def default_steps(points: np.ndarray, impact: str) -> int:
     """Return the steps per forcing period where none are asked for.
 
     100 as in the paper; for the rule ``exact``, as few as its Taylor series allow.
+
+    Raises
+    ------
+    ValueError
+        If that is more than ``MOST_STEPS``.
     """
     if impact != "exact":
         return 100
-    return int(steps_needed(points["h"], points["p"], points["omega"]).max(initial=1.0))
+    with np.errstate(over="ignore"):
+        steps = float(steps_needed(points["h"], points["p"], points["omega"]).max(initial=1.0))
+    if not steps <= MOST_STEPS:
+        raise ValueError(
+            f"exact impacts would need {steps:.3g} steps per forcing period here, expected: "
+            f"at most {MOST_STEPS}; omega is too small against p and h"
+        )
+    return int(steps)
 
 
 def resolve(
@@ -149,7 +165,7 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     sums, sections = tally.sums, tally.sections
     last = _last_in_order(tally.impacts, sums["impacts"])
     duration = periods * 2.0 * np.pi / points["omega"]
-    sums["status"][_grows(points, sections)] = Status.UNBOUNDED
+    sums["status"][_grows(points, sums, sections)] = Status.UNBOUNDED
     failed = sums["status"] >= Status.UNRESOLVED
     no_impact = sums["impacts"] == 0
     growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
@@ -169,17 +185,20 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     }
 
 
-def _grows(points: np.ndarray, sections: np.ndarray) -> np.ndarray:
-    """Whether the motion grew through the record without bound.
+def _grows(points: np.ndarray, sums: np.ndarray, sections: np.ndarray) -> np.ndarray:
+    """Whether the motion grew through the record, as one without bound does.
 
-    It can only where nothing is dissipated, R = 1 and h = 0. There it does where the energy of
-    the last third of the sections exceeds by 1 % all that came before: no oscillation does.
+    It can only where nothing is dissipated, R = 1 and h = 0. There it does where the energy of each
+    third of the sections exceeds by 1 % all of the third before it. A beat much longer than the
+    record looks the same: fewer than 30 periods, or a motion without impacts, say nothing.
     """
     grows = np.zeros(points.size, dtype=bool)
     third = sections.shape[1] // 3
-    free = np.flatnonzero((points["R"] == 1.0) & (points["h"] == 0.0))
-    if third > 0 and free.size > 0:
-        x, v = sections[free, :, 0], sections[free, :, 1]
+    free = np.flatnonzero((points["R"] == 1.0) & (points["h"] == 0.0) & (sums["impacts"] > 0))
+    if third >= 10 and free.size > 0:
+        x, v = sections[free, -3 * third :, 0], sections[free, -3 * third :, 1]
         energy = v * v + (points["p"][free, None] * x) ** 2
-        grows[free] = energy[:, -third:].min(axis=1) > 1.01 * energy[:, :-third].max(axis=1)
+        thirds = energy.reshape(free.size, 3, third)
+        low, high = thirds.min(axis=2), thirds.max(axis=2)
+        grows[free] = (low[:, 1:] > 1.01 * high[:, :-1]).all(axis=1)
     return grows

@@ -118,7 +118,9 @@ def time_to_rest(v, theta, left, pt):
     if v == 0.0:
         return 0.0, _CERTIFIED
     beta = -pt.f * pt.omega * math.cos(theta) / a
-    shortness = (abs(beta) + pt.h + pt.p + pt.omega) * v / a
+    # The rates of the system, a'' / a = f omega^2 sin(omega t) / a among them.
+    rates = abs(beta) + pt.h + pt.p + pt.omega * (1.0 + math.sqrt(pt.f / a))
+    shortness = rates * v / a
     if pt.R > ENDLESS and shortness < SHORTEST_BOUNCE:
         return 0.0, _SETTLED
     if not shortness < SHORTEST_TAIL * (1.0 - pt.R):
@@ -197,7 +199,8 @@ def rebound(x_T, v_T, v, left, T, pt, lane):
     impulse = -(1.0 + pt.R) * v
     height = lane.along_x * abs(pt.clearance) + lane.along_v * pt.R * v + lane.along_f
     final = 4.0 * left * height < pt.R * v * T * T  # left < 2 R v / A
-    return x_T + impulse * response, v_T + impulse * rate / T, final
+    # Right after the impact the sum may round to beyond the stop.
+    return min(x_T + impulse * response, pt.clearance), v_T + impulse * rate / T, final
 
 
 @jit(leaf=True)
@@ -206,7 +209,7 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
     events, flight = scratch
     stop, T = pt.clearance, step / pt.omega
     u, n, grazes, rested = 0.0, 0, 0, 0.0
-    first = True  # no impact yet, so that (x_T, v_T) is the end of the step
+    undisturbed = True  # no impact yet, so that (x_T, v_T) is the end of the step
     status = _CERTIFIED
     for _ in range(MAX_FLIGHTS):
         released = resting
@@ -217,13 +220,13 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
             u += wait
             rested += wait * T
             n = log_event(events, n, RELEASE, u * T, 0.0, stop)
-            x, v, resting, first = stop, 0.0, False, False
+            x, v, resting, undisturbed = stop, 0.0, False, False
         if u > 0.0:
             s, c = math.sin(theta + step * u), math.cos(theta + step * u)
         expand(lane.rows, x, v, s, c, stop, flight)
         if released:
             flight[0] = flight[1] = flight[2] = 0.0  # x, v, a vanish at a release, to rounding
-        rising = first and x < stop and rises(x, v, T, lane)
+        rising = undisturbed and x < stop and rises(x, v, T, lane)
         m, du, turn, pressed = next_impact(flight, 1.0 - u, rising, x_T - stop, v_T * T)
         grazes += is_near_graze(flight, turn)
         if pressed:
@@ -231,7 +234,7 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
             n = log_event(events, n, REST, u * T, 0.0, stop)
             continue
         if du < 0.0:
-            if not first:
+            if not undisturbed:
                 x_T, v_T = value_and_slope(flight, 0, 1.0 - u)
                 x_T, v_T = x_T + stop, v_T / T
             # The end of the step may lie beyond the stop by the rounding of its own map.
@@ -240,16 +243,16 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
         u += du
         left = (1.0 - u) * T
         n = log_event(events, n, IMPACT, u * T, v, stop)
-        if first:
+        if undisturbed:
             x_T, v_T, final = rebound(x_T, v_T, v, left, T, pt, lane)
             if final:
                 return x_T, v_T, False, n, rested, status, grazes
-        x, v, first = stop, -pt.R * v, False
+        x, v, undisturbed = stop, -pt.R * v, False
         wait, outcome = time_to_rest(-v, theta + step * u, left, pt)
         status = max(status, outcome)
         if wait < math.inf:
             u += wait / T
             resting = True
             n = log_event(events, n, REST, u * T, 0.0, stop)
-    n = log_event(events, n, REST, u * T, 0.0, stop)
+    n = log_event(events, n, REST, u * T, 0.0, stop) - resting  # once only
     return stop, 0.0, True, n, rested + (1.0 - u) * T, _SETTLED, grazes

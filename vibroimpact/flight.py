@@ -22,11 +22,12 @@ from vibroimpact.jit import fma, jit
 
 #: Number of Taylor coefficients: two vectors of eight.
 TERMS = 16
-#: Largest (2h + p + omega) T: the first term left out is below 0.65^16 / 16! = 5e-17.
+#: Largest (2h + p + omega) T: the first term left out is below 0.65^16 / 16! = 5e-17 in x, and
+#: 16 times that in its slope.
 LONGEST_STEP = 0.65
 
-# Below this width the excess of a curve over its chord, (width)^3 / 8 of the third derivative,
-# is rounding, whatever the sign of the curvature.
+# Below this width the excess of a curve over its chord, at most width^3 / 4 of the third
+# derivative where the curvature changes its sign, is rounding.
 _NARROWEST = 2.0**-17
 _NO_TURN = -math.inf
 
@@ -191,7 +192,7 @@ def first_crossing(c, m, end):
             width = 0.5 * (b - a)
             continue
         value, slope = value_and_slope(c, m, b)
-        if slope_a > 0.0 and slope < 0.0:
+        if slope_a > 0.0 and slope <= 0.0:
             top = _turning_point(c, m, a, b)
             height, _ = value_and_slope(c, m, top)
             turn = max(turn, height * top**m)

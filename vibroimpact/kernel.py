@@ -4,7 +4,8 @@ A lane is one parameter point. Lanes stand side by side in blocks of ``LANES``, 
 "for step: for lane", so that the compiler fills vector registers; ``prange`` runs over blocks.
 The steps per period are an integer, so omega t_n mod 2 pi is one table for every lane, also
 where omega is swept, and the loop holds no trigonometry. Every lane is advanced by its affine
-map; only lanes that ended on or beyond the stop are mended by the impact rule, after the loop.
+map; only lanes that ended on or beyond the stop are mended by the impact rule, after the loop
+(with the rule ``exact``, those that its guard does not keep off the stop).
 A lane at rest watches a stop at -inf, so that it is looked at in every step.
 """
 
@@ -232,6 +233,8 @@ def advance(w, taylor, first, points, rule, integrator, grid, recording, lyapuno
                             scratch.events, n_events, theta, grid.step / pt.omega, taylor[i], pt,
                         )  # fmt: skip
         accept(w, lyapunov and recording)
+        if lyapunov and recording:
+            stretch(w, first, points.size, tally, n + 1 == grid.table.shape[1])
 
 
 @jit(inline=True)
@@ -258,11 +261,16 @@ def predict_tangents(w):
 
 
 @jit(inline=True)
-def end_period(w, first, n, k, lyapunov, tally):
-    """Store section `k` of `n` lanes, and orthonormalise their tangent vectors."""
-    record_section(w, first, n, k, tally)
-    if lyapunov:
-        for i in range(n):
+def stretch(w, first, n, tally, always):
+    """Orthonormalise the tangent vectors of `n` lanes and add up their growth.
+
+    Where not `always`, only those that would soon be too short or too parallel for their digits.
+    """
+    for i in range(n):
+        ax, av = w[TANGENTS, i], w[TANGENTS + 1, i]
+        bx, bv = w[TANGENTS + 2, i], w[TANGENTS + 3, i]
+        size = ax * ax + av * av + bx * bx + bv * bv
+        if always or abs(ax * bv - av * bx) < 1e-4 * size or size < 1e-100:
             sums = tally.sums[first + i]
             growth_1, growth_2 = orthonormalise(w[TANGENTS : TANGENTS + 4, i])
             sums.growth_1 += growth_1
@@ -300,7 +308,7 @@ def run_block(first, points, rule, integrator, lead, grid, transient, periods, l
             scratch,
         )  # fmt: skip
         if k >= transient:
-            end_period(w, first, points.size, k - transient, lyapunov, tally)
+            record_section(w, first, points.size, k - transient, tally)
         for i in range(LANES):
             w[WAKE, i] -= 2.0 * math.pi if k >= 0 else 0.0  # the grid's phases begin again
 

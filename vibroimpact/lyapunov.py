@@ -41,7 +41,8 @@ def carry_tangents(before, after, events, n, theta, T, rows, pt):
         _fly(after, events[k, TIME] - at, T, rows)
         at = events[k, TIME]
         if events[k, KIND] == IMPACT:
-            turn = (1.0 + pt.R) * pressing(theta + pt.omega * at, pt) / events[k, SPEED]
+            speed = max(events[k, SPEED], 1e-150)  # a graze stretches without bound
+            turn = (1.0 + pt.R) * pressing(theta + pt.omega * at, pt) / speed
             for j in range(0, 4, 2):
                 x, v = after[j], after[j + 1]
                 after[j] = -pt.R * x

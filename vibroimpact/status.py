@@ -33,7 +33,7 @@ _MEANING = {
     Status.COMPUTED: "computed to the end",
     Status.CERTIFIED: "computed to the end, with every impact found and none missed",
     Status.SETTLED: "bounces too short to follow were taken for rest",
-    Status.UNBOUNDED: "the motion grew without bound: R = 1 and h = 0 dissipate nothing",
+    Status.UNBOUNDED: "the motion grew throughout the record (R = 1, h = 0: no dissipation)",
     Status.UNRESOLVED: "more impacts within one step than the impact rule can resolve",
     Status.NON_FINITE: "the state overflowed: the step is unstable or the motion unbounded",
 }

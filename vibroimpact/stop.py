@@ -52,9 +52,12 @@ def time_to_release(theta, pt):
 
     It turns from pressing to pulling where sin(omega t) = -p^2 clearance / f, cos(omega t) > 0.
     """
-    if not pressing(theta, pt) > 0.0:
-        return 0.0
     level = pt.p * pt.p * pt.clearance
+    a = pressing(theta, pt)
+    # Where the force begins to press, the sign of a is rounding: the release is the next one.
+    begins = abs(level) < pt.f and a > -1e-14 * pt.f and math.cos(theta) < 0.0
+    if not (a > 0.0 or begins):
+        return 0.0
     if not abs(level) < pt.f:
         return math.inf
     turn = -math.asin(level / pt.f)

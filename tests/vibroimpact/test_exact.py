@@ -551,3 +551,42 @@ def test_without_restitution_and_near_it():
     assert np.isfinite(out["poincare_x"]).all()
     assert np.isin(out["status"], (Status.CERTIFIED, Status.SETTLED)).all()
     assert (out["status"][:4] == Status.CERTIFIED).all()
+
+
+def test_an_impact_on_a_grid_point_is_found_once():
+    """Free flights built to end on grid points: speeds fall by R, every half period."""
+    rng = np.random.default_rng(4)
+    n = 20
+    for _ in range(400):
+        R, v, k = rng.uniform(0.2, 0.9), rng.uniform(0.5, 2.0), rng.integers(2, 9)
+        t = k * 2 * math.pi / n  # x = -v sin(t1 - t), so that the mass meets the stop at t1 = t
+        osc = Oscillator(h=0.0, R=R, omega=1.0, f=0.0)
+        tr = simulate(osc, 2, steps_per_period=n, x0=-v * math.sin(t), v0=v * math.cos(t))
+        np.testing.assert_allclose(tr.impact_v, v * R ** np.arange(len(tr.impact_v)), rtol=1e-12)
+        np.testing.assert_allclose(np.diff(tr.impact_t), math.pi, rtol=1e-12)
+
+
+def test_a_landing_where_the_force_begins_to_press_rests_at_once():
+    """R = 0 and a = 0 at the impact, rising: the sign of a is rounding, the rest is not."""
+    osc = Oscillator(h=0.0, R=0.0, omega=0.8185075226222658, f=1.0, clearance=-0.42643709466936797)
+    x0, v0 = -1.0717232609276621, -1.2581404087885597
+    tr = simulate(osc, 3, x0=x0, v0=v0)
+    assert tr.status is Status.CERTIFIED
+    out = integrate(osc.at(x0, v0), transient=0, periods=3)
+    assert out["status"][0] == Status.CERTIFIED
+    assert out["chatters"][0] == len(tr.rests) <= 4
+
+
+def test_a_slow_beat_is_not_called_unbounded():
+    """R = 1, h = 0 near resonance: growth over a short record, or without impacts, says nothing."""
+    far = Oscillator(0.0, 1.0, 1.001, 1.0, clearance=1e4).at()
+    assert integrate(far, transient=0, periods=100)["status"][0] == Status.CERTIFIED
+    beat = Oscillator(0.0, 1.0, 2.3, 1.0).at()
+    assert integrate(beat, transient=0, periods=9)["status"][0] == Status.CERTIFIED
+
+
+def test_a_forcing_too_slow_for_exact_impacts_is_refused():
+    """The steps per period would be without number."""
+    for omega in (1e-12, 1e-310):
+        with pytest.raises(ValueError, match="omega is too small"):
+            simulate(Oscillator(0.1, 0.8, omega, 1.0))

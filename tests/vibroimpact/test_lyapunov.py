@@ -17,9 +17,9 @@ def test_the_exponents_add_up_to_the_loss():
     rng = np.random.default_rng(8)
     n = 2500
     points = np.zeros(n, dtype=POINT)
-    points["h"] = rng.uniform(0.0, 0.5, n)
-    points["R"] = rng.uniform(0.3, 1.0, n)
-    points["omega"] = rng.uniform(0.8, 6.0, n)
+    points["h"] = rng.choice([0.5, 2.0], n) * rng.uniform(0.0, 1.0, n)
+    points["R"] = rng.uniform(0.01, 1.0, n)
+    points["omega"] = 10.0 ** rng.uniform(-1.0, 1.0, n)
     points["f"], points["p"] = 1.0, 1.0
     points["clearance"] = rng.choice([0.0, 1.0], n) * rng.uniform(-0.3, 0.5, n)
     points["x0"] = points["clearance"] - rng.uniform(0.0, 1.0, n)
