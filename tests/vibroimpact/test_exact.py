@@ -181,11 +181,11 @@ def test_random_points_end_decided():
 
 
 def test_random_points_are_those_of_the_slow_solver():
-    """72 points: sections, impacts and rests to 1e-9, while a rounding stays below 1e-11.
+    """200 points: sections, impacts and rests to 1e-9, while a rounding stays below 1e-11.
 
     50 periods or 500 impacts, chatters included; from a graze within 1e-6 on, none is compared.
     """
-    points = random_points(2000, 23)[::28]
+    points = random_points(2000, 23)[::10]
     grazed, lost, sections, impacts, rested = 0, 0, 0, 0, 0
     for point in points:
         given = {name: float(point[name]) for name in POINT.names}
@@ -214,7 +214,7 @@ def test_random_points_are_those_of_the_slow_solver():
         rested += len(rests)
     print(f"{grazed} graze, {lost} lose their digits of {len(points)};",
           f"{sections} sections, {impacts} impacts, {rested} rests")  # fmt: skip
-    assert grazed + lost < 20
+    assert grazed + lost < 40
     assert sections > 1000 and impacts > 2000 and rested > 200
 
 
