@@ -73,24 +73,26 @@ def run_sweep(
         If the output is refused or cannot be written.
     """
     path = Path(output) if output is not None else config.output
-    writer = SweepWriter(
-        path,
-        config.grid,
-        name=config.name,
-        configuration=config.to_yaml(),
-        widths=config.widths,
-        first_section=config.record.transient + 1,
-        diagnostics=config.record.diagnostics,
-        overwrite=overwrite,
-    )
-    with writer, _Display(config, shown=progress) as display:
-        with _no_interrupt_lost():
+    with _no_interrupt_lost() as check:
+        writer = SweepWriter(
+            path,
+            config.grid,
+            name=config.name,
+            configuration=config.to_yaml(),
+            widths=config.widths,
+            first_section=config.record.transient + 1,
+            diagnostics=config.record.diagnostics,
+            overwrite=overwrite,
+        )
+        with writer, _Display(config, shown=progress) as display:
             _compute(config, np.empty(0, POINT), threads)  # compiles, if need be
-        display.start_clock()
-        for block in config.grid.blocks(block_size(config)):
-            points = config.grid.points(block)
-            writer.write(block, _compute(config, points, threads))
-            display.advance(points.size)
+            check()
+            display.start_clock()
+            for block in config.grid.blocks(block_size(config)):
+                points = config.grid.points(block)
+                writer.write(block, _compute(config, points, threads))
+                display.advance(points.size)
+                check()
     return path
 
 
@@ -136,11 +138,19 @@ def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> di
 
 
 @contextmanager
-def _no_interrupt_lost() -> Iterator[None]:
-    """Raise at the end an interrupt that came in a callback of LLVM, which swallows exceptions."""
+def _no_interrupt_lost() -> Iterator[Callable[[], None]]:
+    """Yield a check that raises an interrupt which was swallowed, as in callbacks of LLVM or HDF5.
+
+    It is raised at the end, too.
+    """
     came = False
+
+    def check() -> None:
+        if came:
+            raise KeyboardInterrupt
+
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield check
         return
 
     def noted(handler: Callable[..., object]) -> Callable[..., None]:
@@ -161,13 +171,12 @@ def _no_interrupt_lost() -> Iterator[None]:
         if callable(handler):
             signal.signal(number, noted(handler))
     try:
-        yield
+        yield check
     finally:
         sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
-    if came:
-        raise KeyboardInterrupt
+    check()
 
 
 class _Display:
