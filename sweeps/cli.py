@@ -14,6 +14,8 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
+from sweeps import cli_bench
+
 
 class _Commands(TyperGroup):
     """The commands, each of which Ctrl-C ends in the same way."""
@@ -33,6 +35,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+app.add_typer(cli_bench.app, name="bench")
 
 FAILED, REFUSED = 1, 2
 

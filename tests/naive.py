@@ -84,7 +84,35 @@ def newmark_step(osc, t, x, v, T):
     return newmark_from(osc, t, x, v, acceleration(osc, t, x, v), T)[:2]
 
 
-STEPS = {"newmark": newmark_step, "rk4": rk4_step, "exact": exact_step}
+def euler_step(osc, t, x, v, T):
+    """Along the tangent at the start."""
+    return x + T * v, v + T * acceleration(osc, t, x, v)
+
+
+def semi_implicit_euler_step(osc, t, x, v, T):
+    """The velocity first, then the displacement at the new velocity."""
+    v = v + T * acceleration(osc, t, x, v)
+    return x + T * v, v
+
+
+def verlet_step(osc, t, x, v, T):
+    """Central differences: x_T from the start alone, v_T and a_T from two linear equations."""
+    a = acceleration(osc, t, x, v)
+    x_T = x + T * v + T**2 / 2 * a
+    pull = -(osc.p**2) * x_T - osc.f * math.sin(osc.omega * (t + T))
+    matrix = np.array([[1.0, -T / 2], [2.0 * osc.h, 1.0]])
+    v_T, _ = np.linalg.solve(matrix, [v + T / 2 * a, pull])
+    return x_T, v_T
+
+
+STEPS = {
+    "euler": euler_step,
+    "semi-implicit-euler": semi_implicit_euler_step,
+    "verlet": verlet_step,
+    "newmark": newmark_step,
+    "rk4": rk4_step,
+    "exact": exact_step,
+}
 
 
 def plain(osc, step, periods, n, x=0.0, v=0.0):

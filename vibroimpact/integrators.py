@@ -19,6 +19,40 @@ from vibroimpact.jit import fma, jit
 
 
 @jit
+def euler(x, v, s, c, T, pt):
+    """Euler's explicit method, order 1.
+
+    Euler (1768), Institutionum calculi integralis I, ch. VII. Without damping it gains energy at
+    every step, however short.
+    """
+    return x + T * v, v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+
+
+@jit
+def semi_implicit_euler(x, v, s, c, T, pt):
+    """Symplectic Euler: the new velocity moves the displacement, order 1.
+
+    Hairer, Lubich & Wanner (2006), Geometric Numerical Integration, eq. (I.1.9); the damping is
+    taken at the start of the step.
+    """
+    v_T = v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    return x + T * v_T, v_T
+
+
+@jit
+def verlet(x, v, s, c, T, pt):
+    """The central difference method, order 2.
+
+    Verlet (1967), Phys. Rev. 159, 98-103; Newmark's method with beta = 0, gamma = 1/2. The
+    acceleration at the end of the step is linear in the new velocity and solved for it.
+    """
+    s_T = s * math.cos(pt.omega * T) + c * math.sin(pt.omega * T)
+    v_half = v + 0.5 * T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    x_T = x + T * v_half
+    return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
+
+
+@jit
 def newmark(x, v, s, c, T, pt):
     """Newmark's constant average acceleration (beta = 1/4, gamma = 1/2), order 2.
 
@@ -142,9 +176,12 @@ class Integrator:
 
 
 INTEGRATORS: Mapping[str, Integrator] = {
-    "newmark": Integrator(0, 2, newmark, "Newmark 1959, beta = 1/4, gamma = 1/2"),
-    "rk4": Integrator(1, 4, rk4, "Kutta 1901, the classical fourth-order method"),
-    "exact": Integrator(2, None, exact, "matrix exponential of the augmented system"),
+    "euler": Integrator(0, 1, euler, "Euler 1768, the explicit method"),
+    "semi-implicit-euler": Integrator(1, 1, semi_implicit_euler, "the symplectic Euler method"),
+    "verlet": Integrator(2, 2, verlet, "central differences: beta = 0, gamma = 1/2"),
+    "newmark": Integrator(3, 2, newmark, "Newmark 1959, beta = 1/4, gamma = 1/2"),
+    "rk4": Integrator(4, 4, rk4, "Kutta 1901, the classical fourth-order method"),
+    "exact": Integrator(5, None, exact, "matrix exponential of the augmented system"),
 }
 
 
@@ -152,8 +189,14 @@ INTEGRATORS: Mapping[str, Integrator] = {
 def step(integrator, x, v, s, c, T, pt):
     """One step of the integrator with that code in ``INTEGRATORS``."""
     if integrator == 0:
-        return newmark(x, v, s, c, T, pt)
+        return euler(x, v, s, c, T, pt)
     if integrator == 1:
+        return semi_implicit_euler(x, v, s, c, T, pt)
+    if integrator == 2:
+        return verlet(x, v, s, c, T, pt)
+    if integrator == 3:
+        return newmark(x, v, s, c, T, pt)
+    if integrator == 4:
         return rk4(x, v, s, c, T, pt)
     return exact(x, v, s, c, T, pt)
 
