@@ -11,14 +11,18 @@ What the literal procedure leaves open, and how it is closed here:
 
 - A rebound starts on the stop, x_0 = clearance, where eq. (7) gives T_r = 0 for ever. The root
   at the launch is divided out: eq. (7) is applied to (x - clearance) / t, which is -R v at the
-  launch. This is exact for a constant acceleration; to a step much longer than the flight, which
-  sees another acceleration, it is not applied: the step is cut to twice the flight, and so on.
-- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved.
+  launch. This is exact for a constant acceleration, as the step of an integrator of second order
+  is; to a step much longer than the flight, which sees another acceleration, it is not applied:
+  the step is cut to twice the flight, and so on.
+- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved. Zero
+  to rounding counts as zero: semi-implicit Euler brings every rebound within a step back at it.
 - Several impacts in one step follow one another until the remainder is used up.
 - A chatter whose geometric sum of flights, 2 v / (a (1 - R)), ends within the step while the
   force presses is complete: the mass rests. So it does when a rebound is shorter than
   ``SHORTEST_FLIGHT`` steps, far below what the rule resolves: at R = 1 too, where that loses at
   the most the speed a T ``SHORTEST_FLIGHT`` / 2 once.
+- The force at a release is zero to rounding. Where the step moves x by that force alone, the mass
+  is left on the stop until the next step, with the speed that the step gives it.
 """
 
 from __future__ import annotations
@@ -49,6 +53,8 @@ SHORTEST_FLIGHT = 1e-3
 _MAX_HALVINGS = 24
 _SHORTEST_CUT = 2.0**-20
 _MAX_CUTS = 100
+# A speed v_Tr below this share of that at the start is rounding.
+_SLOWEST = 1e-6
 
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
@@ -118,13 +124,13 @@ def fly(rule, integrator, x, v, theta, span, pt, coefficients):
         else:
             T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
         short = launched and T_r < 0.25 * T
-        if short and T_r > _SHORTEST_CUT * span:
-            T = 2.0 * T_r
-        elif v_Tr > 0.0 and not short:
-            return T_r, pt.clearance, v_Tr, True  # (8)
-        else:
+        if not v_Tr > _SLOWEST * abs(v) or (short and T_r <= _SHORTEST_CUT * span):
             T *= 0.5
             halvings += 1
+        elif short:
+            T = 2.0 * T_r
+        else:
+            return T_r, pt.clearance, v_Tr, True  # (8)
     return 0.0, pt.clearance, 0.0, True  # no speed that could take it off the stop
 
 
@@ -164,6 +170,7 @@ def reduced_step(rule, integrator, x, v, resting, theta, T, pt, scratch):
     n = 0
     rested = 0.0
     for _ in range(MAX_FLIGHTS):
+        released = False
         if resting:
             wait = time_to_release(theta + pt.omega * tau, pt)
             if pt.omega * (T - tau - wait) <= RELEASE_MARGIN:
@@ -171,10 +178,15 @@ def reduced_step(rule, integrator, x, v, resting, theta, T, pt, scratch):
             tau += wait
             rested += wait
             n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
-            x, v, resting = pt.clearance, 0.0, False
+            x, v, resting, released = pt.clearance, 0.0, False, True
         dt, x, v, hit = fly(
             rule, integrator, x, v, theta + pt.omega * tau, T - tau, pt, coefficients
         )
+        if released and hit and dt == 0.0:
+            # The force at the release, zero to rounding, is all that moves x in this step.
+            theta += pt.omega * tau
+            x_T, v_T = step(integrator, x, 0.0, math.sin(theta), math.cos(theta), T - tau, pt)
+            return min(x_T, x), min(v_T, 0.0), False, n, rested, _COMPUTED
         if not hit:
             if dt == T - tau:
                 return x, v, False, n, rested, _COMPUTED

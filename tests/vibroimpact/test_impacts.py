@@ -33,6 +33,9 @@ from vibroimpact.stop import (
 )
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+# Those that are exact under a constant push, which a rebound within one step needs.
+PARABOLIC = [name for name, row in INTEGRATORS.items() if row.order != 1]
+SECOND_ORDER = pytest.mark.parametrize("integrator", PARABOLIC)
 # The rules that shorten a step.
 SHORTENING = pytest.mark.parametrize("rule", [REDUCED_STEP, CUBIC], ids=["reduced-step", "cubic"])
 # Nearly constant acceleration: the force stands at its crest, and nothing else acts.
@@ -67,7 +70,7 @@ def flight(rule, integrator, x, v, theta, span, pt):
     )
 
 
-@ALL
+@SECOND_ORDER
 @SHORTENING
 def test_the_flight_under_a_constant_push_is_a_parabola(rule, integrator):
     """It returns after 2 u / a at the speed u it left with, whatever the length of the step."""
@@ -78,13 +81,30 @@ def test_the_flight_under_a_constant_push_is_a_parabola(rule, integrator):
         assert (dt, v) == (pytest.approx(2 * u, rel=1e-8), pytest.approx(u, rel=1e-8))
 
 
-@ALL
+@SECOND_ORDER
 @SHORTENING
 def test_a_flight_longer_than_the_step_ends_with_it(rule, integrator):
     """No impact is invented: 2 u / a is just beyond the span."""
     dt, x, _, hit = flight(rule, integrator, 0.0, -0.51, CREST, 1.0, point(**PUSH))
     assert (hit, dt) == (False, 1.0)
     assert x == pytest.approx(-0.01, rel=1e-6)
+
+
+@SHORTENING
+@pytest.mark.parametrize(("integrator", "drop"), [("euler", 0.0), ("semi-implicit-euler", 1.0)])
+def test_a_first_order_step_brings_no_rebound_back(rule, integrator, drop):
+    """Under a constant push its x is -u t + drop a t^2, on which no impact within the step lies.
+
+    Euler goes straight on. Semi-implicit Euler comes back at half the time, u / a, at no speed:
+    that is no impact, whatever is left of it by rounding, and the step is halved.
+    """
+    pt = point(R=0.5, x0=0.3, clearance=0.3, **PUSH)
+    for T, u in np.random.default_rng(1).uniform([0.01, 0.02], [0.1, 0.99], (200, 2)):
+        dt, x, v, hit = flight(rule, integrator, 0.3, -u * T, CREST, T, pt)
+        assert not hit
+        assert dt == T if drop == 0.0 else 0.5 * u * T <= dt < u * T
+        assert x - 0.3 == pytest.approx(-u * T * dt + drop * dt**2, abs=1e-15)
+        assert v == pytest.approx(-u * T + dt, abs=1e-15)
 
 
 @ALL
@@ -101,7 +121,7 @@ def test_equations_6_to_9(integrator):
     assert speed == pytest.approx(v + (v_T - v) * T_r / T, rel=1e-14)
 
 
-@ALL
+@SECOND_ORDER
 def test_a_rebound_within_the_step_divides_the_launch_out(integrator):
     """From the stop, eq. (7) on (x - clearance) / t, whose value at the launch is the velocity."""
     pt = point(x0=-0.2, h=0.4, clearance=-0.2, f=2.0, omega=1.5)
@@ -119,8 +139,10 @@ def test_a_rebound_within_the_step_divides_the_launch_out(integrator):
     assert speed == pytest.approx(v + share * (v_T - v), rel=1e-14)
 
 
-@ALL
-@pytest.mark.parametrize("start_x", [0.2, 0.3])
+@pytest.mark.parametrize(
+    ("start_x", "integrator"),
+    [(0.2, name) for name in INTEGRATORS] + [(0.3, name) for name in PARABOLIC],
+)
 def test_the_cubic_rule_is_the_root_of_the_hermite_interpolant(start_x, integrator):
     """Time: scipy's interpolant of the step; speed: that of a step of that length, no chord."""
     pt = point(h=0.2, clearance=0.3, f=3.0)
@@ -137,7 +159,7 @@ def test_the_cubic_rule_is_the_root_of_the_hermite_interpolant(start_x, integrat
     assert speed == pytest.approx(short[1], rel=1e-13)
 
 
-@ALL
+@SECOND_ORDER
 @SHORTENING
 def test_several_impacts_in_one_step_follow_one_another(rule, integrator):
     """Under a constant push every flight is R times as long and as fast as the one before."""
@@ -154,7 +176,7 @@ def test_several_impacts_in_one_step_follow_one_another(rule, integrator):
     np.testing.assert_allclose([x, v], [-u * left + left**2 / 2, -u + left], rtol=1e-6)
 
 
-@ALL
+@SECOND_ORDER
 @SHORTENING
 @pytest.mark.parametrize("R", [0.0, 0.3, 0.8])
 def test_a_chatter_that_ends_within_the_step_ends_at_its_geometric_sum(rule, integrator, R):
@@ -254,6 +276,39 @@ def test_a_resting_mass_is_released_at_the_phase_not_at_the_step(rule, integrato
     s, c = math.sin(turn), math.cos(turn)
     true = INTEGRATORS[integrator].step(osc.clearance, 0.0, s, c, T - 0.02, pt)
     np.testing.assert_allclose([x, v], true, atol=1e-14)
+
+
+@ALL
+@SHORTENING
+@pytest.mark.parametrize("preloads", [0.9, 0.0])
+def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrator):
+    """The force at a release is zero to rounding, of either sign: the mass leaves all the same.
+
+    A first-order step sees no other force, and leaves it on the stop, at no speed, until the next
+    step; so does the central difference method, but with its speed.
+    """
+    pressed, T = 0, 0.05
+    rng = np.random.default_rng(2)
+    for level, f, p, share in rng.uniform(
+        [-preloads, 0.1, 0.5, 0.1], [preloads, 3, 2, 0.9], (300, 4)
+    ):
+        osc = preload(level, f, p)
+        pt = osc.at(osc.clearance)[0]
+        theta = (math.asin(level) - share * T) % (2 * math.pi)
+        x, v, resting, events, _, status = run(
+            pt, rule, integrator, osc.clearance, 0.0, theta, T, resting=True
+        )
+        np.testing.assert_array_equal(events[:, KIND], [RELEASE])
+        assert (resting, status) == (False, Status.COMPUTED)
+        pressed += pressing(theta + events[0, TIME], pt) > 0.0
+        left = T - events[0, TIME]
+        speed = f * math.cos(math.asin(level)) * left**2 / 2
+        if INTEGRATORS[integrator].order == 1:
+            assert -1e-14 * f < v <= 0.0
+        else:
+            assert v == pytest.approx(-speed, rel=0.1)
+        assert 0.0 <= osc.clearance - x < 2 * speed * left
+    assert pressed > 20
 
 
 @pytest.mark.parametrize(
