@@ -167,15 +167,66 @@ def test_two_exact_steps_are_one(h, omega, a, b):
         np.testing.assert_allclose(twice, once, atol=3e-15 * (2 + a + b))
 
 
-@pytest.mark.parametrize(
-    ("name", "gain"),
-    [("newmark", 1.0), ("rk4", 1.0 - 0.5**6 / 72 + 0.5**8 / 576), ("exact", 1.0)],
-)
-def test_only_runge_kutta_changes_the_energy_of_free_motion(name, gain):
-    """At h = 0, det M = 1 for the flow and Newmark, 1 - T^6/72 + T^8/576 for Runge-Kutta."""
-    T = 0.5
-    m = np.array(affine_map(INTEGRATORS[name].code, T, point(h=0.0))).reshape(2, 4)
-    assert np.linalg.det(m[:, :2]) == pytest.approx(gain, abs=1e-15)
+def amplification(z):
+    """|P(z)|^2 of the classical Runge-Kutta method."""
+    return abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24) ** 2
+
+
+# det M under the critical damping, in closed form.
+DETERMINANT = {
+    "euler": lambda h, p, T: 1 - 2 * h * T + (p * T) ** 2,
+    "semi-implicit-euler": lambda h, p, T: 1 - 2 * h * T,
+    "verlet": lambda h, p, T: (1 - h * T) / (1 + h * T),
+    "newmark": lambda h, p, T: (1 - h * T + (p * T / 2) ** 2) / (1 + h * T + (p * T / 2) ** 2),
+    "rk4": lambda h, p, T: amplification(T * complex(-h, math.sqrt(p**2 - h**2))),
+    "exact": lambda h, p, T: math.exp(-2 * h * T),
+}
+
+
+@ALL
+@pytest.mark.parametrize("h", [0.0, 0.3])
+def test_the_determinant_of_a_step(name, h):
+    """What a step makes of an area of the phase plane; e^(-2 h T) to the order of the method."""
+    p = 1.2
+    for T in (0.05, 0.5):
+        m = np.array(affine_map(INTEGRATORS[name].code, T, point(h=h, p=p))).reshape(2, 4)
+        assert np.linalg.det(m[:, :2]) == pytest.approx(DETERMINANT[name](h, p, T), abs=2e-15)
+
+
+def energy(x, v, p, T):
+    """Twice that of free undamped motion."""
+    return v**2 + p**2 * x**2
+
+
+# Free undamped motion in steps T: a quadratic form, and by what a step multiplies it (z = p T).
+INVARIANT = {
+    "euler": (energy, lambda z: 1 + z**2),
+    "semi-implicit-euler": (
+        lambda x, v, p, T: energy(x, v, p, T) - p**2 * T * x * v,
+        lambda z: 1.0,
+    ),
+    "verlet": (lambda x, v, p, T: v**2 / (1 - (p * T) ** 2 / 4) + p**2 * x**2, lambda z: 1.0),
+    "newmark": (energy, lambda z: 1.0),
+    "rk4": (energy, lambda z: 1 - z**6 / 72 + z**8 / 576),
+    "exact": (energy, lambda z: 1.0),
+}
+
+
+@ALL
+@pytest.mark.parametrize("T", [0.06, 0.5])
+def test_the_energy_of_free_motion(name, T):
+    """Euler gains (p T)^2 of it in every step, Runge-Kutta loses (p T)^6 / 72; the rest keep it.
+
+    Semi-implicit Euler and Verlet keep a neighbour of it, which differs by their order in T.
+    """
+    p = 1.2
+    pt = point(h=0.0, p=p, f=0.0)
+    form, factor = INVARIANT[name]
+    x, v = -0.4, 0.7
+    start = form(x, v, p, T)
+    for k in range(1, 401):
+        x, v = INTEGRATORS[name].step(x, v, 0.0, 1.0, T, pt)
+        assert form(x, v, p, T) == pytest.approx(start * factor(p * T) ** k, rel=1e-13 * (5 + k))
 
 
 def test_an_absurd_step_is_nan_and_ends():
