@@ -14,6 +14,10 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.trajectory import trace, trajectories
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+# For what a rule does with short flights: a first-order step sees none that is shorter than it.
+SECOND_ORDER = pytest.mark.parametrize(
+    "integrator", [name for name, row in INTEGRATORS.items() if row.order != 1]
+)
 RULES = pytest.mark.parametrize("rule", IMPACT_RULES)
 SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
 PERIOD = 2.0 * math.pi
@@ -52,13 +56,18 @@ def oscillator(h, R, omega=1.0, f=1.0, clearance=0.0):
     ],
 )
 def test_the_motion_is_that_of_the_slow_implementation(given, x0, v0, rule, integrator):
-    """Same steps, other code: states at the ends of steps, and every impact."""
-    tr = simulate(Oscillator(**{"f": 1.0} | given), 3, integrator, rule, 64, x0, v0)
+    """Same steps, other code: states at the ends of steps, and every impact.
+
+    The slow implementation refuses a turning point within a step. Semi-implicit Euler puts one
+    there on every rebound shorter than two steps, hence its finer ones.
+    """
+    n = 512 if INTEGRATORS[integrator].order == 1 else 64
+    tr = simulate(Oscillator(**{"f": 1.0} | given), 3, integrator, rule, n, x0, v0)
     step = naive.STEPS[integrator]
-    states, impacts = SLOW[rule](naive.oscillator(**given), step, 3, 64, x0, v0)
+    states, impacts = SLOW[rule](naive.oscillator(**given), step, 3, n, x0, v0)
     assert len(impacts) >= 2
-    np.testing.assert_allclose(tr.section_x, states[63::64, 0], atol=1e-11)
-    np.testing.assert_allclose(tr.section_v, states[63::64, 1], atol=1e-11)
+    np.testing.assert_allclose(tr.section_x, states[n - 1 :: n, 0], atol=1e-11)
+    np.testing.assert_allclose(tr.section_v, states[n - 1 :: n, 1], atol=1e-11)
     np.testing.assert_allclose(tr.impact_t, impacts[:, 0], atol=1e-11)
     np.testing.assert_allclose(tr.impact_v, impacts[:, 1], atol=1e-11)
     assert tr.status is DONE[rule]
@@ -76,10 +85,12 @@ def test_the_motion_is_that_of_the_slow_implementation(given, x0, v0, rule, inte
     ],
 )
 def test_the_first_flight_from_rest(h, t, v, integrator):
-    """tan t = t at resonance, and the certified time at h = 0.5."""
+    """tan t = t at resonance, and the certified time at h = 0.5, to the order of the method."""
     tr = simulate(oscillator(h, 0.5), 1, integrator, "reduced-step", 4000)
-    assert tr.impact_t[0] == pytest.approx(t, abs=3e-6)
-    assert tr.impact_v[0] == pytest.approx(v, abs=5e-6)
+    T = PERIOD / 4000
+    late, fast = (1.1 * T, 3 * T) if INTEGRATORS[integrator].order == 1 else (3e-6, 5e-6)
+    assert tr.impact_t[0] == pytest.approx(t, abs=late)
+    assert tr.impact_v[0] == pytest.approx(v, abs=fast)
 
 
 def test_the_flight_at_resonance_is_secular():
@@ -102,7 +113,7 @@ def test_a_linear_growth_without_bound():
     np.testing.assert_allclose(tr.impact_v[:9], 4 * k[:9] / 3, rtol=1e-4)
 
 
-@ALL
+@SECOND_ORDER
 @pytest.mark.parametrize(
     ("omega", "amplitude", "landing", "release"),
     [(3.0, 0.5, math.pi, 4 * math.pi / 3), (1 / 3, 1.5, 3 * math.pi, 6 * math.pi)],
@@ -129,13 +140,20 @@ def test_a_tangential_landing_rests_until_the_force_turns(
 # --- the paper's three cases ---
 
 
-@ALL
+@SECOND_ORDER
 def test_the_third_case_has_four_impacts_per_period_and_the_plain_step_finds_three(integrator):
     """h = R = 0.5, 20 periods at the paper's step: 60 without the procedure, 80 with it."""
     plain = simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 100)
     mended = simulate(oscillator(0.5, 0.5), 20, integrator, "reduced-step", 100)
     assert (len(plain.impact_t), len(mended.impact_t)) == (60, 80)
     assert len(simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 2000).impact_t) == 80
+
+
+@SHORTENING
+def test_no_rule_mends_a_first_order_integrator(rule):
+    """The third case with Euler: three impacts per period at the paper's step, four at a finer."""
+    for n, impacts in ((100, 60), (3200, 80)):
+        assert len(simulate(oscillator(0.5, 0.5), 20, "euler", rule, n).impact_t) == impacts
 
 
 @ALL
@@ -152,9 +170,15 @@ def test_the_third_case_has_four_impacts_per_period_and_the_plain_step_finds_thr
     ],
 )
 def test_the_steady_impacts_of_the_papers_cases(case, phase, v, integrator):
-    """Phase and speed of every impact of the last period, to the second order of the rule."""
-    for n in (100, 400, 1600):
-        tolerance = 4 * (PERIOD / n) ** 2
+    """Phase and speed of every impact of the last period, to the order of the method.
+
+    The rule itself is off by up to 3.9 T^2, at the last impact of the third case; there a
+    second-order integrator adds up to 7 T^2 of its own (Verlet; Newmark's 3.9 has the other sign).
+    """
+    order = INTEGRATORS[integrator].order
+    for n in (1600, 3200, 6400) if order == 1 else (100, 400, 1600):
+        T = PERIOD / n
+        tolerance = 4 * T**2 + {1: 14 * T, 2: 7 * T**2}.get(order, 0.0)
         tr = simulate(oscillator(*PAPER[case]), 20, integrator, "reduced-step", n)
         last = tr.impact_t > 19 * PERIOD
         np.testing.assert_allclose(tr.impact_t[last] - 19 * PERIOD, phase, atol=tolerance)
@@ -225,7 +249,7 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
         ({"periods": True}, "periods must be an integer >= 1, not True"),
         ({"steps_per_period": 0}, "steps_per_period must be an integer >= 1, not 0"),
         ({"steps_per_period": "100"}, "steps_per_period must be an integer >= 1, not '100'"),
-        ({"integrator": "rk5"}, "integrator must be one of newmark, rk4, exact, not 'rk5'"),
+        ({"integrator": "rk5"}, f"integrator must be one of {', '.join(INTEGRATORS)}, not 'rk5'"),
         ({"impact": "soft"}, "impact must be one of plain, reduced-step, cubic, exact, not 'soft'"),
         ({"integrator": "rk4"}, "impact 'exact' needs the integrator 'exact', not 'rk4'"),
         ({"steps_per_period": 28}, "must be >= 29 for exact impacts here, not 28"),
@@ -281,7 +305,7 @@ def test_trajectories_of_many_are_those_of_each():
 # --- rest and release ---
 
 
-@ALL
+@SECOND_ORDER
 def test_a_complete_chatter_ends_in_rest_until_the_force_turns(truth, integrator):
     """h = 0, R = 0.3, omega = 0.3: release exact, accumulation converging with the step."""
     orbit = truth["stick_R03_w03"]
@@ -297,20 +321,40 @@ def test_a_complete_chatter_ends_in_rest_until_the_force_turns(truth, integrator
     assert errors[-1] < errors[0] / 16
 
 
-@ALL
+@SECOND_ORDER
 @pytest.mark.parametrize("case", ["stick_hiw_S2", "over_h2_stick"])
 def test_other_certified_rests(truth, case, integrator):
-    """Once in two periods at omega = 3.1, and over-damped: release exact, start of order T."""
+    """Once in two periods at omega = 3.1, and over-damped: release exact, start of order T.
+
+    At the end of a long chatter the flights are of the length of a step, and the chord is coarse:
+    with the exact integrator, too, the over-damped rest begins up to 3.9 T off (at 25600 steps).
+    """
     orbit = truth[case]
+    count, most = {"stick_hiw_S2": (2, 3), "over_h2_stick": (4, 5)}[case]
     errors = []
     for n in (200, 800, 3200):
         tr = simulate(orbit.oscillator, 4, integrator, "reduced-step", n)
-        count = min(len(tr.rests), len(orbit.rests))
-        assert count == {"stick_hiw_S2": 2, "over_h2_stick": 4}[case]
+        assert min(len(tr.rests), len(orbit.rests)) == count
         np.testing.assert_allclose(tr.rests[:count, 1], orbit.rests[:count, 1], rtol=1e-12)
         errors.append(np.abs(tr.rests[:count, 0] - orbit.rests[:count, 0]).max())
-        assert errors[-1] < 3 * orbit.oscillator.forcing_period / n
+        assert errors[-1] < most * orbit.oscillator.forcing_period / n
     assert errors[-1] < errors[0] / 4
+
+
+@SHORTENING
+@pytest.mark.parametrize("n", [200, 3200])
+def test_euler_never_comes_to_rest(truth, rule, n):
+    """R = 0.7, over-damped. Euler leaves the stop on a straight line, however slowly.
+
+    So it comes back a step later at about a T, and the sum of the flights to come, 2 R a T /
+    (a (1 - R)) = 4.7 T, is always longer than the step.
+    """
+    orbit = truth["over_h2_stick"]
+    tr = simulate(orbit.oscillator, 4, "euler", rule, n)
+    assert len(tr.rests) == 0
+    for begin, end in orbit.rests:
+        middle = (tr.impact_t > begin) & (tr.impact_t < 0.5 * (begin + end))
+        assert middle.sum() > 0.1 * n * (end - begin) / (2 * orbit.oscillator.forcing_period)
 
 
 def test_after_a_rest_the_motion_is_that_from_a_zero_start(truth):
@@ -341,7 +385,7 @@ def test_a_preload_beyond_the_force_rests_for_ever(integrator, rule):
     assert len(tr.impact_t) > 2
 
 
-@ALL
+@SECOND_ORDER
 @SHORTENING
 def test_a_preload_just_below_the_force_is_released_at_its_phase(rule, integrator):
     """sin(omega t) = 0.99, and 0.999999, every period, to the last digits."""
@@ -380,7 +424,7 @@ def test_the_plain_step_loses_energy_without_any_loss_at_impacts(integrator):
     assert energy_after_a_hundred("plain", integrator, 100) == pytest.approx(0.961, abs=6e-4)
 
 
-@ALL
+@SECOND_ORDER
 @pytest.mark.parametrize("rule", ["plain", "reduced-step"])
 def test_the_loss_of_energy_vanishes_with_the_step(rule, integrator):
     """Nothing is gained, and sixteen times the steps lose less than a hundredth."""
@@ -389,12 +433,30 @@ def test_the_loss_of_energy_vanishes_with_the_step(rule, integrator):
     assert 0.0 < fine < coarse / 100
 
 
-@ALL
-def test_the_cubic_step_changes_the_energy_at_a_high_order(integrator):
-    """Without a force only the speed at the impact is lost: at 50 steps below 2e-4 of it."""
-    coarse, fine = (abs(1 - energy_after_a_hundred("cubic", integrator, n)) for n in (50, 200))
+@SECOND_ORDER
+def test_the_cubic_step_changes_the_energy_at_the_fourth_order(integrator):
+    """Without a force only the speed at the impact is lost: at 50 steps below 2e-4 of it.
+
+    Verlet's motion has an energy of its own, v^2 / (1 - (p T)^2 / 4) + p^2 x^2.
+    """
+    errors = []
+    for n in (50, 200):
+        T = PERIOD / 1.0137 / n
+        own = 1.0 - T**2 / 4 if integrator == "verlet" else 1.0
+        errors.append(abs(1.0 - energy_after_a_hundred("cubic", integrator, n) / own))
+    coarse, fine = errors
     assert coarse < 2e-4
-    assert fine < coarse / 500 + 1e-12
+    assert fine < coarse / 200 + 1e-12
+
+
+@pytest.mark.parametrize("n", [100, 400, 1600])
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_euler_gains_energy_through_impacts_without_loss(rule, n):
+    """(1 + (p T)^2) of it in every step, and no rule takes that away: 10^8 times at 100 steps."""
+    osc, T = oscillator(0.0, 1.0, 1.0137, f=0.0), PERIOD / 1.0137 / n
+    tr = simulate(osc, 52, "euler", rule, n, x0=-1.0)
+    steps = tr.impact_t[99] / T
+    assert math.log(tr.impact_v[99] ** 2) == pytest.approx(steps * math.log1p(T**2), rel=0.02)
 
 
 def test_the_exact_rule_keeps_the_energy():
@@ -448,7 +510,7 @@ def test_the_first_row_rests_once_per_period_without_false_impacts(truth, n, met
     assert false > 0.3 * n
 
 
-@ALL
+@SECOND_ORDER
 @pytest.mark.parametrize(("R", "omega", "impacts"), [(0.8, 0.6, 18), (0.95, 0.4, 34)])
 def test_a_long_chatter_that_is_never_complete_holds_no_rest(R, omega, impacts, integrator):
     """h = 0.5: no rest, and as many impacts per period as a fine step finds."""
@@ -465,7 +527,7 @@ def test_a_coarse_step_invents_a_rest_where_nothing_rests(R, omega, fine):
     assert len(simulate(oscillator(0.5, R, omega), 4, "rk4", "reduced-step", fine).rests) == 0
 
 
-@ALL
+@SECOND_ORDER
 def test_chatter_goes_on_past_the_threshold_and_stops_below(integrator):
     """h = 0.5, omega = 1: complete below R = 0.46799, not above; 0.24828 at h = 0."""
     for h, threshold in ((0.5, 0.4679916560), (0.1, 0.2969407830), (0.0, 0.2482790141)):
