@@ -38,6 +38,7 @@ from sweeps.values import (
     known,
     length,
     null,
+    number,
     off,
     shortest,
     whole,
@@ -54,7 +55,8 @@ DIAGNOSTICS = ("period", "lyapunov")
 _MOST_POINTS = 1_000_000_000
 _MOST_PERIODS = 1_000_000_000
 _MOST_RECORDED = 1_000_000
-_MOST_SAMPLES = 10_000_000
+#: Samples of one point's trajectory, without its impacts.
+MOST_SAMPLES = 10_000_000
 
 
 def _choice(meaning: str, table: Mapping[str, object], default: str) -> Any:
@@ -76,10 +78,10 @@ class _ParameterSection(Section):
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        for number in extremes(value):
-            if not PARAMETERS[str(info.field_name)].accepts(number):
+        for extreme in extremes(value):
+            if not PARAMETERS[str(info.field_name)].accepts(extreme):
                 contains = (
-                    "" if isinstance(value, float) else f"contains {shortest(number)}, which "
+                    "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
                 )
                 raise ValueError(f"{contains}is not allowed")
         return value
@@ -118,6 +120,27 @@ class MethodSection(Section):
         description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
         "or null for as many as the method needs",
     )
+    accuracy: Annotated[
+        Annotated[float, Field(ge=1e-13, lt=1.0), BeforeValidator(number)] | None,
+        BeforeValidator(null),
+    ] = Field(
+        default=None,
+        description="instead of the three above, the error of the section state that is allowed, "
+        "relative to the motion: a number >= 1e-13 and < 1, or null; the engine then picks the "
+        "cheapest method that a pilot run finds to reach it",
+    )
+
+    @model_validator(mode="after")
+    def _leaves_the_choice(self) -> Self:
+        given = self.model_fields_set & {"integrator", "impact", "steps_per_period"}
+        if self.accuracy is not None and given:
+            name = next(name for name in type(self).model_fields if name in given)
+            raise MisplacedError(
+                ("method", name),
+                f"{name} is for the engine to choose where method.accuracy is given; expected: "
+                "accuracy alone, or integrator, impact and steps_per_period without it",
+            )
+        return self
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -285,10 +308,10 @@ class SweepConfig(Section):
             )
         steps = method.steps_per_period or _default_steps(info.data["oscillator"], method)
         samples = _samples(record, int(steps))
-        if samples > _MOST_SAMPLES:
+        if samples > MOST_SAMPLES:
             raise MisplacedError(
                 ("record", "trajectory"),
-                f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
+                f"{samples:,} samples per point are too many; expected: at most {MOST_SAMPLES:,}",
             )
         return record
 
@@ -303,8 +326,16 @@ class SweepConfig(Section):
         return {
             "section": self.record.periods,
             "impact": self.record.impacts,
-            "sample": _samples(self.record, self.steps),
+            "sample": self.samples(self.steps),
         }
+
+    def samples(self, steps: int) -> int:
+        """Return the samples of a trajectory with that many steps per period, 0 without one."""
+        return _samples(self.record, steps)
+
+    def with_method(self, method: MethodSection) -> Self:
+        """Return this sweep computed in another way, checked as if it had been typed so."""
+        return type(self).model_validate({**dict(self.items()), "method": method})
 
     @cached_property
     def grid(self) -> Grid:
@@ -327,7 +358,11 @@ class SweepConfig(Section):
         """
         plain = _plain(self)
         del plain["output"]
-        plain["method"]["steps_per_period"] = self.steps
+        if self.method.accuracy is not None:
+            plain["method"] = {"accuracy": self.method.accuracy}
+        else:
+            del plain["method"]["accuracy"]
+            plain["method"]["steps_per_period"] = self.steps
         return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 

@@ -74,9 +74,39 @@ class Grid:
         """
         values = [axis[cut] for axis, cut in zip(self.axes.values(), block, strict=True)]
         mesh = np.meshgrid(*values, indexing="ij")
-        points = np.empty(math.prod(len(v) for v in values), dtype=POINT)
+        return self._assembled([coordinate.ravel() for coordinate in mesh])
+
+    def spread(self, count: int) -> np.ndarray:
+        """Return about `count` points spread evenly over the grid, the same in every call.
+
+        The longest axis is divided evenly, ends included; the k-th point lies at the fraction
+        k sqrt(prime) mod 1 of each other axis: Richtmyer's sequence, Niederreiter (1978), Bull.
+        Am. Math. Soc. 84, 957-1041. Points that coincide are taken once.
+
+        Returns
+        -------
+        ndarray of dtype POINT, shape (n,)
+            All points of a grid that has no more; otherwise n <= `count`, in C order.
+        """
+        if self.size <= count:
+            return self.points(tuple(slice(0, n) for n in self.shape))
+        k = np.arange(count)
+        longest = int(np.argmax(self.shape))
+        irrationals = iter(np.sqrt([2, 3, 5, 7, 11, 13, 17]))
+        fractions = [
+            k / max(count - 1, 1) if axis == longest else k * next(irrationals) % 1.0
+            for axis in range(len(self.shape))
+        ]
+        last = np.array(self.shape)[:, None] - 1
+        indices = np.unique(np.rint(fractions * last).astype(int), axis=1)
+        axes = self.axes.values()
+        return self._assembled([axis[i] for axis, i in zip(axes, indices, strict=True)])
+
+    def _assembled(self, coordinates: list[np.ndarray]) -> np.ndarray:
+        """Return points with these values along the axes, one array per axis."""
+        points = np.empty(len(coordinates[0]) if coordinates else 1, dtype=POINT)
         for name, value in self.fixed.items():
             points[name] = value
-        for name, coordinate in zip(self.axes, mesh, strict=True):
-            points[name] = coordinate.ravel()
+        for name, coordinate in zip(self.axes, coordinates, strict=True):
+            points[name] = coordinate
         return points

@@ -8,6 +8,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import indent
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,14 +25,20 @@ def plan(sweep: SweepConfig, path: Path) -> str:
 
     periods = sweep.grid.size * (sweep.record.transient + sweep.record.periods)
     axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
+    steps = [
+        ("steps per period", f"{sweep.steps:,}"),
+        ("steps", f"{periods * sweep.steps:,}"),
+    ]
+    if sweep.method.accuracy is not None:
+        asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
+        steps = [("method", asked)]
     return _table(
         [
             ("name", sweep.name),
             *(("axis", axis) for axis in axes or ["none, a single point"]),
             ("points", f"{sweep.grid.size:,}"),
             ("forcing periods", f"{periods:,}"),
-            ("steps per period", f"{sweep.steps:,}"),
-            ("steps", f"{periods * sweep.steps:,}"),
+            *steps,
             ("estimated size", shown_bytes(estimated_size(sweep))),
             ("output", str(path)),
         ]
@@ -70,11 +77,14 @@ def kept(path: Path) -> str:
 
 
 def contents(dataset: xr.Dataset) -> str:
-    """Describe an opened sweep: attributes, outcome, axes, variables and configuration."""
+    """Describe an opened sweep: attributes, outcome, axes, variables, pilot and configuration."""
     from sweeps.store import status_counts
 
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
+    pilot = attributes.pop("pilot", "")
+    if pilot:  # as a comment, so that what is below the table can be run again
+        pilot = "# pilot:\n" + indent(pilot, "#   ")
     rows = [(str(name), str(value)) for name, value in attributes.items()]
     rows.append(("points", _outcomes(status_counts(dataset))))
     axes = map(str, dataset["status"].dims)
@@ -82,7 +92,7 @@ def contents(dataset: xr.Dataset) -> str:
     for name, variable in dataset.data_vars.items():
         sizes = ", ".join(f"{dim}: {size}" for dim, size in variable.sizes.items())
         rows.append(("variable", f"{name} ({sizes})"))
-    return f"{_table(rows)}\n\n{configuration}"
+    return f"{_table(rows)}\n\n{pilot}{configuration}"
 
 
 def _table(rows: list[tuple[str, str]]) -> str:

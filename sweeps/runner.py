@@ -23,6 +23,7 @@ from rich.progress import (
 )
 
 from sweeps.config import SweepConfig
+from sweeps.pilot import choose
 from sweeps.store import SweepWriter
 from sweeps.variables import bytes_per_point
 from vibroimpact.attractors import integrate
@@ -52,7 +53,8 @@ def run_sweep(
     Parameters
     ----------
     config : SweepConfig
-        From `load_config`.
+        From `load_config`. Where it gives an accuracy, a pilot chooses the method, and the file
+        keeps the method with the record of the pilot.
     output : str or Path, optional
         The HDF5 file to write, instead of the configuration's.
     threads : int, optional
@@ -74,11 +76,18 @@ def run_sweep(
     """
     path = Path(output) if output is not None else config.output
     with _no_interrupt_lost() as check:
+        pilot = None
+        if config.method.accuracy is not None:
+            pilot = choose(config, threads)
+            config = config.with_method(pilot.method)
+            if progress:
+                print(pilot.summary, file=sys.stderr)
         writer = SweepWriter(
             path,
             config.grid,
             name=config.name,
             configuration=config.to_yaml(),
+            pilot=pilot.record if pilot else None,
             widths=config.widths,
             first_section=config.record.transient + 1,
             diagnostics=config.record.diagnostics,

@@ -96,6 +96,8 @@ class SweepWriter:
         The name of the sweep.
     configuration : str
         The configuration as YAML, kept as it is.
+    pilot : str, optional
+        How its method was chosen, as YAML, kept as it is.
     widths : mapping of str to int
         Width of the record dimensions ``section``, ``impact`` and ``sample``; 0 leaves the
         variables of one out. ``sample`` is a guess: it grows as the trajectories come.
@@ -119,6 +121,7 @@ class SweepWriter:
         *,
         name: str,
         configuration: str,
+        pilot: str | None = None,
         widths: Mapping[str, int],
         first_section: int,
         diagnostics: Collection[str] = (),
@@ -142,6 +145,8 @@ class SweepWriter:
             raise StoreError(f"{self.path} cannot be created: {_reason(error)}") from error
         try:
             self._describe(name, configuration)
+            if pilot is not None:
+                self._file.attrs["pilot"] = pilot
             self._scales: dict[str, h5py.Dataset] = {}
             self._lay_out(grid)
             self._variables = {name: self._add_variable(name, v) for name, v in held.items()}
