@@ -6,15 +6,18 @@ What a command needs is imported inside it, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
 from sweeps import cli_bench
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class _Commands(TyperGroup):
@@ -92,11 +95,16 @@ def _common(
 
 @app.command()
 def run(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="The YAML file of the sweep.")],
+    configs: Annotated[
+        list[Path], typer.Argument(metavar="CONFIG...", help="The YAML file of each sweep.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="OUT.h5", help="The file to write, instead of CONFIG's."
+            "-o",
+            "--output",
+            metavar="OUT.h5",
+            help="The file to write, instead of CONFIG's; for a single CONFIG.",
         ),
     ] = None,
     overrides: Annotated[
@@ -114,13 +122,13 @@ def run(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
-    """Compute the sweep that CONFIG describes."""
+    """Compute the sweep that each CONFIG describes, one after the other."""
     with _termination_as_interrupt():
-        _run(config, output, overrides or (), threads, dry_run, overwrite, quiet)
+        _run(configs, output, overrides or (), threads, dry_run, overwrite, quiet)
 
 
 def _run(
-    config: Path,
+    configs: Sequence[Path],
     output: Path | None,
     overrides: Sequence[str],
     threads: int | None,
@@ -134,27 +142,51 @@ def _run(
 
     try:
         _check_threads(threads)
-        sweep = load_config(config, overrides)
-        path = output or sweep.output
-        check_output(path, overwrite, reports.estimated_size(sweep))
+        sweeps = [load_config(config, overrides) for config in configs]
+        paths = _targets(configs, output, [sweep.output for sweep in sweeps])
+        for sweep, path in zip(sweeps, paths, strict=True):
+            check_output(path, overwrite, reports.estimated_size(sweep))
     except (ConfigError, StoreError) as error:
         _stop(REFUSED, error)
     if dry_run:
-        typer.echo(reports.plan(sweep, path))
+        typer.echo("\n\n".join(map(reports.plan, sweeps, paths)))
         return
 
-    try:
-        from sweeps.runner import run_sweep
+    for sweep, path in zip(sweeps, paths, strict=True):
+        try:
+            from sweeps.runner import run_sweep
 
-        path = run_sweep(sweep, path, threads=threads, overwrite=overwrite, progress=not quiet)
-    except KeyboardInterrupt:
-        _stop(FAILED, f"interrupted; {reports.kept(path)}")
-    except (StoreError, OSError, MemoryError) as error:
-        # The request was accepted above, so this is a full disk or the like.
-        reason = str(error) or type(error).__name__
-        _stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
+            run_sweep(sweep, path, threads=threads, overwrite=overwrite, progress=not quiet)
+        except KeyboardInterrupt:
+            _stop(FAILED, f"interrupted; {reports.kept(path)}")
+        except (StoreError, OSError, MemoryError) as error:
+            # The request was accepted above, so this is a full disk or the like.
+            reason = str(error) or type(error).__name__
+            _stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
+        if not quiet:
+            typer.echo(reports.summary(path))
     if not quiet:
-        typer.echo(reports.summary(path))
+        typer.echo(reports.next_command(paths))
+
+
+def _targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) -> list[Path]:
+    """Return what is written for each source: `own`, or `output` for a single one."""
+    if output is None:
+        targets = list(own)
+    elif len(sources) == 1:
+        targets = [output]
+    else:
+        _stop(
+            REFUSED,
+            f"-o {output} is not allowed here: it is for a single file, and {len(sources)} are "
+            "given; without it each has an output of its own",
+        )
+    first: dict[Path, Path] = {}
+    for source, target in zip(sources, targets, strict=True):
+        other = first.setdefault(target.resolve(), source)
+        if other is not source:
+            _stop(REFUSED, f"{other} and {source} would both write {target}; give them one by one")
+    return targets
 
 
 def _check_threads(threads: int | None) -> None:
@@ -169,11 +201,16 @@ def _check_threads(threads: int | None) -> None:
 
 @app.command()
 def plot(
-    file: SweepFile,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FIGURE", help="The picture to write, OUT.png if not given."
+            "-o",
+            "--output",
+            metavar="FIGURE",
+            help="The picture to write, OUT.png if not given; for a single OUT.h5.",
         ),
     ] = None,
     kind: Annotated[
@@ -195,22 +232,37 @@ def plot(
         ),
     ] = None,
 ) -> None:
-    """Draw a picture from the file of a sweep."""
+    """Draw a picture from the file of each sweep."""
     from sweeps.store import StoreError, open_sweep
 
     cuts = _cuts(at or ())
+    figures = _targets(files, output, [file.with_suffix(".png") for file in files])
     try:
-        with open_sweep(file) as dataset:
-            from sweeps import plotting
-
-            try:
-                found = plotting.on_grid(dataset, cuts)
-                figure = output or file.with_suffix(".png")
-                written = plotting.plot(dataset, figure, kind, axis, found, coordinate)
-            except plotting.PlotError as error:
-                _stop(REFUSED, error)
+        for file in files:
+            open_sweep(file).close()  # before any is drawn
+        for file, figure in zip(files, figures, strict=True):
+            with open_sweep(file) as dataset:
+                _plot(dataset, file, figure, kind, axis, cuts, coordinate)
     except StoreError as error:
         _stop(REFUSED, error)
+
+
+def _plot(
+    dataset: xr.Dataset,
+    file: Path,
+    figure: Path,
+    kind: str | None,
+    axis: str | None,
+    cuts: Mapping[str, float],
+    coordinate: str | None,
+) -> None:
+    from sweeps import plotting
+
+    try:
+        found = plotting.on_grid(dataset, cuts)
+        written = plotting.plot(dataset, figure, kind, axis, found, coordinate)
+    except plotting.PlotError as error:
+        _stop(REFUSED, f"{file}: {error}")
     for name, value in cuts.items():
         if value != found[name]:
             text = f"{name} = {value:g} is not on the grid; drawn at {name} = {found[name]:g}"

@@ -6,7 +6,7 @@ As in ``cli.py``, what a report needs is imported inside it.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING
@@ -53,13 +53,18 @@ def estimated_size(sweep: SweepConfig) -> int:
 
 
 def summary(path: Path) -> str:
-    """Describe a sweep after it was run, with the command to type next."""
+    """Describe a sweep after it was run."""
     from sweeps.store import open_sweep, status_counts
 
     with open_sweep(path) as dataset:
         seconds = float(dataset.attrs["duration"])
         outcome = f"{path}: {_outcomes(status_counts(dataset))}"
-    return f"{outcome} in {seconds:.3g} s\nnext: vibroimpact plot {shlex.quote(str(path))}"
+    return f"{outcome} in {seconds:.3g} s"
+
+
+def next_command(paths: Iterable[Path]) -> str:
+    """Say what to type after sweeps were run."""
+    return f"next: vibroimpact plot {shlex.join(map(str, paths))}"
 
 
 def kept(path: Path) -> str:

@@ -106,6 +106,43 @@ def test_run_info_and_plot():
     assert Path("b.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
+    (folder / "sub").mkdir()
+    Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
+    printed = done("run", "small.yaml", "other.yaml", "--set", "oscillator.h=0.3")
+    outcomes = [line.split(" in ")[0] for line in printed.splitlines()]
+    certified = "10 points, all certified: every impact found, none missed"
+    assert outcomes[:2] == [f"small.h5: {certified}", f"sub/o.h5: {certified}"]
+    assert outcomes[2:] == ["next: vibroimpact plot small.h5 sub/o.h5"]
+    with (
+        xr.open_dataset("small.h5", engine="h5netcdf") as first,
+        xr.open_dataset("sub/o.h5", engine="h5netcdf") as second,
+    ):
+        xr.testing.assert_equal(first, second)
+        assert (first.attrs["name"], second.attrs["name"]) == ("small", "other")
+    assert done("plot", "small.h5", "sub/o.h5") == "small.png\nsub/o.png\n"
+    assert Path("sub/o.png").stat().st_size > 10_000
+    plans = done("run", "small.yaml", "other.yaml", "--overwrite", "--dry-run").split("\n\n")
+    assert [plan.split()[1] for plan in plans] == ["small", "other"]
+
+
+def test_several_are_refused_before_any_is_run_or_drawn():
+    Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other"))
+    Path("wrong.yaml").write_text(CONFIG.replace("h: 0.1", "h: -1"))
+    Path("same.yaml").write_text(CONFIG)
+    assert "wrong.yaml, line 3" in refused("run", "small.yaml", "wrong.yaml")
+    message = refused("run", "small.yaml", "other.yaml", "-o", "a.h5")
+    assert "-o a.h5 is not allowed here: it is for a single file, and 2 are given" in message
+    message = refused("run", "small.yaml", "same.yaml")
+    assert "small.yaml and same.yaml would both write small.h5" in message
+    done("run", "other.yaml", "--quiet")
+    assert "other.h5 exists" in refused("run", "small.yaml", "other.yaml")
+    assert "missing.h5 does not exist" in refused("plot", "other.h5", "missing.h5")
+    assert "-o a.png is not allowed here" in refused("plot", "other.h5", "other.h5", "-o", "a.png")
+    assert "other.h5 and other.h5 would both write" in refused("plot", "other.h5", "other.h5")
+    assert "other.h5: h is not a swept axis" in refused("plot", "other.h5", "--axis", "h")
+
+
 def test_the_configuration_in_info_can_be_run_again():
     done("run", "small.yaml", "--quiet", "--set", "oscillator.h=0.3")
     configuration = done("info", "small.h5").split("\n\n", 1)[1]
