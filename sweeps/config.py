@@ -55,8 +55,7 @@ DIAGNOSTICS = ("period", "lyapunov")
 _MOST_POINTS = 1_000_000_000
 _MOST_PERIODS = 1_000_000_000
 _MOST_RECORDED = 1_000_000
-#: Samples of one point's trajectory, without its impacts.
-MOST_SAMPLES = 10_000_000
+_MOST_SAMPLES = 10_000_000
 
 
 def _choice(meaning: str, table: Mapping[str, object], default: str) -> Any:
@@ -308,10 +307,10 @@ class SweepConfig(Section):
             )
         steps = method.steps_per_period or _default_steps(info.data["oscillator"], method)
         samples = _samples(record, int(steps))
-        if samples > MOST_SAMPLES:
+        if samples > _MOST_SAMPLES:
             raise MisplacedError(
                 ("record", "trajectory"),
-                f"{samples:,} samples per point are too many; expected: at most {MOST_SAMPLES:,}",
+                f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
             )
         return record
 
@@ -326,15 +325,17 @@ class SweepConfig(Section):
         return {
             "section": self.record.periods,
             "impact": self.record.impacts,
-            "sample": self.samples(self.steps),
+            "sample": _samples(self.record, self.steps),
         }
 
-    def samples(self, steps: int) -> int:
-        """Return the samples of a trajectory with that many steps per period, 0 without one."""
-        return _samples(self.record, steps)
-
     def with_method(self, method: MethodSection) -> Self:
-        """Return this sweep computed in another way, checked as if it had been typed so."""
+        """Return this sweep computed in another way.
+
+        Raises
+        ------
+        ValueError
+            If it would be refused had it been typed so.
+        """
         return type(self).model_validate({**dict(self.items()), "method": method})
 
     @cached_property

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from sweeps.config import MOST_SAMPLES, MethodSection, SweepConfig
+from sweeps.config import MethodSection, SweepConfig
 from vibroimpact.attractors import integrate
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
@@ -144,24 +144,18 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
     else:
         reference = Reference(config, config.grid.spread(POINTS), threads)
         about |= reference.about()
-        for family in COSTS:
-            if reference.any_judged and family != _EXACT:
-                tried += _climb(reference, family, asked / MARGIN, best)
-                reached = [one for one in tried if one.error <= asked / MARGIN and one.cost < WORTH]
-                best = min(reached, key=lambda one: one.cost, default=None)
+        if reference.any_judged:
+            tried = _try_all(reference, asked / MARGIN)
+            best = _cheapest(tried, asked / MARGIN)
         reason = _reason(reference, best, asked)
-    chosen = _EXACT if best is None else (best.integrator, best.impact)
+    integrator, impact = _EXACT if best is None else (best.integrator, best.impact)
     steps = config.steps if best is None else best.steps_per_period
-    about |= {
-        "chosen": dict(zip(("integrator", "impact"), chosen, strict=True))
-        | {"steps_per_period": steps},
-        "reason": reason,
-        "candidates": [_rounded(one) for one in tried],
-    }
+    chosen = {"integrator": integrator, "impact": impact, "steps_per_period": steps}
+    about |= {"chosen": chosen, "reason": reason, "candidates": list(map(_rounded, tried))}
     return Pilot(
-        method=MethodSection(integrator=chosen[0], impact=chosen[1], steps_per_period=steps),
-        summary=f"method: {chosen[0]} integrator, {chosen[1]} impacts, "
-        f"{steps} steps per period: {reason}",
+        method=_method((integrator, impact), steps),
+        summary=f"method: {integrator} integrator, {impact} impacts, {steps} steps per period: "
+        f"{reason}",
         record=yaml.safe_dump(about, sort_keys=False, default_flow_style=None, width=120),
     )
 
@@ -186,8 +180,23 @@ def _rounded(one: Candidate) -> dict[str, object]:
     return asdict(one) | digits
 
 
+def _try_all(reference: Reference, target: float) -> list[Candidate]:
+    tried: list[Candidate] = []
+    for family in COSTS:
+        if family != _EXACT:
+            best = _cheapest(tried, target)
+            tried += _climb(reference, family, target, WORTH if best is None else best.cost)
+    return tried
+
+
+def _cheapest(tried: list[Candidate], target: float) -> Candidate | None:
+    """Return the cheapest that reaches `target`, if it is worth taking."""
+    reached = [one for one in tried if one.error <= target and one.cost < WORTH]
+    return min(reached, key=lambda one: one.cost, default=None)
+
+
 def _climb(
-    reference: Reference, family: tuple[str, str], target: float, best: Candidate | None
+    reference: Reference, family: tuple[str, str], target: float, dearest: float
 ) -> list[Candidate]:
     """Try a family with more and more steps, until it reaches `target` or is too dear.
 
@@ -196,12 +205,11 @@ def _climb(
     """
     orders = INTEGRATORS[family[0]].order, IMPACT_RULES[family[1]].order
     order = min(one for one in orders if one is not None)
-    limit = best.cost if best is not None else WORTH
     least, tried = 0.0, []
     for steps in STEPS:
-        if reference.cost(family, steps, 0.0) >= limit:
+        if reference.cost(family, steps, 0.0) >= dearest:
             break
-        if steps < least or reference.config.samples(steps) > MOST_SAMPLES:
+        if steps < least or not _is_allowed(reference.config, family, steps):
             continue
         errors, impacts = reference.errors(family, steps)
         one = Candidate(*family, steps, reference.cost(family, steps, impacts), errors.max())
@@ -210,6 +218,18 @@ def _climb(
             break
         least = steps * (min(one.error, 1.0) / (10.0 * target)) ** (1.0 / order)
     return tried
+
+
+def _is_allowed(config: SweepConfig, family: tuple[str, str], steps: int) -> bool:
+    try:
+        config.with_method(_method(family, steps))
+    except ValueError:
+        return False
+    return True
+
+
+def _method(family: tuple[str, str], steps: int) -> MethodSection:
+    return MethodSection(integrator=family[0], impact=family[1], steps_per_period=steps)
 
 
 class Reference:

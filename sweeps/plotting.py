@@ -237,7 +237,7 @@ def trajectory(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) ->
     setting = Setting.of(dataset)
     clearance = setting.value("clearance", point)
     beyond = x > clearance
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(6.2, 4.2), layout="constrained")
     panels = figure.subplot_mosaic([["x", "phase"], ["v", "phase"]])
     panels["v"].sharex(panels["x"])
     drawn = {"x": (t, x), "v": (t, v), "phase": (x, v)}
@@ -258,9 +258,10 @@ def trajectory(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) ->
     draw_stop(panels["x"].axhline, clearance, label=False)
     draw_stop(panels["phase"].axvline, clearance)
     panels["x"].margins(x=0.01)
-    panels["phase"].locator_params(axis="x", nbins=6)
+    figure.align_ylabels([panels["x"], panels["v"]])
+    panels["phase"].locator_params(axis="x", nbins=5)
     panels["phase"].set_title(_deepest(x - clearance))
-    _entitle(figure, setting, point, 100)
+    _entitle(figure, setting, point, 88)
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure
 

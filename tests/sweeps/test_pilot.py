@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from sweeps import load_config, open_sweep
 from sweeps.bench import costs
 from sweeps.cli import app
-from sweeps.config import MOST_SAMPLES, MethodSection
+from sweeps.config import MethodSection
 from sweeps.grid import Grid
 from sweeps.loading import ConfigError
 from sweeps.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, Reference, choose
@@ -114,8 +114,8 @@ def test_a_scaled_motion_has_the_same_errors(load):
 def test_no_method_is_chosen_whose_trajectory_is_too_long(load):
     config = load("rest", 1e-2, "record.periods=100000", "record.trajectory={every: 1}")
     steps = choose(config).method.steps_per_period
-    assert 100_000 * steps < MOST_SAMPLES < 100_000 * 256
-    assert choose(load("rest", 1e-2)).method.steps_per_period >= 128
+    assert 100_000 * steps < 10_000_000
+    assert choose(load("rest", 1e-2)).method.steps_per_period > 100
 
 
 # The error
