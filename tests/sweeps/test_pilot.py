@@ -14,7 +14,8 @@ from sweeps.cli import app
 from sweeps.config import MethodSection
 from sweeps.grid import Grid
 from sweeps.loading import ConfigError
-from sweeps.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, Reference, choose
+from sweeps.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, choose
+from sweeps.reference import Reference
 
 # The motion rests in every period; meets the stop never; and has flips, chaos and windows.
 SCENES = {
@@ -264,7 +265,7 @@ def test_quiet_is_quiet_and_a_dry_run_runs_no_pilot(load, monkeypatch):
     load("free", 1e-2)
     quiet = call("run", "scene.yaml", "--quiet")
     assert (quiet.exit_code, quiet.output) == (0, "")
-    monkeypatch.setattr("sweeps.pilot.integrate", None)
+    monkeypatch.setattr("sweeps.reference.integrate", None)
     plan = call("run", "scene.yaml", "--dry-run", "-o", "b.h5")
     assert plan.exit_code == 0
     assert "the cheapest with an error <= 0.01, found by a pilot run" in plan.stdout
