@@ -53,7 +53,8 @@ class Cost(NamedTuple):
 #: Integrator and impact rule of every method worth trying, the exact engine last. A step is an
 #: affine map and costs the same with each integrator, the exact flow among them: `plain` takes that
 #: one, and euler, semi-implicit-euler and verlet have nothing to offer for their bound on the step.
-#: An impact is computed with the scalar integrator, where the exact flow is dearer than exact impacts.
+#: At an impact the scalar integrator is called, and there the exact flow is dearer than the exact
+#: rule.
 COSTS: Mapping[tuple[str, str], Cost] = {
     ("exact", "plain"): Cost(0.45, 0.86, 4.0),
     ("newmark", "reduced-step"): Cost(0.87, 0.87, 115.0),
