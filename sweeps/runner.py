@@ -28,7 +28,7 @@ from sweeps.store import SweepWriter
 from sweeps.variables import bytes_per_point
 from vibroimpact.attractors import integrate
 from vibroimpact.diagnostics import period_class
-from vibroimpact.kernel import LANES
+from vibroimpact.lanes import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.trajectory import trajectories
 

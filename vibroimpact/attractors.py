@@ -12,17 +12,6 @@ from vibroimpact.kernel import SUMS, Tally, run_blocks
 from vibroimpact.phases import lead_in, one_period
 from vibroimpact.status import Status
 
-
-def _last_in_order(rings: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Unroll rings of the last impacts into time order."""
-    width = rings.shape[1]
-    if width == 0:
-        return rings
-    first = np.where(count > width, count % width, 0)
-    order = (first[:, None] + np.arange(width)) % width
-    return np.take_along_axis(rings, order[:, :, None], axis=1)
-
-
 #: The rule ``exact`` is refused where it needs more steps per forcing period.
 MOST_STEPS = 1_000_000
 
@@ -163,7 +152,6 @@ def integrate(
 def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.ndarray]:
     """Name the results, and withhold those of the points that failed."""
     sums, sections = tally.sums, tally.sections
-    last = _last_in_order(tally.impacts, sums["impacts"])
     duration = periods * 2.0 * np.pi / points["omega"]
     sums["status"][_grows(points, sums, sections)] = Status.UNBOUNDED
     failed = sums["status"] >= Status.UNRESOLVED
@@ -172,8 +160,8 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     return {
         "poincare_x": sections[:, :, 0],
         "poincare_v": sections[:, :, 1],
-        "impact_phase": last[:, :, 0],
-        "impact_v": last[:, :, 1],
+        "impact_phase": tally.impacts[:, :, 0],
+        "impact_v": tally.impacts[:, :, 1],
         "impacts_per_period": np.where(failed, np.nan, sums["impacts"] / periods),
         "slowest_impact": np.where(failed | no_impact, np.nan, sums["slowest_impact"]),
         "max_penetration": np.where(failed, np.nan, sums["max_penetration"]),

@@ -35,6 +35,7 @@ from vibroimpact.flight import (
     LONGEST_STEP,
     TERMS,
     expand,
+    expansion,
     first_crossing,
     rising_root,
     value_and_slope,
@@ -51,6 +52,7 @@ from vibroimpact.stop import (
     pressing,
     time_to_release,
 )
+from vibroimpact.trigonometry import sin_cos
 
 #: The tail of a chatter is summed where eta times the rates of the system is below this: the
 #: third-order term left out, relative to the first, is its square.
@@ -105,19 +107,19 @@ def reach(x, v, x_T, along_x, along_v, along_f):
 
 
 @jit
-def time_to_rest(v, theta, left, pt):
+def time_to_rest(v, theta, s, c, left, pt):
     """Return the time until the chatter after a rebound at speed `v` is complete, and the status.
 
-    The time is inf where the chatter is not complete within the time `left`, or its sum is not yet
-    exact. Where R is so near to 1 that it would take very many bounces, it is 0 once they are
-    short, and the status says so.
+    It begins at phase `theta`, with sine `s` and cosine `c`. The time is inf where the chatter is
+    not complete within the time `left`, or its sum is not yet exact. Where R is so near to 1 that
+    it would take very many bounces, it is 0 once they are short, and the status says so.
     """
-    a = pressing(theta, pt)
+    a = pressing(s, pt)
     if not a > 0.0:
         return math.inf, _CERTIFIED
     if v == 0.0:
         return 0.0, _CERTIFIED
-    beta = -pt.f * pt.omega * math.cos(theta) / a
+    beta = -pt.f * pt.omega * c / a
     # The rates of the system, a'' / a = f omega^2 sin(omega t) / a among them.
     rates = abs(beta) + pt.h + pt.p + pt.omega * (1.0 + math.sqrt(pt.f / a))
     shortness = rates * v / a
@@ -154,22 +156,25 @@ def next_impact(flight, end, rising, value, slope):
         Number of leading coefficients that are zero: 0 where the flight starts off the stop.
     u : float
         Where it meets the stop, -1 if it does not before `end`.
+    slope : float
+        Its slope there, if it is `rising`.
     turn : float
         As from ``first_crossing``.
     pressed : bool
         Whether it cannot start at all: the mass is on the stop without speed, and is pressed.
     """
     if rising:
-        return 0, rising_root(flight, value, slope), -math.inf, False
+        u, slope = rising_root(flight, value, slope)
+        return 0, u, slope, -math.inf, False
     m = 0
     while m < 4 and flight[m] == 0.0:
         m += 1
     if m == 4:  # neither force nor speed: it stays where it is
-        return m, -1.0, -math.inf, False
+        return m, -1.0, 0.0, -math.inf, False
     if flight[m] > 0.0:
-        return m, 0.0, -math.inf, m > 1
+        return m, 0.0, 0.0, -math.inf, m > 1
     u, turn = first_crossing(flight, m, end)
-    return m, u, turn, False
+    return m, u, 0.0, turn, False
 
 
 @jit(inline=True)
@@ -195,7 +200,7 @@ def rebound(x_T, v_T, v, left, T, pt, lane):
 
     It is not where the mass may be back on the stop before.
     """
-    response, rate = value_and_slope(lane.rows[1], 0, left / T)
+    response, rate, _ = expansion(lane.rows[1], left / T)
     impulse = -(1.0 + pt.R) * v
     height = lane.along_x * abs(pt.clearance) + lane.along_v * pt.R * v + lane.along_f
     final = 4.0 * left * height < pt.R * v * T * T  # left < 2 R v / A
@@ -218,16 +223,15 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
             if step * (1.0 - u - wait) <= RELEASE_MARGIN:
                 return stop, 0.0, True, n, rested + (1.0 - u) * T, status, grazes
             u += wait
+            s, c = sin_cos(theta + step * u)
             rested += wait * T
             n = log_event(events, n, RELEASE, u * T, 0.0, stop)
             x, v, resting, undisturbed = stop, 0.0, False, False
-        if u > 0.0:
-            s, c = math.sin(theta + step * u), math.cos(theta + step * u)
         expand(lane.rows, x, v, s, c, stop, flight)
         if released:
             flight[0] = flight[1] = flight[2] = 0.0  # x, v, a vanish at a release, to rounding
         rising = undisturbed and x < stop and rises(x, v, T, lane)
-        m, du, turn, pressed = next_impact(flight, 1.0 - u, rising, x_T - stop, v_T * T)
+        m, du, slope, turn, pressed = next_impact(flight, 1.0 - u, rising, x_T - stop, v_T * T)
         grazes += is_near_graze(flight, turn)
         if pressed:
             resting = True
@@ -239,7 +243,7 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
                 x_T, v_T = x_T + stop, v_T / T
             # The end of the step may lie beyond the stop by the rounding of its own map.
             return min(x_T, stop), v_T, False, n, rested, status, grazes
-        v = impact_speed(flight, m, du, v, T)
+        v = slope / T if rising else impact_speed(flight, m, du, v, T)
         u += du
         left = (1.0 - u) * T
         n = log_event(events, n, IMPACT, u * T, v, stop)
@@ -248,7 +252,8 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
             if final:
                 return x_T, v_T, False, n, rested, status, grazes
         x, v, undisturbed = stop, -pt.R * v, False
-        wait, outcome = time_to_rest(-v, theta + step * u, left, pt)
+        s, c = sin_cos(theta + step * u)
+        wait, outcome = time_to_rest(-v, theta + step * u, s, c, left, pt)
         status = max(status, outcome)
         if wait < math.inf:
             u += wait / T

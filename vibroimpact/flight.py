@@ -54,7 +54,7 @@ def fill_rows(rows, T, pt):
 @jit(leaf=True)
 def expand(rows, x, v, s, c, stop, coefficients):
     """Set the coefficients of x(u) - stop for the flight from (x, v) at phase (s, c)."""
-    for k in range(TERMS):
+    for k in range(rows.shape[1]):  # a constant would be unrolled, not vectorised
         coefficients[k] = rows[0, k] * x + rows[1, k] * v + (rows[2, k] * s + rows[3, k] * c)
     coefficients[0] = x - stop
 
@@ -80,6 +80,34 @@ def value_and_slope(c, m, u):
         p, q, dp, dq = q, p, dq, dp
     # Now q holds the even powers and p the odd ones.
     return fma(u, p, q), fma(2.0 * u, fma(u, dp, dq), p)
+
+
+@jit(leaf=True)
+def expansion(c, u):
+    """Return sum_k c[k] u^k over all ``TERMS``, and its first two derivatives.
+
+    Horner's scheme in u^4 on every fourth coefficient: short chains of fused operations, because
+    their latency is what an impact costs.
+    """
+    uu = u * u
+    u4 = uu * uu
+    p, q, r, s = c[12], c[13], c[14], c[15]
+    dp, dq, dr, ds = 13.0 * c[13], 14.0 * c[14], 15.0 * c[15], 0.0
+    ddp, ddq, ddr, dds = 182.0 * c[14], 210.0 * c[15], 0.0, 0.0
+    for k in range(8, -1, -4):
+        p, q = fma(p, u4, c[k]), fma(q, u4, c[k + 1])
+        r, s = fma(r, u4, c[k + 2]), fma(s, u4, c[k + 3])
+        dp, dq = fma(dp, u4, (k + 1) * c[k + 1]), fma(dq, u4, (k + 2) * c[k + 2])
+        dr, ds = fma(dr, u4, (k + 3) * c[k + 3]), fma(ds, u4, (k + 4) * c[k + 4])
+        ddp = fma(ddp, u4, (k + 2) * (k + 1) * c[k + 2])
+        ddq = fma(ddq, u4, (k + 3) * (k + 2) * c[k + 3])
+        ddr = fma(ddr, u4, (k + 4) * (k + 3) * c[k + 4])
+        dds = fma(dds, u4, (k + 5) * (k + 4) * c[k + 5])
+    return (
+        fma(uu, fma(u, s, r), fma(u, q, p)),
+        fma(uu, fma(u, ds, dr), fma(u, dq, dp)),
+        fma(uu, fma(u, dds, ddr), fma(u, ddq, ddp)),
+    )
 
 
 @jit(inline=True)
@@ -208,13 +236,33 @@ def first_crossing(c, m, end):
 
 @jit(leaf=True)
 def rising_root(c, value, slope):
-    """As ``first_crossing`` for a flight that is known to rise from u = 0 to u = 1.
+    """The first crossing of a flight known to rise from u = 0 to u = 1, and its slope there.
+
+    Halley's method; where it leaves the bracket, ``_root``.
 
     Parameters
     ----------
     value, slope : float
         x - stop and its derivative at u = 1.
+
+    Returns
+    -------
+    u, slope : float
+        -1 and 0 if the flight does not cross.
     """
     if not value > 0.0:
-        return -1.0
-    return _root(c, 0, 0.0, 1.0, _first_guess(0.0, c[0], c[1], 1.0, value, slope))
+        return -1.0, 0.0
+    u = _first_guess(0.0, c[0], c[1], 1.0, value, slope)
+    for _ in range(3):
+        if not 0.0 < u < 1.0:
+            break
+        y, dy, ddy = expansion(c, u)
+        inverse = 1.0 / dy
+        newton = -y * inverse
+        change = newton - 0.5 * newton * newton * (ddy * inverse)
+        u += change
+        # The next change would be its cube; the slope's next term is its square.
+        if abs(change) <= 1e-8 * u:
+            return u, fma(ddy, change, dy)
+    u = _root(c, 0, 0.0, 1.0, u)
+    return u, value_and_slope(c, 0, u)[1]

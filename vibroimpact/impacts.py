@@ -86,6 +86,6 @@ def mend(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, step, pt, lane,
         x, v, n = plain(x_T, v_T, T, pt, scratch)
         return x, v, False, n, 0.0, _COMPUTED, 0
     x, v, resting, n, rested, status = reduced_step(
-        rule, integrator, x, v, resting, theta, T, pt, scratch
+        rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, scratch
     )
     return x, v, resting, n, rested, status, 0

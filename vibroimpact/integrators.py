@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from vibroimpact.jit import fma, jit
+from vibroimpact.trigonometry import sin_cos, sine_after
 
 
 @jit
@@ -46,7 +47,7 @@ def verlet(x, v, s, c, T, pt):
     Verlet (1967), Phys. Rev. 159, 98-103; Newmark's method with beta = 0, gamma = 1/2. The
     acceleration at the end of the step is linear in the new velocity and solved for it.
     """
-    s_T = s * math.cos(pt.omega * T) + c * math.sin(pt.omega * T)
+    s_T = sine_after(s, c, pt.omega * T)
     v_half = v + 0.5 * T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
     x_T = x + T * v_half
     return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
@@ -59,7 +60,7 @@ def newmark(x, v, s, c, T, pt):
     Newmark (1959), J. Eng. Mech. Div. ASCE 85(3), 67-94. The equation of motion at the end
     of the step is linear in the new acceleration and solved for it.
     """
-    s_T = s * math.cos(pt.omega * T) + c * math.sin(pt.omega * T)
+    s_T = sine_after(s, c, pt.omega * T)
     a = -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
     v_half = v + 0.5 * T * a
     x_half = x + T * v + 0.25 * T * T * a
@@ -76,8 +77,8 @@ def rk4(x, v, s, c, T, pt):
     """
     h2, pp, f = 2.0 * pt.h, pt.p * pt.p, pt.f
     half = 0.5 * T
-    s_half = s * math.cos(pt.omega * half) + c * math.sin(pt.omega * half)
-    s_T = s * math.cos(pt.omega * T) + c * math.sin(pt.omega * T)
+    s_half = sine_after(s, c, pt.omega * half)
+    s_T = sine_after(s, c, pt.omega * T)
     a1 = -h2 * v - pp * x - f * s
     v2 = v + half * a1
     a2 = -h2 * v2 - pp * (x + half * v) - f * s_half
@@ -136,7 +137,7 @@ def exact(x, v, s, c, T, pt):
     xs, vs = _taylor(0.0, 0.0, 1.0, 0.0, tau, pt)
     xc, vc = _taylor(0.0, 0.0, 0.0, 1.0, tau, pt)
     for _ in range(doublings):
-        sin, cos = math.sin(pt.omega * tau), math.cos(pt.omega * tau)
+        sin, cos = sin_cos(pt.omega * tau)
         xs, vs, xc, vc = (
             xx * xs + xv * vs + xs * cos - xc * sin,
             vx * xs + vv * vs + vs * cos - vc * sin,

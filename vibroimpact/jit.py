@@ -89,3 +89,31 @@ def fma(context, a, b, c):
         return builder.fma(*arguments)
 
     return types.float64(types.float64, types.float64, types.float64), generate
+
+
+@intrinsic
+def select(context, condition, a, b):
+    """`a` where the condition holds, else `b`: without a branch, which would not be vectorised."""
+
+    def generate(context, builder, signature, arguments):
+        condition, a, b = arguments
+        as_bit = context.cast(builder, condition, types.boolean, types.boolean)
+        return builder.select(as_bit, a, b)
+
+    return types.float64(types.boolean, types.float64, types.float64), generate
+
+
+@intrinsic
+def widest_vectors(context):
+    """Let LLVM use the widest vectors of the processor in the calling function.
+
+    By default it keeps to 256 bits where the processor has 512.
+    """
+
+    def generate(context, builder, signature, arguments):
+        attributes = builder.function.attributes
+        set.add(attributes, '"prefer-vector-width"="512"')
+        attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.void(), generate

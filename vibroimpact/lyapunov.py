@@ -16,8 +16,9 @@ from __future__ import annotations
 import math
 
 from vibroimpact.flight import value_and_slope
-from vibroimpact.jit import jit
+from vibroimpact.jit import fma, jit
 from vibroimpact.stop import IMPACT, KIND, SPEED, TIME, pressing
+from vibroimpact.trigonometry import sin_cos
 
 
 @jit(leaf=True)
@@ -31,26 +32,34 @@ def _fly(tangents, dt, T, rows):
         tangents[k + 1] = (vx * x + vv * v) / T
 
 
+@jit(inline=True)
+def glide_tangent(x, v, to_x, to_v):
+    """Carry one tangent vector over a step without impacts, by the affine map of the step."""
+    return fma(to_x[0], x, to_x[1] * v), fma(to_v[0], x, to_v[1] * v)
+
+
 @jit(leaf=True)
-def carry_tangents(before, after, events, n, theta, T, rows, pt):
-    """Carry two tangent vectors through a step with `n` events, from `before` to `after`."""
-    for j in range(4):
-        after[j] = before[j]
+def carry_tangents(tangents, to_x, to_v, events, n, theta, T, rows, pt):
+    """Carry two tangent vectors through a step with `n` events."""
+    if n == 0:
+        tangents[0], tangents[1] = glide_tangent(tangents[0], tangents[1], to_x, to_v)
+        tangents[2], tangents[3] = glide_tangent(tangents[2], tangents[3], to_x, to_v)
+        return
     at = 0.0
     for k in range(n):
-        _fly(after, events[k, TIME] - at, T, rows)
+        _fly(tangents, events[k, TIME] - at, T, rows)
         at = events[k, TIME]
         if events[k, KIND] == IMPACT:
             speed = max(events[k, SPEED], 1e-150)  # a graze stretches without bound
-            turn = (1.0 + pt.R) * pressing(theta + pt.omega * at, pt) / speed
+            turn = (1.0 + pt.R) * pressing(sin_cos(theta + pt.omega * at)[0], pt) / speed
             for j in range(0, 4, 2):
-                x, v = after[j], after[j + 1]
-                after[j] = -pt.R * x
-                after[j + 1] = turn * x - pt.R * v
+                x, v = tangents[j], tangents[j + 1]
+                tangents[j] = -pt.R * x
+                tangents[j + 1] = turn * x - pt.R * v
         else:
             for j in range(4):
-                after[j] = 0.0
-    _fly(after, T - at, T, rows)
+                tangents[j] = 0.0
+    _fly(tangents, T - at, T, rows)
 
 
 @jit(leaf=True)

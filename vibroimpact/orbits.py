@@ -280,7 +280,7 @@ def _orbit(
     phase = math.atan2(s, c)
     phase += 2.0 * math.pi if phase < 0.0 else 0.0
     phase = 0.0 if phase == 2.0 * math.pi else phase
-    kick = (1.0 + osc.R) * pressing(phase, _point(osc)) / v
+    kick = (1.0 + osc.R) * pressing(math.sin(phase), _point(osc)) / v
     return OneImpactOrbit(
         n=n,
         v=v,

@@ -43,6 +43,7 @@ from vibroimpact.stop import (
     pressing,
     time_to_release,
 )
+from vibroimpact.trigonometry import sin_cos
 
 REDUCED_STEP, CUBIC = 1, 2
 
@@ -100,8 +101,8 @@ def cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients):
 
 
 @jit(inline=True)
-def fly(rule, integrator, x, v, theta, span, pt, coefficients):
-    """Advance until the first impact, or for at most `span`.
+def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
+    """Advance until the first impact, or for at most `span`, where the state would be (x_T, v_T).
 
     Returns
     -------
@@ -109,12 +110,12 @@ def fly(rule, integrator, x, v, theta, span, pt, coefficients):
         Time used, and the state there: before the impact, if there is one.
     hit : bool
     """
-    s, c = math.sin(theta), math.cos(theta)
     launched = x == pt.clearance
     T = span
     halvings = 0
     for _ in range(_MAX_CUTS):
-        x_T, v_T = step(integrator, x, v, s, c, T, pt)
+        if T < span:
+            x_T, v_T = step(integrator, x, v, s, c, T, pt)
         if not crossed(x_T, v_T, pt.clearance):
             if halvings < _MAX_HALVINGS:
                 return T, x_T, v_T, False
@@ -135,12 +136,13 @@ def fly(rule, integrator, x, v, theta, span, pt, coefficients):
 
 
 @jit
-def time_to_rest(v, theta, left, T, pt):
+def time_to_rest(v, theta, s, left, T, pt):
     """Return the time until the chatter that follows a rebound at speed `v` is complete.
 
-    inf where it is not complete within the time `left` of a step of length `T`.
+    It begins at phase `theta`, with sine `s`. inf where it is not complete within the time `left`
+    of a step of length `T`.
     """
-    a = pressing(theta, pt)
+    a = pressing(s, pt)
     if not a > 0.0:
         return math.inf
     if 2.0 * v <= SHORTEST_FLIGHT * T * a:
@@ -150,8 +152,10 @@ def time_to_rest(v, theta, left, T, pt):
 
 
 @jit(leaf=True)
-def reduced_step(rule, integrator, x, v, resting, theta, T, pt, scratch):
+def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, scratch):
     """One step of length `T` from phase `theta`, shortened at every impact in it.
+
+    (x_T, v_T) is its undisturbed end.
 
     Returns
     -------
@@ -178,25 +182,26 @@ def reduced_step(rule, integrator, x, v, resting, theta, T, pt, scratch):
             tau += wait
             rested += wait
             n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
+            s, c = sin_cos(theta + pt.omega * tau)
             x, v, resting, released = pt.clearance, 0.0, False, True
-        dt, x, v, hit = fly(
-            rule, integrator, x, v, theta + pt.omega * tau, T - tau, pt, coefficients
-        )
+        if tau > 0.0:
+            x_T, v_T = step(integrator, x, v, s, c, T - tau, pt)
+        dt, x, v, hit = fly(rule, integrator, x, v, s, c, x_T, v_T, T - tau, pt, coefficients)
         if released and hit and dt == 0.0:
             # The force at the release, zero to rounding, is all that moves x in this step.
-            theta += pt.omega * tau
-            x_T, v_T = step(integrator, x, 0.0, math.sin(theta), math.cos(theta), T - tau, pt)
             return min(x_T, x), min(v_T, 0.0), False, n, rested, _COMPUTED
         if not hit:
             if dt == T - tau:
                 return x, v, False, n, rested, _COMPUTED
             tau += dt
+            s, c = sin_cos(theta + pt.omega * tau)
             continue
         tau += dt
         if v > 0.0:
             n = log_event(events, n, IMPACT, tau, v, x)
         v = -pt.R * v
-        wait = time_to_rest(-v, theta + pt.omega * tau, T - tau, T, pt)
+        s, c = sin_cos(theta + pt.omega * tau)
+        wait = time_to_rest(-v, theta + pt.omega * tau, s, T - tau, T, pt)
         if wait < math.inf:
             tau += wait
             resting = True

@@ -13,6 +13,7 @@ import numpy as np
 
 from vibroimpact.flight import TERMS
 from vibroimpact.jit import jit
+from vibroimpact.trigonometry import sin_cos
 
 #: More flights than this in one step are not followed.
 MAX_FLIGHTS = 16384
@@ -41,9 +42,12 @@ def new_scratch():
 
 
 @jit
-def pressing(theta, pt):
-    """Acceleration that presses a mass at rest against the stop: eq. (1) at x = clearance."""
-    return -pt.f * math.sin(theta) - pt.p * pt.p * pt.clearance
+def pressing(s, pt):
+    """Acceleration that presses a mass at rest against the stop: eq. (1) at x = clearance.
+
+    `s` is the sine of the phase.
+    """
+    return -pt.f * s - pt.p * pt.p * pt.clearance
 
 
 @jit
@@ -53,9 +57,10 @@ def time_to_release(theta, pt):
     It turns from pressing to pulling where sin(omega t) = -p^2 clearance / f, cos(omega t) > 0.
     """
     level = pt.p * pt.p * pt.clearance
-    a = pressing(theta, pt)
+    s, c = sin_cos(theta)
+    a = pressing(s, pt)
     # Where the force begins to press, the sign of a is rounding: the release is the next one.
-    begins = abs(level) < pt.f and a > -1e-14 * pt.f and math.cos(theta) < 0.0
+    begins = abs(level) < pt.f and a > -1e-14 * pt.f and c < 0.0
     if not (a > 0.0 or begins):
         return 0.0
     if not abs(level) < pt.f:

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from vibroimpact.attractors import resolve
-from vibroimpact.exact_impacts import Lane, guard, reach
+from vibroimpact.exact_impacts import Lane, guard
 from vibroimpact.flight import TERMS, fill_rows
-from vibroimpact.impacts import EXACT, PLAIN, mend
-from vibroimpact.integrators import affine_map, apply_map
+from vibroimpact.impacts import EXACT, PLAIN
+from vibroimpact.integrators import affine_map
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
 from vibroimpact.status import Status
+from vibroimpact.stepping import take_step
 from vibroimpact.stop import (
     DISPLACEMENT,
     IMPACT,
@@ -103,24 +104,18 @@ def _prepare(integrator, steps, pt):
     rows = np.empty((4, TERMS))
     fill_rows(rows, T, pt)
     along_x, along_v, along_f = guard(T, pt)
-    return affine_map(integrator, T, pt), Lane(rows, along_x, along_v, along_f)
+    m = affine_map(integrator, T, pt)
+    return (m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), Lane(rows, along_x, along_v, along_f)
 
 
 @jit
 def _advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
-    """Step `n` of a run of steps, as a lane of the kernel takes it; returns as ``mend`` does."""
-    m, lane = prepared
+    """Step `n` of a run of steps; returns as ``take_step`` does."""
+    to_x, to_v, lane = prepared
     theta, s, c = steps.table[THETA, n], steps.table[SIN, n], steps.table[COS, n]
-    x_T = apply_map((m[0], m[1], m[2], m[3]), x, v, s, c)
-    v_T = apply_map((m[4], m[5], m[6], m[7]), x, v, s, c)
-    highest = x_T
-    if rule == EXACT:
-        highest = reach(x, v, x_T, lane.along_x, lane.along_v, lane.along_f)
-    if resting or not highest < pt.clearance:
-        return mend(
-            rule, integrator, x, v, x_T, v_T, resting, theta, s, c, steps.step, pt, lane, scratch
-        )
-    return x_T, v_T, False, 0, 0.0, 0, 0
+    return take_step(
+        rule, integrator, to_x, to_v, x, v, resting, theta, s, c, steps.step, pt, lane, scratch
+    )
 
 
 @jit

@@ -356,7 +356,7 @@ def test_the_tail_of_a_chatter_is_the_sum_of_its_flights(R, h, omega, clearance,
     pt = osc.at(min(0.0, clearance))[0]
     taken = 0
     for v in 10.0 ** np.arange(-9.0, -2.0, 0.5):
-        tail, status = time_to_rest(v, theta, math.inf, pt)
+        tail, status = time_to_rest(v, theta, math.sin(theta), math.cos(theta), math.inf, pt)
         assert status == Status.CERTIFIED
         if tail < math.inf:
             true = brute_force(osc, theta, v)
@@ -364,8 +364,9 @@ def test_the_tail_of_a_chatter_is_the_sum_of_its_flights(R, h, omega, clearance,
             assert abs(tail - true) <= 2e-15 * min(1.0, 1.0 / omega)
             taken += 1
     assert taken >= 4
-    assert time_to_rest(0.0, theta, 1.0, pt)[0] == 0.0
-    assert time_to_rest(1e-9, theta - math.pi, 1.0, pt)[0] == math.inf
+    s, c = math.sin(theta), math.cos(theta)
+    assert time_to_rest(0.0, theta, s, c, 1.0, pt)[0] == 0.0
+    assert time_to_rest(1e-9, theta - math.pi, -s, -c, 1.0, pt)[0] == math.inf
 
 
 # --- closed forms and tables ---

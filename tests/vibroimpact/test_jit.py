@@ -9,16 +9,17 @@ from pathlib import Path
 import vibroimpact
 from vibroimpact.jit import fma
 
-# predict() is in kernel.py, the helper it calls in integrators.py.
+# glide_step() is in lanes.py, the helper it calls in integrators.py.
 PROGRAM = """\
 import numpy as np
 import vibroimpact
-from vibroimpact.kernel import ROWS, predict
-w = np.ones((ROWS, 32))
-predict(w, 0.25, 0.5)
+from vibroimpact.lanes import LANES, LEVEL, SIZE, X, glide_step
+w = np.ones(SIZE)
+w[LEVEL : LEVEL + LANES] = np.inf
+glide_step(w, np.array([[0.0], [0.25], [0.5]]), 0, False)
 print(vibroimpact.__file__)
-print(w[2, 0])
-print(sum(predict.stats.cache_hits.values()), sum(predict.stats.cache_misses.values()))
+print(w[X])
+print(sum(glide_step.stats.cache_hits.values()), sum(glide_step.stats.cache_misses.values()))
 """
 
 

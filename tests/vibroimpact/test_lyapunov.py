@@ -114,7 +114,7 @@ def test_after_a_rest_nothing_of_the_past_is_left():
 )
 def test_two_nearby_orbits_part_as_the_tangent_vectors_do(given, x0, v0):
     """Six periods: the area and the first direction, by central differences of the section."""
-    osc, periods, step = Oscillator(**{"f": 1.0} | given), 6, 1e-7
+    osc, periods, step = Oscillator(**{"f": 1.0} | given), 6, 1e-6
     starts = [osc.at(x0 + dx, v0 + dv) for dx, dv in ((step, 0), (-step, 0), (0, step), (0, -step))]
     out = integrate(np.concatenate(starts), transient=0, periods=periods)
     ends = np.stack([out["poincare_x"][:, -1], out["poincare_v"][:, -1]], axis=1)

@@ -1,0 +1,143 @@
+"""Lanes: the workspace of a block of points, side by side, so that vector registers are filled.
+
+A lane is one parameter point. The steps per period are an integer, so omega t_n mod 2 pi is one
+table for every lane, also where omega is swept, and the loops hold no trigonometry. Every loop
+over lanes is a plain loop without branches, taken four steps at a time, so that what a lane needs
+stays in registers.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroimpact.exact_impacts import guard, reach
+from vibroimpact.flight import fill_rows
+from vibroimpact.impacts import EXACT, PLAIN
+from vibroimpact.integrators import affine_map, apply_map
+from vibroimpact.jit import jit, select
+from vibroimpact.lyapunov import glide_tangent
+from vibroimpact.phases import COS, SIN
+from vibroimpact.stop import start
+
+#: Points per block.
+LANES = 32
+#: Steps taken at a time.
+STRIDE = 4
+
+# Where the rows of a block's workspace begin; row + i belongs to lane i. One flat array, because
+# the compiler then knows the distances between the rows.
+(
+    # The state, the affine map, and the stop. A lane at rest watches a stop at -inf, so that it is
+    # looked at in every stride.
+    X, V, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION,
+    # Steps taken of the stride, those before the lane may have met its stop.
+    SAFE,
+    # The phase before which a lane at rest is not released.
+    WAKE,
+    # For the rule ``exact``: the guard.
+    ALONG_X, ALONG_V, ALONG_F,
+    # With the rule ``plain``: what is summed up.
+    IMPACTS, LISTED, SLOWEST, HIGHEST,
+    # Two tangent vectors, four rows.
+    TANGENTS, _, _, _,
+    # With the rule ``plain``: the speeds of the impacts of a stride.
+    SPEEDS,
+) = range(0, 27 * LANES, LANES)  # fmt: skip
+SIZE = SPEEDS + STRIDE * LANES
+
+
+@jit(inline=True)
+def set_start(w, points, rule):
+    """Put every lane at its start, and its stop where it is."""
+    for i in range(LANES):
+        pt = points[min(i, points.size - 1)]  # a short block repeats its last point
+        w[X + i], w[V + i], resting = start(pt)
+        w[LEVEL + i] = -math.inf if resting and rule != PLAIN else pt.clearance
+        w[CLEARANCE + i], w[RESTITUTION + i] = pt.clearance, pt.R
+        w[WAKE + i] = -math.inf
+        w[IMPACTS + i] = w[LISTED + i] = 0.0
+        w[SLOWEST + i], w[HIGHEST + i] = math.inf, pt.clearance
+        for k in range(4):
+            w[TANGENTS + k * LANES + i] = 1.0 if k == 0 or k == 3 else 0.0
+
+
+@jit(inline=True)
+def set_maps(w, taylor, points, rule, integrator, grid):
+    """Give every lane the affine map of one step of `grid`, and its Taylor rows and guard."""
+    for i in range(LANES):
+        pt = points[min(i, points.size - 1)]
+        T = grid.step / pt.omega
+        rows = affine_map(integrator, T, pt)
+        for k in range(8):
+            w[XX + k * LANES + i] = rows[k]
+        if rule == EXACT:
+            fill_rows(taylor[i], T, pt)
+            w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i] = guard(T, pt)
+
+
+@jit(leaf=True)
+def map_of(w, i):
+    """Return the two rows of the affine map of lane `i`."""
+    to_x = w[XX + i], w[XV + i], w[XS + i], w[XC + i]
+    return to_x, (w[VX + i], w[VV + i], w[VS + i], w[VC + i])
+
+
+@jit(leaf=True)
+def glide(w, i, x, v, safe, s, c, guarded):
+    """Take lane `i` from (x, v) over a step, if it is `safe`, that is, cannot have met its stop.
+
+    Returns the state, and whether it was; once a lane was not, it stays where it is.
+    """
+    to_x, to_v = map_of(w, i)
+    x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
+    safe &= x_T < w[LEVEL + i]  # a NaN is not
+    if guarded:
+        safe &= reach(x, v, x_T, w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i]) < w[LEVEL + i]
+    return select(safe, x_T, x), select(safe, v_T, v), safe
+
+
+@jit(inline=True)
+def glide_stride(w, table, n, guarded):
+    """Take every lane from step `n` over a stride, up to the step in which it may meet its stop.
+
+    Returns whether there is such a lane; row SAFE keeps the number of steps taken.
+    """
+    s0, s1, s2, s3 = table[SIN, n], table[SIN, n + 1], table[SIN, n + 2], table[SIN, n + 3]
+    c0, c1, c2, c3 = table[COS, n], table[COS, n + 1], table[COS, n + 2], table[COS, n + 3]
+    met = False
+    for i in range(LANES):
+        x, v, safe_0 = glide(w, i, w[X + i], w[V + i], True, s0, c0, guarded)
+        x, v, safe_1 = glide(w, i, x, v, safe_0, s1, c1, guarded)
+        x, v, safe_2 = glide(w, i, x, v, safe_1, s2, c2, guarded)
+        w[X + i], w[V + i], safe_3 = glide(w, i, x, v, safe_2, s3, c3, guarded)
+        first, second = select(safe_0, 1.0, 0.0), select(safe_1, 1.0, 0.0)
+        third, fourth = select(safe_2, 1.0, 0.0), select(safe_3, 1.0, 0.0)
+        w[SAFE + i] = (first + second) + (third + fourth)
+        met |= not safe_3
+    return met
+
+
+@jit(inline=True)
+def glide_step(w, table, n, guarded):
+    """As ``glide_stride`` over the one step `n`."""
+    s, c = table[SIN, n], table[COS, n]
+    met = False
+    for i in range(LANES):
+        w[X + i], w[V + i], safe = glide(w, i, w[X + i], w[V + i], True, s, c, guarded)
+        w[SAFE + i] = select(safe, 1.0, 0.0)
+        met |= not safe
+    return met
+
+
+@jit(inline=True)
+def glide_tangents(w, steps):
+    """Take the tangent vectors of every lane over as many of that many steps as it has taken."""
+    for i in range(LANES):
+        to_x, to_v = map_of(w, i)
+        for k in range(TANGENTS + i, TANGENTS + 4 * LANES + i, 2 * LANES):
+            x, v = w[k], w[k + LANES]
+            for n in range(steps):
+                x_T, v_T = glide_tangent(x, v, to_x, to_v)
+                taken = n < w[SAFE + i]
+                x, v = select(taken, x_T, x), select(taken, v_T, v)
+            w[k], w[k + LANES] = x, v
