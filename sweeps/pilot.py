@@ -56,11 +56,11 @@ class Cost(NamedTuple):
 #: At an impact the scalar integrator is called, and there the exact flow is dearer than the exact
 #: rule.
 COSTS: Mapping[tuple[str, str], Cost] = {
-    ("exact", "plain"): Cost(0.45, 0.86, 4.0),
-    ("newmark", "reduced-step"): Cost(0.87, 0.87, 115.0),
-    ("rk4", "reduced-step"): Cost(0.87, 0.87, 125.0),
-    ("rk4", "cubic"): Cost(0.87, 0.87, 195.0),
-    EXACT: Cost(0.97, 0.97, 150.0),
+    ("exact", "plain"): Cost(0.31, 0.64, 1.0),
+    ("newmark", "reduced-step"): Cost(0.31, 0.33, 82.0),
+    ("rk4", "reduced-step"): Cost(0.31, 0.34, 96.0),
+    ("rk4", "cubic"): Cost(0.31, 0.34, 175.0),
+    EXACT: Cost(0.53, 0.56, 129.0),
 }
 
 
