@@ -116,7 +116,11 @@ def predict_guarded(w, s, c):
 
 @jit(inline=True)
 def advance_plain(w, grid):
-    """Steps with the rule (2)-(5), nothing recorded: selects instead of branches."""
+    """Steps with the rule (2)-(5), nothing recorded: selects instead of branches.
+
+    As ``plain``, but that a displacement which overflowed is taken for an impact, too: with R = 0
+    that forgets it with the rest of the past. To test for it would cost 3 % here.
+    """
     for n in range(grid.table.shape[1]):
         s, c = grid.table[SIN, n], grid.table[COS, n]
         for i in range(LANES):

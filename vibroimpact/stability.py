@@ -8,6 +8,7 @@ asking for one compiles nothing.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vibroimpact.integrators import INTEGRATORS, affine_map
 from vibroimpact.jit import jit
@@ -18,7 +19,7 @@ from vibroimpact.oscillator import POINT
 _ROUNDING = 1e-14
 
 
-def free_map(integrator: str, step: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     """Return the matrix M of one step of free motion, (x, v / p) -> (x_T, v_T / p).
 
     Parameters
@@ -47,7 +48,7 @@ def _fill_maps(maps: np.ndarray, integrator: int, steps: np.ndarray, points: np.
         maps[i, 0, 0], maps[i, 0, 1], maps[i, 1, 0], maps[i, 1, 1] = xx, xv, vx, vv
 
 
-def spectral_radius(integrator: str, step: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+def spectral_radius(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     """Return the greatest modulus of an eigenvalue of M: the growth of free motion per step.
 
     Arguments as for `free_map`. Where the eigenvalues meet it is known to the root of a rounding
@@ -60,7 +61,7 @@ def spectral_radius(integrator: str, step: np.ndarray, zeta: np.ndarray) -> np.n
     return np.where(apart < 0.0, np.hypot(mean, root), np.abs(mean) + root)
 
 
-def is_stable(integrator: str, step: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     """Whether no eigenvalue of M exceeds 1 in modulus, to rounding; arguments as for `free_map`.
 
     By the conditions of Jury (1962), Proc. IRE 50, 1493-1500, for a polynomial of degree 2:
@@ -73,9 +74,7 @@ def is_stable(integrator: str, step: np.ndarray, zeta: np.ndarray) -> np.ndarray
     return (np.abs(det) <= 1.0 + allowance) & (np.abs(trace) <= 1.0 + det + allowance)
 
 
-def least_stable_steps(
-    integrator: str, h: np.ndarray, p: np.ndarray, omega: np.ndarray
-) -> np.ndarray:
+def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
     """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
 
     Parameters

@@ -8,10 +8,12 @@ import naive
 import numpy as np
 import pytest
 
-from vibroimpact.attractors import integrate
+from vibroimpact import Oscillator, simulate
+from vibroimpact.attractors import MOST_STEPS, default_steps, integrate
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.oscillator import POINT
 from vibroimpact.stability import free_map, is_stable, least_stable_steps, spectral_radius
+from vibroimpact.status import Status
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
 # Where the real axis leaves the region |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1.
@@ -153,6 +155,83 @@ def test_an_unstable_step_grows_at_its_predicted_rate(name, step, zeta, rule):
     assert rho > 1.04
     assert slope == pytest.approx(math.log(rho), rel=0.02)
     assert state[-1] > 1e40
+
+
+def exploding(name, n, steps):
+    """Points all over the domain at which steps are 1.02 to 1.8 times too long."""
+    rng = np.random.default_rng(5)
+    points = np.zeros(n, dtype=POINT)
+    points["p"] = 10.0 ** rng.uniform(-3.0, 3.0, n)
+    zeta = rng.exponential(0.5, n) * (rng.random(n) > 0.2)
+    limit = np.maximum(INTEGRATORS[name].limit(zeta), 0.1)
+    points["h"] = zeta * points["p"]
+    points["omega"] = 2.0 * np.pi * points["p"] / (steps * limit * rng.uniform(1.02, 1.8, n))
+    points["R"], points["f"] = rng.choice([0.0, 0.3, 0.8, 0.95, 1.0], n), 1.0
+    points["clearance"] = rng.normal(0.0, 1.0, n) / points["p"] ** 2
+    points["x0"] = points["clearance"] - rng.exponential(1.0, n) / points["p"] ** 2
+    return points
+
+
+@pytest.mark.parametrize("name", ["euler", "verlet", "rk4"])
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_an_unstable_run_ends_and_no_overflow_is_called_computed(name, rule):
+    """Impacts may hold the motion; where they do not, it ends in NaN, and the status says so."""
+    points = exploding(name, 256, 8)
+    out = integrate(
+        points, integrator=name, impact=rule, steps_per_period=8, transient=0, periods=400
+    )
+    failed = np.isin(out["status"], (Status.UNRESOLVED, Status.NON_FINITE))
+    assert 10 <= failed.sum() < 256
+    assert np.isnan(out["poincare_x"][failed, -1]).all()
+    assert np.isfinite(out["poincare_x"][~failed]).all()
+    assert np.isfinite(out["poincare_v"][~failed]).all()
+    assert np.isfinite(out["max_penetration"][~failed]).all()
+    assert not np.isinf(out["impact_v"][~failed]).any()
+
+
+@pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
+def test_a_motion_that_overflows_within_a_step_ends(rule):
+    """Euler at 1.2 times its limit, R = 1: times within a step overflow before the state does."""
+    osc = Oscillator(
+        h=0.3911426092478119, R=1.0, omega=0.195569472052125, f=1.0, p=0.5878520522077915,
+        clearance=-1.6031095602083347,
+    )  # fmt: skip
+    tr = simulate(osc, 600, "euler", rule, 8, x0=-7.66681272775272)
+    assert tr.status is Status.NON_FINITE
+    assert np.nanmax(np.abs(tr.x)) > 1e290
+    assert np.isnan(tr.section_x[-1])
+
+
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_a_displacement_that_overflows_is_no_impact(rule):
+    """At R = 0 an impact would put it back to the stop, at rest, as if nothing had been."""
+    osc = Oscillator(h=0.0, R=0.0, omega=2.0 * math.pi / 20000, f=0.0, p=1e-3)
+    out = integrate(
+        osc.at(-1.0, 2e305), integrator="euler", impact=rule, steps_per_period=8, transient=0,
+        periods=2,
+    )  # fmt: skip
+    assert out["status"][0] == Status.NON_FINITE
+    assert simulate(osc, 2, "euler", rule, 8, -1.0, 2e305).status is Status.NON_FINITE
+
+
+def test_where_no_steps_are_asked_for_they_are_stable():
+    """100 as in the paper, more where the integrator needs them, and 100 where none will do."""
+    slow = Oscillator(h=0.1, R=0.5, omega=0.02, f=1.0).at()  # p T = pi at 100
+    points = np.concatenate([slow, Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()])
+    assert default_steps(points, "rk4", "plain") == least_stable_steps("rk4", 0.1, 1.0, 0.02) > 100
+    assert default_steps(points[1:], "rk4", "plain") == 100
+    assert (
+        default_steps(points, "newmark", "plain") == default_steps(points, "exact", "cubic") == 100
+    )
+    undamped = Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0)
+    assert default_steps(undamped.at(), "euler", "plain") == 100
+    assert least_stable_steps("euler", 1e-7, 1.0, 1.0) > MOST_STEPS
+    assert default_steps(Oscillator(1e-7, 0.5, 1.0, 1.0).at(), "euler", "plain") == 100
+    arguments = {"integrator": "rk4", "impact": "plain", "transient": 0, "periods": 9}
+    out = integrate(slow, **arguments)
+    steps = default_steps(slow, "rk4", "plain")
+    same = integrate(slow, **arguments, steps_per_period=steps)
+    np.testing.assert_array_equal(out["poincare_x"], same["poincare_x"])
 
 
 def test_asking_for_a_limit_compiles_nothing():
