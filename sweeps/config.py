@@ -121,7 +121,7 @@ class MethodSection(Section):
         "or null for as many as the method needs",
     )
     allow_unstable: Annotated[bool, BeforeValidator(boolean)] = Field(
-        False,
+        default=False,
         description="compute although the step is too long for the integrator to be stable: "
         "true or false",
     )
@@ -353,7 +353,7 @@ def _worst_points(oscillator: OscillatorSection, method: MethodSection) -> np.nd
 
 def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> int:
     """Return the steps per period that the method needs all over the grid."""
-    return default_steps(_worst_points(oscillator, method), method.integrator, method.impact)
+    return default_steps(_worst_points(oscillator, method), method.impact, method.integrator)
 
 
 def _samples(record: RecordSection, steps: int) -> int:

@@ -31,7 +31,7 @@ MOST_STEPS = 1_000_000
 PAPER_STEPS = 100
 
 
-def default_steps(points: np.ndarray, integrator: str, impact: str) -> int:
+def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
     """Return the steps per forcing period where none are asked for.
 
     For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or as
@@ -76,7 +76,7 @@ def resolve(
         raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
     steps = steps_per_period
     if steps is None or impact == "exact":
-        least = default_steps(points, integrator, impact)
+        least = default_steps(points, impact, integrator)
         steps = least if steps is None else steps
         if impact == "exact" and steps < least:
             raise ValueError(
