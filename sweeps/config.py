@@ -24,14 +24,16 @@ from pydantic import (
 )
 
 from sweeps.grid import Grid
+from sweeps.steps import refuse_unstable, worst_points
 from sweeps.values import (
     Key,
     MisplacedError,
     Number,
-    Range,
     Section,
     Values,
     Whole,
+    boolean,
+    every,
     extremes,
     form,
     integer,
@@ -46,7 +48,7 @@ from sweeps.values import (
 from vibroimpact.attractors import MOST_STEPS, default_steps
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.oscillator import PARAMETERS, POINT
+from vibroimpact.oscillator import PARAMETERS
 
 #: What can be computed of each point beside what is always recorded.
 DIAGNOSTICS = ("period", "lyapunov")
@@ -128,10 +130,15 @@ class MethodSection(Section):
         "relative to the motion: a number >= 1e-13 and < 1, or null; the engine then picks the "
         "cheapest method that a pilot run finds to reach it",
     )
+    allow_unstable: Annotated[bool, BeforeValidator(boolean)] = Field(
+        default=False,
+        description="compute although the step is too long for the integrator to be stable: "
+        "true or false",
+    )
 
     @model_validator(mode="after")
     def _leaves_the_choice(self) -> Self:
-        given = self.model_fields_set & {"integrator", "impact", "steps_per_period"}
+        given = self.model_fields_set - {"accuracy"}
         if self.accuracy is not None and given:
             name = next(name for name in type(self).model_fields if name in given)
             raise MisplacedError(
@@ -291,6 +298,9 @@ class SweepConfig(Section):
                 f"{steps} are not enough for exact impacts here; "
                 f"expected: an integer from {chosen} to {MOST_STEPS}, or null",
             )
+        if not method.allow_unstable:
+            points = _worst_points(info.data["oscillator"], method)
+            refuse_unstable(method.integrator, steps or chosen, points)
         return method
 
     @field_validator("record")
@@ -349,7 +359,7 @@ class SweepConfig(Section):
                     if isinstance(value, float):
                         fixed[name] = value
                     else:
-                        axes[name] = value.values() if isinstance(value, Range) else np.array(value)
+                        axes[name] = every(value)
         return Grid(axes, fixed)
 
     def to_yaml(self) -> str:
@@ -367,12 +377,19 @@ class SweepConfig(Section):
         return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
+def _worst_points(oscillator: OscillatorSection, method: MethodSection) -> np.ndarray:
+    """Return the points of the grid that need the most steps per period."""
+    return worst_points(
+        method.integrator,
+        h=every(oscillator.h),
+        p=np.array(extremes(oscillator.p)),
+        omega=min(extremes(oscillator.omega)),
+    )
+
+
 def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> int:
-    """Return the steps per period that the method needs in the worst corner of the grid."""
-    worst = np.zeros(1, POINT)
-    worst["h"], worst["p"] = max(extremes(oscillator.h)), max(extremes(oscillator.p))
-    worst["omega"] = min(extremes(oscillator.omega))
-    return default_steps(worst, method.impact)
+    """Return the steps per period that the method needs all over the grid."""
+    return default_steps(_worst_points(oscillator, method), method.impact, method.integrator)
 
 
 def _samples(record: RecordSection, steps: int) -> int:

@@ -62,6 +62,13 @@ def off(value: object) -> object:
     return False if isinstance(value, str) and value.lower() == "false" else value
 
 
+def boolean(value: object) -> bool:
+    text = str(value).lower()
+    if text not in ("true", "false"):
+        raise ValueError("is neither true nor false")
+    return text == "true"
+
+
 def null(value: object) -> object:
     return None if isinstance(value, str) and value.lower() in ("null", "~") else value
 
@@ -180,6 +187,11 @@ def extremes(value: float | tuple[float, ...] | Range) -> tuple[float, ...]:
     if isinstance(value, Range):
         return value.start, value.stop
     return value if isinstance(value, tuple) else (value,)
+
+
+def every(value: float | tuple[float, ...] | Range) -> np.ndarray:
+    """Return every value, in order."""
+    return value.values() if isinstance(value, Range) else np.atleast_1d(value)
 
 
 def length(value: float | tuple[float, ...] | Range) -> int:

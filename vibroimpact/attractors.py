@@ -10,26 +10,33 @@ from vibroimpact.impacts import EXACT, IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.kernel import SUMS, Tally, run_blocks
 from vibroimpact.phases import lead_in, one_period
+from vibroimpact.stability import least_stable_steps
 from vibroimpact.status import Status
 
-#: The rule ``exact`` is refused where it needs more steps per forcing period.
+#: More steps per forcing period are not chosen, and the rule ``exact`` is refused where it needs
+#: more.
 MOST_STEPS = 1_000_000
+#: The steps per forcing period of the paper.
+PAPER_STEPS = 100
 
 
-def default_steps(points: np.ndarray, impact: str) -> int:
+def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
     """Return the steps per forcing period where none are asked for.
 
-    100 as in the paper; for the rule ``exact``, as few as its Taylor series allow.
+    For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or as
+    many as the integrator needs to be stable at every point, if there are as many.
 
     Raises
     ------
     ValueError
         If that is more than ``MOST_STEPS``.
     """
+    h, p, omega = points["h"], points["p"], points["omega"]
     if impact != "exact":
-        return 100
+        stable = least_stable_steps(integrator, h, p, omega).max(initial=1.0)
+        return max(PAPER_STEPS, int(stable)) if stable <= MOST_STEPS else PAPER_STEPS
     with np.errstate(over="ignore"):
-        steps = float(steps_needed(points["h"], points["p"], points["omega"]).max(initial=1.0))
+        steps = float(steps_needed(h, p, omega).max(initial=1.0))
     if not steps <= MOST_STEPS:
         raise ValueError(
             f"exact impacts would need {steps:.3g} steps per forcing period here, expected: "
@@ -54,12 +61,13 @@ def resolve(
     ):
         if not isinstance(given, str) or given not in table:
             raise ValueError(f"{name} must be one of {', '.join(table)}, not {given!r}")
-    least = default_steps(points, impact)
-    steps = least if steps_per_period is None else steps_per_period
-    if impact == "exact":
-        if integrator != "exact":
-            raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
-        if steps < least:
+    if impact == "exact" and integrator != "exact":
+        raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
+    steps = steps_per_period
+    if steps is None or impact == "exact":
+        least = default_steps(points, impact, integrator)
+        steps = least if steps is None else steps
+        if impact == "exact" and steps < least:
             raise ValueError(
                 f"steps_per_period must be >= {least} for exact impacts here, not {steps}"
             )
@@ -92,7 +100,7 @@ def integrate(
     integrator, impact : str
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
     steps_per_period : int, optional
-        Steps of length T = 2 pi / (omega steps_per_period); by default as from
+        Steps of length T = 2 pi / (omega steps_per_period), stable or not; by default as from
         ``default_steps``.
     transient, periods : int
         Forcing periods left out, and recorded.
@@ -185,7 +193,8 @@ def _grows(points: np.ndarray, sums: np.ndarray, sections: np.ndarray) -> np.nda
     free = np.flatnonzero((points["R"] == 1.0) & (points["h"] == 0.0) & (sums["impacts"] > 0))
     if third >= 10 and free.size > 0:
         x, v = sections[free, -3 * third :, 0], sections[free, -3 * third :, 1]
-        energy = v * v + (points["p"][free, None] * x) ** 2
+        with np.errstate(over="ignore"):
+            energy = v * v + (points["p"][free, None] * x) ** 2
         thirds = energy.reshape(free.size, 3, third)
         low, high = thirds.min(axis=2), thirds.max(axis=2)
         grows[free] = (low[:, 1:] > 1.01 * high[:, :-1]).all(axis=1)

@@ -6,7 +6,9 @@ Eq. (1) is linear, so a step of any of these integrators is
 
 with constant 2x2 matrices M and G per parameter point and step length. Each integrator is
 written once, as a scalar step; its map follows by applying the step to the unit vectors.
-A new integrator is one step function, one line in ``step`` and one line in ``INTEGRATORS``.
+A new integrator is one step function, one line in ``step`` and one line in ``INTEGRATORS``, with
+its stability limit: the greatest p T of stable free motion as a function of zeta = h / p, the only
+number that free motion has. M is stable where |det M| <= 1 and |trace M| <= 1 + det M (Jury).
 """
 
 from __future__ import annotations
@@ -15,8 +17,21 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from vibroimpact.jit import fma, jit
 from vibroimpact.trigonometry import sin_cos, sine_after
+
+
+def every_step(zeta: np.ndarray) -> np.ndarray:
+    """No limit."""
+    return np.full_like(zeta, math.inf)
+
+
+def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
+    """Return the eigenvalue of free motion that is larger in modulus, over p; either of a pair."""
+    z = zeta + 0j
+    return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
 
 
 @jit
@@ -27,6 +42,12 @@ def euler(x, v, s, c, T, pt):
     every step, however short.
     """
     return x + T * v, v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+
+
+def euler_limit(zeta: np.ndarray) -> np.ndarray:
+    """|1 + lambda T| = 1: p T = 2 zeta up to critical damping, 0 without damping."""
+    eigenvalue = _eigenvalue(zeta)
+    return -2.0 * eigenvalue.real / np.abs(eigenvalue) ** 2
 
 
 @jit
@@ -40,6 +61,11 @@ def semi_implicit_euler(x, v, s, c, T, pt):
     return x + T * v_T, v_T
 
 
+def semi_implicit_euler_limit(zeta: np.ndarray) -> np.ndarray:
+    """1 + trace + det = 0, with det = 1 - 2h T and trace = 1 + det - p^2 T^2."""
+    return 2.0 / (zeta + np.hypot(zeta, 1.0))
+
+
 @jit
 def verlet(x, v, s, c, T, pt):
     """The central difference method, order 2.
@@ -51,6 +77,11 @@ def verlet(x, v, s, c, T, pt):
     v_half = v + 0.5 * T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
     x_T = x + T * v_half
     return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
+
+
+def verlet_limit(zeta: np.ndarray) -> np.ndarray:
+    """1 + trace + det = 0, with det = (1 - h T) / (1 + h T), trace = (2 - p^2 T^2) / (1 + h T)."""
+    return np.full_like(zeta, 2.0)
 
 
 @jit
@@ -89,6 +120,24 @@ def rk4(x, v, s, c, T, pt):
     return x + T / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4), v + T / 6.0 * (
         a1 + 2.0 * a2 + 2.0 * a3 + a4
     )
+
+
+def rk4_limit(zeta: np.ndarray) -> np.ndarray:
+    """Newton's iteration for |P(lambda T)| = 1 along the ray of the eigenvalue lambda.
+
+    P(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. On every ray the root is single and lies between 2.6 and
+    3, where |P|^2 is convex: 2 sqrt 2 without damping, 2.7853 from critical damping on.
+    """
+    eigenvalue = _eigenvalue(zeta)
+    modulus = np.abs(eigenvalue)
+    ray = eigenvalue / modulus
+    r = np.full_like(zeta, 3.0)
+    for _ in range(7):
+        z = r * ray
+        slope = 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0))
+        P = slope + z**4 / 24.0
+        r -= 0.5 * (np.abs(P) ** 2 - 1.0) / (P.conj() * slope * ray).real
+    return r / modulus
 
 
 @jit
@@ -166,6 +215,9 @@ class Integrator:
         Order of accuracy on smooth motion; None: exact to rounding.
     step : callable
         ``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, compiled.
+    limit : callable
+        zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
+        stable, 0 where none is. At the limit M is marginal, and motion may grow linearly.
     source : str
         Where it comes from.
     """
@@ -173,16 +225,19 @@ class Integrator:
     code: int
     order: int | None
     step: Callable
+    limit: Callable[[np.ndarray], np.ndarray]
     source: str
 
 
 INTEGRATORS: Mapping[str, Integrator] = {
-    "euler": Integrator(0, 1, euler, "Euler 1768, the explicit method"),
-    "semi-implicit-euler": Integrator(1, 1, semi_implicit_euler, "the symplectic Euler method"),
-    "verlet": Integrator(2, 2, verlet, "central differences: beta = 0, gamma = 1/2"),
-    "newmark": Integrator(3, 2, newmark, "Newmark 1959, beta = 1/4, gamma = 1/2"),
-    "rk4": Integrator(4, 4, rk4, "Kutta 1901, the classical fourth-order method"),
-    "exact": Integrator(5, None, exact, "matrix exponential of the augmented system"),
+    "euler": Integrator(0, 1, euler, euler_limit, "Euler 1768, the explicit method"),
+    "semi-implicit-euler": Integrator(
+        1, 1, semi_implicit_euler, semi_implicit_euler_limit, "the symplectic Euler method"
+    ),
+    "verlet": Integrator(2, 2, verlet, verlet_limit, "central differences: beta = 0, gamma = 1/2"),
+    "newmark": Integrator(3, 2, newmark, every_step, "Newmark 1959, beta = 1/4, gamma = 1/2"),
+    "rk4": Integrator(4, 4, rk4, rk4_limit, "Kutta 1901, the classical fourth-order method"),
+    "exact": Integrator(5, None, exact, every_step, "matrix exponential of the augmented system"),
 }
 
 

@@ -21,11 +21,18 @@ from vibroimpact.lanes import (
     map_of,
 )
 from vibroimpact.phases import COS, SIN, THETA
+from vibroimpact.status import Status
+
+_NON_FINITE = int(Status.NON_FINITE)
 
 
 @jit(leaf=True)
 def plain_step(w, i, x, v, s, c, row, recording):
-    """Take lane `i` from (x, v) over a step with the rule (2)-(5): selects instead of branches."""
+    """Take lane `i` from (x, v) over a step with the rule (2)-(5): selects instead of branches.
+
+    As ``plain``, but that a displacement which overflowed is taken for an impact, too: with R = 0
+    that forgets it with the rest of the past. To test for it here would cost 8 %.
+    """
     to_x, to_v = map_of(w, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
     impact = (x_T >= w[CLEARANCE + i]) & (v_T > 0.0)
@@ -87,3 +94,5 @@ def sum_up_plain(w, first, n_points, tally):
         sums.impacts = int(w[IMPACTS + i])
         sums.slowest_impact = w[SLOWEST + i]
         sums.max_penetration = w[HIGHEST + i] - w[CLEARANCE + i]
+        if not sums.max_penetration < math.inf:  # an impact may have put it back to the stop
+            sums.status = _NON_FINITE

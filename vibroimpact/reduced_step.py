@@ -63,7 +63,7 @@ _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 @jit(inline=True)
 def plain(x_T, v_T, T, pt, scratch):
     """Rule (2)-(5) at the end of a step that ended at (x_T, v_T) on or beyond the stop."""
-    if not v_T > 0.0:
+    if not (v_T > 0.0 and x_T < math.inf):  # an overflow is no impact, and is not mended
         return x_T, v_T, 0
     return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
 
@@ -107,7 +107,7 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
     Returns
     -------
     dt, x, v : float
-        Time used, and the state there: before the impact, if there is one.
+        Time used, and the state there: before the impact, if there is one; NaN where it overflows.
     hit : bool
     """
     launched = x == pt.clearance
@@ -120,6 +120,9 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
             if halvings < _MAX_HALVINGS:
                 return T, x_T, v_T, False
             return T, pt.clearance, max(v_T, 0.0), True
+        # Near overflow what follows has no meaning, nor its times an end.
+        if not (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf:
+            return T, math.nan, math.nan, False
         if rule == CUBIC:
             T_r, v_Tr = cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients)
         else:

@@ -235,8 +235,8 @@ def simulate(
     integrator, impact : str
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
     steps_per_period : int, optional
-        Steps of length T = 2 pi / (omega steps_per_period), >= 1; by default 100, and for the
-        impact rule ``exact`` as few as it allows.
+        Steps of length T = 2 pi / (omega steps_per_period), >= 1, stable or not; by default 100
+        or as many as are stable, and for the impact rule ``exact`` as few as it allows.
     x0, v0 : float
         Start: displacement (<= clearance) [length] and velocity [length/time].
 

@@ -220,6 +220,21 @@ def test_what_became_of_the_points_is_told():
     assert "small.h5: 10 points in " in printed
 
 
+def test_an_unstable_step_is_refused_or_allowed_and_said():
+    """Euler at p T = 0.84, where 0.2 is the limit; the other point is stable."""
+    Path("unstable.yaml").write_text(
+        "oscillator: {h: 0.1, R: 0.8, omega: [3, 0.3], f: 1.0}\n"
+        "method: {integrator: euler, impact: plain, steps_per_period: 25}\n"
+        "record: {transient: 3000, periods: 4}\n"
+    )
+    message = refused("run", "unstable.yaml")
+    assert "line 2: method.steps_per_period: 25 are not enough for euler" in message
+    assert "an integer from 105 to" in message and "allow_unstable" in message
+    text = done("run", "unstable.yaml", "--set", "method.allow_unstable=true")
+    assert "2 points, of which 1 NON_FINITE (the state overflowed: the step is unstable" in text
+    done("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")
+
+
 def test_diagnostics_are_computed_where_they_are_asked_for():
     with unittest.mock.patch("sweeps.runner.period_class") as period:
         done("run", "small.yaml", "--quiet")
@@ -505,7 +520,11 @@ def test_version():
 @pytest.mark.parametrize(
     # Newer typers import pydantic to describe the arguments of a command.
     ("arguments", "typers"),
-    [(["--help"], set()), (["run", "--help"], {"pydantic"})],
+    [
+        (["--help"], set()),
+        (["run", "--help"], {"pydantic"}),
+        (["bench", "stability", "--help"], {"pydantic"}),
+    ],
 )
 def test_help_imports_nothing_heavy(arguments, typers):
     heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers

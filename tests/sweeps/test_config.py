@@ -14,6 +14,7 @@ from vibroimpact.flight import LONGEST_STEP
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.stability import least_stable_steps
 
 EXAMPLE = """\
 name: frequency-bifurcation
@@ -224,6 +225,63 @@ def test_settings_that_do_not_go_together(refusal, lines, parts):
         assert part in message
 
 
+@pytest.mark.parametrize(
+    ("values", "method", "parts"),
+    [
+        ({"h": "0.5", "omega": "0.5"}, "integrator: rk4, steps_per_period: 4",
+         ["line 3: method.steps_per_period: 4 are not enough for rk4 to be stable at "
+          "h = 0.5, p = 1, omega = 0.5: p T = 3.142 there must be below 2.623",
+          "an integer from 5 to 1000000, null, or method.allow_unstable: true"]),
+        # At neither end of h; the longest step is that of the least omega.
+        ({"h": "[0, 0.54, 1]", "omega": "[1, 0.05]"}, "integrator: rk4, steps_per_period: 47",
+         ["h = 0.54, p = 1, omega = 0.05: p T = 2.674 there must be below 2.616", "from 49 to"]),
+        ({"p": "{start: 2, stop: 9, num: 3}"}, "integrator: verlet, steps_per_period: 14",
+         ["p = 9, omega = 2: p T = 2.02 there must be below 2;", "an integer from 15 to"]),
+        ({"h": "3", "p": "[1, 3.5, 2]"}, "integrator: euler, steps_per_period: 9",
+         ["h = 3, p = 1, omega = 2: p T = 0.3491 there must be below 0.3431", "from 10 to"]),
+        ({"h": "[1, 0]"}, "integrator: euler, steps_per_period: 1e6",
+         ["line 3: method.integrator: euler is stable with no step at h = 0, p = 1, omega = 2",
+          "expected: h > 0, one of semi-implicit-euler, verlet, newmark, rk4, exact, "
+          "or method.allow_unstable: true"]),
+        ({"h": "[1, 0]"}, "integrator: euler",
+         ["line 3: method.integrator: euler is stable with no step"]),
+        ({"h": "1e-7"}, "integrator: euler",
+         ["euler is stable only from 1.57e+07 steps per period on, more than the 1000000 allowed, "
+          "at h = 1e-07, p = 1, omega = 2; expected: one of semi-implicit-euler, verlet"]),
+        ({"p": "1e9"}, "integrator: rk4",
+         ["rk4 is stable only from 1.11e+09 steps", "expected: one of newmark, exact, or method."]),
+        ({}, "integrator: euler, allow_unstable: maybe",
+         ["line 3: method.allow_unstable = maybe is neither true nor false"]),
+    ],
+)  # fmt: skip
+def test_an_unstable_step_is_refused(refusal, load, values, method, parts):
+    text = f"# a comment\n{oscillator(**values)}method: {{impact: plain, {method}}}\n"
+    message = refusal(text)
+    assert message.count("\n") == 0
+    for part in parts:
+        assert part in message
+    assert load(text, ["method.allow_unstable=True"]).method.allow_unstable is True
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(load, refusal, integrator):
+    """Against every point of random grids, below, across and above critical damping."""
+    rng = np.random.default_rng(6)
+    for _ in range(30):
+        ends = rng.exponential(1.0, 2) + 0.01, rng.exponential(1.0, 2) + 0.01
+        h, p = (f"{{start: {a!r}, stop: {b!r}, num: 41}}" for a, b in np.array(ends).tolist())
+        text = oscillator(h=h, p=p, omega="[0.01, 0.007]")
+        text += f"method: {{integrator: {integrator}, impact: plain}}\n"
+        config = load(text, ["method.allow_unstable=true"])
+        mesh = np.meshgrid(config.grid.axes["h"], config.grid.axes["p"])
+        least = least_stable_steps(integrator, *mesh, 0.007).max()
+        assert config.steps == max(100, least) if least <= 1e6 else 100
+        if 4 < least <= 1e6:
+            load(text, [f"method.steps_per_period={least:.0f}"])
+            message = refusal(text, [f"method.steps_per_period={least - 1:.0f}"])
+            assert f"expected: an integer from {least:.0f} to" in message
+
+
 @pytest.mark.parametrize("values", [{"omega": "1e-9"}, {"omega": "1e-300"}, {"h": "1e308"}])
 def test_more_steps_than_can_be_computed(refusal, values):
     message = refusal("# a comment\n" + oscillator(**values))
@@ -388,6 +446,7 @@ def test_refused_values(refusal, values, key, given, allowed):
         ("record: {trajectory: [1]}", "record.trajectory", "[1]", "false, or {every: k}"),
         ("record: {trajectory: {every: 0}}", "record.trajectory.every", "0", "an integer from 1"),
         ("record: 3", "record", "3", "a mapping with keys among transient, periods"),
+        ("method: {allow_unstable: 1}", "method.allow_unstable", "1", "true or false"),
         ("method:", "method", "(nothing)", "a mapping with keys among integrator"),
         ("name: a/b", "name", "a/b", "without slashes"),
         ("name: ''", "name", "(nothing)", "without slashes"),

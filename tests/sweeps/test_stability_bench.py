@@ -1,0 +1,171 @@
+"""How stability and failures are measured: against closed forms and what is known of the scenes."""
+
+import csv
+import io
+import math
+from types import SimpleNamespace
+
+import matplotlib.image
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from sweeps.bench import failures, stability, stability_tables
+from sweeps.cli import app
+from sweeps.plotting_stability import picture
+from vibroimpact.integrators import INTEGRATORS
+
+EXACT = failures.Method("exact", "exact")
+
+
+@pytest.fixture(scope="module")
+def limits():
+    return stability.limits(quick=True)
+
+
+@pytest.fixture(scope="module")
+def figures():
+    return failures.measure()
+
+
+def test_the_limits_agree(limits):
+    """A run sees growth above SEEN / steps a step, so that its limit is a little greater."""
+    assert list(limits) == list(INTEGRATORS)
+    for name, found in limits.items():
+        np.testing.assert_array_equal(found.closed, INTEGRATORS[name].limit(stability.ZETAS))
+        some = np.isfinite(found.closed)
+        np.testing.assert_array_equal(np.isfinite(found.radius), some)
+        np.testing.assert_array_equal(np.isfinite(found.run), some)
+        np.testing.assert_allclose(found.radius[some], found.closed[some], atol=5e-7)
+        positive = some & (found.closed > 0.0)
+        np.testing.assert_allclose(found.run[positive], found.closed[positive], rtol=3e-3)
+    # Euler without damping grows by p^2 T^2 / 2 a step.
+    seen = math.sqrt(2.0 * stability.SEEN / stability.STEPS_QUICK)
+    assert limits["euler"].run[0] == pytest.approx(seen, rel=0.02)
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_a_run_tells_growth_from_none(name):
+    """Beyond the limit, far beyond, where the state overflows at once, and before it."""
+    zeta = stability.ZETAS
+    limit = np.minimum(INTEGRATORS[name].limit(zeta), 50.0)
+    assert not stability.grows(name, 0.99 * limit + 1e-9, zeta, 3000).any()
+    if limit.max() < 50.0:
+        for step in (1.05 * limit + 0.05, 4.0 * limit + 1.0, 100.0 + 0.0 * limit):
+            assert stability.grows(name, step, zeta, 3000).all()
+
+
+def test_the_chart_is_the_spectral_radius():
+    """Its region of growth is that beyond the closed form."""
+    chart = stability.chart(quick=True)
+    assert chart.radius.keys() == INTEGRATORS.keys()
+    for name, radius in chart.radius.items():
+        limit = INTEGRATORS[name].limit(chart.zeta)[:, None]
+        assert (radius[chart.step < limit] <= 1.0 + 1e-7).all()
+        assert (radius[chart.step > 1.001 * limit] > 1.0).all()
+    drawn = picture(chart)
+    panels = [panel for panel in drawn.axes if panel.get_title()]
+    assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
+    drawn_radius = panels[0].collections[0].get_array()
+    np.testing.assert_allclose(drawn_radius, chart.radius["euler"], atol=2e-9)
+    line = panels[list(INTEGRATORS).index("verlet")].lines[0]
+    np.testing.assert_array_equal(line.get_xdata(), np.full_like(chart.zeta, 2.0))
+
+
+def test_what_the_failures_are(figures):
+    """The figures that are known of the scenes: of other code, or of the exact motion."""
+    known = {
+        ("newmark", "to the letter", "stalls at"): (12.114, 5e-4),
+        ("newmark", "to the letter", "impacts"): (60, 0),
+        ("newmark", "plain", "at rest"): (39, 1),
+        ("newmark", "plain", "impacts"): (60, 0),
+        ("newmark", "plain", "graze at"): (3.64, 5e-3),
+        ("newmark", "reduced-step", "impacts"): (80, 0),
+        ("rk4", "plain", "energy"): (0.961, 1e-3),
+        ("rk4", "cubic", "energy"): (1.0, 1e-3),
+        ("rk4", "cubic", "graze at"): (2.8308, 1e-3),
+        ("rk4", "reduced-step", "touch from"): (1.0, 1e-2),
+        ("rk4", "plain", "p T = pi"): (math.inf, 0),
+        ("exact", "exact", "touch from"): (0.0, 1e-8),
+        ("exact", "exact", "slowest"): (0.036454221377120, 1e-12),
+        ("exact", "exact", "energy"): (1.0, 1e-12),
+        ("exact", "exact", "graze at"): (2.8308, 5e-5),
+    }
+    for (integrator, rule, name), (value, allowed) in known.items():
+        figure = figures[failures.Method(integrator, rule), name]
+        assert figure == value or abs(figure - value) <= allowed, (integrator, rule, name)
+    energies = {m: figures[m, "energy"] for m in failures.METHODS if m != failures.LETTER}
+    assert all(energies[m] > 1e3 for m in energies if m.integrator == "euler")
+
+
+def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
+    for failure in failures.FAILURES:
+        fails = {m: failure.fails(figures[m, failure.name]) for m in failures.METHODS}
+        assert any(fails.values()) and not fails[EXACT], failure.name
+    methods = [m for m in failures.METHODS if m.integrator in ("newmark", "rk4")]
+    failing = {
+        name: {m.rule for m in methods if failure.fails(figures[m, name])}
+        for name, failure in {failure.name: failure for failure in failures.FAILURES}.items()
+    }
+    assert failing["energy"] == {"plain", "reduced-step"}
+    assert failing["at rest"] == failing["astray"] == failing["depth"] == {"plain"}
+    assert failing["touch from"] == {"plain", "reduced-step", "cubic"}
+
+
+def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
+    console = Console(width=80, file=io.StringIO())
+    for part in stability_tables.report(limits, figures):
+        console.print(part)
+    text = console.file.getvalue()
+    assert "…" not in text
+    lines = {line.strip().split("  ")[0]: line for line in text.splitlines()}
+    assert lines["euler plain"].count("!") == 3  # of the last table
+    assert "every step" in lines["newmark"] and "> 10" in lines["newmark"]
+    assert lines["exact exact"].count("!") == 0
+    assert "never" in text and "12.11!" in text and "no step" in text
+    for failure in failures.FAILURES:
+        assert f"{failure.name}: " in text
+
+
+def test_a_figure_is_written_as_its_failure_says():
+    failure = SimpleNamespace(digits=".2f", fails=lambda value: value > 1.0)
+    shown = [stability_tables.shown(failure, value) for value in (0.5, 2.0, math.nan)]
+    assert shown == ["0.50 ", "2.00!", ""]
+
+
+def test_the_command(tmp_path, monkeypatch):
+    """Picture, table on the terminal, and every figure in the CSV file."""
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["bench", "stability", "--quick", "--csv", "all.csv"])
+    assert result.exit_code == 0, result.output
+    assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\n")
+    height, width, _ = matplotlib.image.imread("stability.png").shape
+    assert width > 600 and height > 600
+    with open("all.csv", newline="", encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert list(table[0]) == ["method", "figure", "scene", "value"]
+    limit = "limit of p T, closed"
+    found = {(row["method"], row["scene"]): row for row in table if row["figure"] == limit}
+    assert float(found["rk4", "h/p = 0"]["value"]) == pytest.approx(2.0 * math.sqrt(2.0), rel=1e-14)
+    assert float(found["newmark", "h/p = 2"]["value"]) == math.inf
+    assert any(row["method"] == "newmark to the letter" for row in table)
+    assert len(table) > 3 * len(INTEGRATORS) * 5 + 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-o", "picture.jpg"], "must end in one of .png, .svg, .pdf"),
+        (["-o", "nowhere/a.png"], "the folder nowhere of the picture a.png does not exist"),
+        (["--csv", "nowhere/a.csv"], "the folder nowhere of a.csv does not exist"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_anything_is_measured(
+    tmp_path, monkeypatch, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(stability, "limits", None)
+    result = CliRunner().invoke(app, ["bench", "stability", *arguments])
+    assert result.exit_code == 2
+    assert words in result.stderr and not list(tmp_path.iterdir())

@@ -1,0 +1,249 @@
+"""Stability of free motion: closed-form limits against maps, hand values and runs."""
+
+import math
+import subprocess
+import sys
+
+import naive
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, simulate
+from vibroimpact.attractors import MOST_STEPS, default_steps, integrate
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.oscillator import POINT
+from vibroimpact.stability import free_map, is_stable, least_stable_steps, spectral_radius
+from vibroimpact.status import Status
+
+ALL = pytest.mark.parametrize("name", INTEGRATORS)
+# Where the real axis leaves the region |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1.
+RK4_REAL = 2.785293563405282
+OVER = 2.0 + math.sqrt(3.0)  # |lambda| / p of the faster mode at h = 2 p
+
+
+def slow_radius(name, step, zeta):
+    """Largest modulus of an eigenvalue of one step of the slow implementation."""
+    osc = naive.oscillator(zeta, 0.5, 1.0, f=0.0)
+    columns = [naive.STEPS[name](osc, 0.0, *unit, step) for unit in np.eye(2)]
+    return np.abs(np.linalg.eigvals(np.array(columns, float).T)).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "zeta", "limit"),
+    [
+        ("euler", 0.0, 0.0),
+        ("euler", 0.3, 0.6),
+        ("euler", 1.0, 2.0),
+        ("euler", 2.0, 2.0 / OVER),
+        ("semi-implicit-euler", 0.0, 2.0),
+        ("semi-implicit-euler", 0.75, 1.0),
+        ("semi-implicit-euler", 2.4, 0.4),
+        ("verlet", 0.0, 2.0),
+        ("verlet", 7.0, 2.0),
+        ("newmark", 0.0, math.inf),
+        ("newmark", 7.0, math.inf),
+        ("rk4", 0.0, 2.0 * math.sqrt(2.0)),
+        ("rk4", 1.0, RK4_REAL),
+        ("rk4", 2.0, RK4_REAL / OVER),
+        ("rk4", 1e8, RK4_REAL / 2e8),
+        ("exact", 0.0, math.inf),
+        ("exact", 7.0, math.inf),
+    ],
+)
+def test_limits_by_hand(name, zeta, limit):
+    """From the eigenvalues -h +- sqrt(h^2 - p^2) and Jury's conditions, on paper."""
+    assert INTEGRATORS[name].limit(np.array([zeta]))[0] == pytest.approx(limit, rel=1e-14)
+
+
+@ALL
+def test_just_below_the_limit_is_stable_and_just_above_is_not(name):
+    """At random damping, by Jury's conditions on the map and by its spectral radius."""
+    rng = np.random.default_rng(1)
+    zeta = np.concatenate(
+        [[0.0, 1.0], rng.uniform(0.01, 3.0, 5000), 10.0 ** rng.uniform(-2, 3, 500)]
+    )
+    limit = INTEGRATORS[name].limit(zeta)
+    below = np.where(np.isfinite(limit), limit, 100.0) * (1.0 - 1e-7)
+    assert is_stable(name, below, zeta).all()
+    assert (spectral_radius(name, below, zeta) <= 1.0 + 1e-12).all()
+    for share in (0.5, 0.1, 1e-3):  # nothing is unstable on the way there
+        assert is_stable(name, share * below, zeta).all()
+    some = np.isfinite(limit) & (limit > 0.0)
+    assert not is_stable(name, limit[some] * (1.0 + 1e-7), zeta[some]).any()
+    assert (spectral_radius(name, limit[some] * (1.0 + 1e-7), zeta[some]) > 1.0).all()
+    if name == "euler":
+        assert not is_stable(name, np.geomspace(1e-6, 10.0), 0.0).any()
+
+
+@ALL
+def test_the_spectral_radius_is_that_of_the_slow_implementation(name):
+    """Another code's step, and NumPy's eigenvalues."""
+    rng = np.random.default_rng(2)
+    steps, zetas = rng.uniform(0.01, 4.0, 40), rng.uniform(0.0, 2.5, 40)
+    expected = [slow_radius(name, *point) for point in zip(steps, zetas, strict=True)]
+    np.testing.assert_allclose(spectral_radius(name, steps, zetas), expected, rtol=1e-12)
+
+
+def test_radii_in_closed_form():
+    """The flow decays as its slower mode, Newmark without damping keeps the energy."""
+    step, zeta = np.linspace(0.1, 9.0, 50), np.linspace(0.0, 0.99, 50)
+    np.testing.assert_allclose(
+        spectral_radius("exact", step, zeta), np.exp(-zeta * step), rtol=1e-13
+    )
+    slow = np.exp(-step / OVER)  # h - sqrt(h^2 - p^2) = 1 / OVER at h = 2
+    np.testing.assert_allclose(spectral_radius("exact", step, 2.0), slow, rtol=1e-12)
+    np.testing.assert_allclose(spectral_radius("newmark", step, 0.0), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(spectral_radius("euler", step, 0.0), np.hypot(1.0, step), rtol=1e-14)
+
+
+def test_shapes_broadcast():
+    """A map per point of the chart."""
+    step, zeta = np.linspace(0.1, 3.0, 4), np.linspace(0.0, 2.0, 5)[:, None]
+    assert free_map("rk4", step, zeta).shape == (5, 4, 2, 2)
+    np.testing.assert_array_equal(
+        spectral_radius("rk4", step, zeta)[3, 2], spectral_radius("rk4", step[2], zeta[3, 0])
+    )
+
+
+@ALL
+def test_the_least_steps_are_stable_and_one_fewer_is_not(name):
+    """T = 2 pi / (omega N) where one step a period will do, or thousands."""
+    rng = np.random.default_rng(3)
+    h, p = rng.exponential(1.0, 2000), 10.0 ** rng.uniform(-2.0, 2.0, 2000)
+    omega = 10.0 ** rng.uniform(-2.0, 2.0, 2000)
+    least = least_stable_steps(name, h, p, omega)
+    assert (least == np.round(least)).all() and (least >= 1.0).all()
+    if name in ("newmark", "exact"):
+        assert (least == 1.0).all()
+        return
+    keep = least < 1e5  # beyond, one step more or less is rounding
+    h, p, omega, least = h[keep], p[keep], omega[keep], least[keep]
+    assert np.ptp(np.log10(least)) > 3.0
+    turn = 2.0 * np.pi * p / omega
+    assert is_stable(name, turn / least, h / p).all()
+    more = least > 1.0
+    assert not is_stable(name, (turn / (least - 1.0).clip(1.0))[more], (h / p)[more]).any()
+
+
+def test_no_step_is_stable():
+    """Euler without damping, and ratios that overflow."""
+    assert least_stable_steps("euler", 0.0, 1.0, 1.0) == math.inf
+    assert least_stable_steps("rk4", 1e308, 1e-300, 1.0) == math.inf
+    np.testing.assert_array_equal(
+        least_stable_steps("euler", [0.0, 0.5], 1.0, 1.0), [math.inf, math.floor(2 * math.pi) + 1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "zeta"),
+    [("euler", 0.3, 0.0), ("euler", 0.5, 0.1), ("semi-implicit-euler", 1.5, 0.5),
+     ("verlet", 2.1, 0.3), ("rk4", 2.9, 0.0), ("rk4", 1.0, 2.0)],
+)  # fmt: skip
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_an_unstable_step_grows_at_its_predicted_rate(name, step, zeta, rule):
+    """In a run of the kernel, per step rho: the sections are 4 steps apart, the stop far away."""
+    point = np.zeros(1, dtype=POINT)
+    point["h"], point["p"], point["omega"] = zeta, 1.0, 2.0 * math.pi / (4 * step)
+    point["clearance"], point["x0"] = 1e200, -1.0
+    rho = slow_radius(name, step, zeta)
+    periods = int(100.0 / math.log(rho)) // 4  # to e^100
+    out = integrate(
+        point, integrator=name, impact=rule, steps_per_period=4, transient=0, periods=periods
+    )
+    state = np.hypot(out["poincare_x"][0], out["poincare_v"][0])
+    slope = np.polyfit(4.0 * np.arange(periods), np.log(state), 1)[0]
+    assert rho > 1.04
+    assert slope == pytest.approx(math.log(rho), rel=0.02)
+    assert state[-1] > 1e40
+
+
+def exploding(name, n, steps):
+    """Points all over the domain at which steps are 1.02 to 1.8 times too long."""
+    rng = np.random.default_rng(5)
+    points = np.zeros(n, dtype=POINT)
+    points["p"] = 10.0 ** rng.uniform(-3.0, 3.0, n)
+    zeta = rng.exponential(0.5, n) * (rng.random(n) > 0.2)
+    limit = np.maximum(INTEGRATORS[name].limit(zeta), 0.1)
+    points["h"] = zeta * points["p"]
+    points["omega"] = 2.0 * np.pi * points["p"] / (steps * limit * rng.uniform(1.02, 1.8, n))
+    points["R"], points["f"] = rng.choice([0.0, 0.3, 0.8, 0.95, 1.0], n), 1.0
+    points["clearance"] = rng.normal(0.0, 1.0, n) / points["p"] ** 2
+    points["x0"] = points["clearance"] - rng.exponential(1.0, n) / points["p"] ** 2
+    return points
+
+
+@pytest.mark.parametrize("name", ["euler", "verlet", "rk4"])
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_an_unstable_run_ends_and_no_overflow_is_called_computed(name, rule):
+    """Impacts may hold the motion; where they do not, it ends in NaN, and the status says so."""
+    points = exploding(name, 256, 8)
+    out = integrate(
+        points, integrator=name, impact=rule, steps_per_period=8, transient=0, periods=400
+    )
+    failed = np.isin(out["status"], (Status.UNRESOLVED, Status.NON_FINITE))
+    assert 0 < failed.sum() < 256
+    assert np.isnan(out["poincare_x"][failed, -1]).all()
+    assert np.isfinite(out["poincare_x"][~failed]).all()
+    assert np.isfinite(out["poincare_v"][~failed]).all()
+    assert np.isfinite(out["max_penetration"][~failed]).all()
+    assert not np.isinf(out["impact_v"][~failed]).any()
+
+
+@pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
+def test_a_motion_that_overflows_within_a_step_ends(rule):
+    """Euler at 1.2 times its limit, R = 1: times within a step overflow before the state does."""
+    osc = Oscillator(
+        h=0.3911426092478119, R=1.0, omega=0.195569472052125, f=1.0, p=0.5878520522077915,
+        clearance=-1.6031095602083347,
+    )  # fmt: skip
+    tr = simulate(osc, 600, "euler", rule, 8, x0=-7.66681272775272)
+    assert tr.status is Status.NON_FINITE
+    assert np.nanmax(np.abs(tr.x)) > 1e290
+    assert np.isnan(tr.section_x[-1])
+
+
+@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
+def test_a_displacement_that_overflows_is_no_impact(rule):
+    """At R = 0 an impact would put it back to the stop, at rest, as if nothing had been."""
+    osc = Oscillator(h=0.0, R=0.0, omega=2.0 * math.pi / 20000, f=0.0, p=1e-3)
+    out = integrate(
+        osc.at(-1.0, 2e305), integrator="euler", impact=rule, steps_per_period=8, transient=0,
+        periods=2,
+    )  # fmt: skip
+    assert out["status"][0] == Status.NON_FINITE
+    assert simulate(osc, 2, "euler", rule, 8, -1.0, 2e305).status is Status.NON_FINITE
+
+
+def test_where_no_steps_are_asked_for_they_are_stable():
+    """100 as in the paper, more where the integrator needs them, and 100 where none will do."""
+    slow = Oscillator(h=0.1, R=0.5, omega=0.02, f=1.0).at()  # p T = pi at 100
+    points = np.concatenate([slow, Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()])
+    assert default_steps(points, "plain", "rk4") == least_stable_steps("rk4", 0.1, 1.0, 0.02) > 100
+    assert default_steps(points[1:], "plain", "rk4") == 100
+    assert (
+        default_steps(points, "plain", "newmark") == default_steps(points, "cubic", "exact") == 100
+    )
+    undamped = Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0)
+    assert default_steps(undamped.at(), "plain", "euler") == 100
+    assert least_stable_steps("euler", 1e-7, 1.0, 1.0) > MOST_STEPS
+    assert default_steps(Oscillator(1e-7, 0.5, 1.0, 1.0).at(), "plain", "euler") == 100
+    arguments = {"integrator": "rk4", "impact": "plain", "transient": 0, "periods": 9}
+    out = integrate(slow, **arguments)
+    steps = default_steps(slow, "plain", "rk4")
+    same = integrate(slow, **arguments, steps_per_period=steps)
+    np.testing.assert_array_equal(out["poincare_x"], same["poincare_x"])
+
+
+def test_asking_for_a_limit_compiles_nothing():
+    """A configuration is checked, or refused, without waiting for the compiler."""
+    code = (
+        "from vibroimpact import attractors, integrators, kernel, stability\n"
+        "for name in integrators.INTEGRATORS:\n"
+        "    stability.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
+        "compiled = [integrators.affine_map, integrators.step, kernel.run_blocks]\n"
+        "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"
+        "assert not any(function.signatures for function in compiled)\n"
+        "assert stability.is_stable('euler', 0.1, 0.2)\n"
+        "assert stability._fill_maps.signatures\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
