@@ -99,10 +99,7 @@ def plot(
     data = Path(str(dataset.encoding.get("source", "")))
     if output.exists() and data.is_file() and output.samefile(data):
         raise PlotError(f"the picture {output} would replace the data; give -o another file")
-    if output.suffix.lower().lstrip(".") not in FORMATS:
-        raise PlotError(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
-    if not output.parent.is_dir():
-        raise PlotError(f"the folder {output.parent} of the picture {output.name} does not exist")
+    check_picture(output)
     kind = _default_kind(dataset) if kind is None else kind
     if kind not in KINDS:
         raise PlotError(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
@@ -111,16 +108,32 @@ def plot(
     if options and kind != "bifurcation":
         raise PlotError(f"{listed(options)} can be chosen for a bifurcation only, not a {kind}")
     with mpl.rc_context(STYLE):
-        figure = KINDS[kind](dataset, at=at, **options)
-        try:
-            _save(figure, output)
-        except OSError as error:
-            raise PlotError(f"{output} cannot be written: {error.strerror or error}") from error
+        save(KINDS[kind](dataset, at=at, **options), output)
     return output
 
 
-def _save(figure: Figure, output: Path) -> None:
-    """Write a figure beside `output` and put it there whole."""
+def check_picture(output: Path) -> None:
+    """Refuse a path that no picture can be written to.
+
+    Raises
+    ------
+    PlotError
+        If its ending is none of ``FORMATS``, or its folder does not exist.
+    """
+    if output.suffix.lower().lstrip(".") not in FORMATS:
+        raise PlotError(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
+    if not output.parent.is_dir():
+        raise PlotError(f"the folder {output.parent} of the picture {output.name} does not exist")
+
+
+def save(figure: Figure, output: Path) -> None:
+    """Write a figure beside `output` and put it there whole.
+
+    Raises
+    ------
+    PlotError
+        If it cannot be written.
+    """
     target = output.resolve()
     draft = target.with_name(f".{target.stem}-{os.getpid()}{output.suffix}")
     try:
@@ -129,6 +142,8 @@ def _save(figure: Figure, output: Path) -> None:
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
             figure.savefig(draft, dpi=DPI)
         os.replace(draft, target)
+    except OSError as error:
+        raise PlotError(f"{output} cannot be written: {error.strerror or error}") from error
     finally:
         draft.unlink(missing_ok=True)
 

@@ -14,7 +14,7 @@ from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 # Okabe and Ito's colours, told apart with every kind of colour vision.
-BLUE, VERMILION = "#0072B2", "#D55E00"
+BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
 STATUS_COLOURS = {
     Status.PENDING: "#CCCCCC",
     Status.UNRESOLVED: "#777777",
