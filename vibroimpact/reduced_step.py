@@ -171,6 +171,8 @@ def reduced_step(rule, integrator, x, v, resting, theta, T, pt, scratch):
             tau += wait
             rested += wait
             n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
+            # At the release itself the sign of the force is rounding: it may press again.
+            tau += RELEASE_MARGIN / pt.omega
             x, v, resting = pt.clearance, 0.0, False
         dt, x, v, hit = fly(
             rule, integrator, x, v, theta + pt.omega * tau, T - tau, pt, coefficients
