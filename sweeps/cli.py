@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from sweeps import cli_bench
+from sweeps.exits import FAILED, REFUSED, check_threads, stop
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +28,7 @@ class _Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            _stop(FAILED, "interrupted")
+            stop(FAILED, "interrupted")
 
 
 app = typer.Typer(
@@ -41,19 +42,12 @@ app = typer.Typer(
 
 app.add_typer(cli_bench.app, name="bench")
 
-FAILED, REFUSED = 1, 2
-
 SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
 
 
 def main() -> None:
     """Run the command line; exits with 0 done, 1 failed or interrupted, 2 request refused."""
     app(prog_name="vibroimpact")
-
-
-def _stop(code: int, error: object) -> NoReturn:
-    typer.echo(f"vibroimpact: error: {error}", err=True)
-    raise typer.Exit(code)
 
 
 @contextmanager
@@ -141,13 +135,13 @@ def _run(
     from sweeps.store import StoreError, check_output
 
     try:
-        _check_threads(threads)
+        check_threads(threads)
         sweeps = [load_config(config, overrides) for config in configs]
         paths = _targets(configs, output, [sweep.output for sweep in sweeps])
         for sweep, path in zip(sweeps, paths, strict=True):
             check_output(path, overwrite, reports.estimated_size(sweep))
     except (ConfigError, StoreError) as error:
-        _stop(REFUSED, error)
+        stop(REFUSED, error)
     if dry_run:
         typer.echo("\n\n".join(map(reports.plan, sweeps, paths)))
         return
@@ -158,11 +152,11 @@ def _run(
 
             run_sweep(sweep, path, threads=threads, overwrite=overwrite, progress=not quiet)
         except KeyboardInterrupt:
-            _stop(FAILED, f"interrupted; {reports.kept(path)}")
+            stop(FAILED, f"interrupted; {reports.kept(path)}")
         except (StoreError, OSError, MemoryError) as error:
             # The request was accepted above, so this is a full disk or the like.
             reason = str(error) or type(error).__name__
-            _stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
+            stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
         if not quiet:
             typer.echo(reports.summary(path))
     if not quiet:
@@ -176,7 +170,7 @@ def _targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) 
     elif len(sources) == 1:
         targets = [output]
     else:
-        _stop(
+        stop(
             REFUSED,
             f"-o {output} is not allowed here: it is for a single file, and {len(sources)} are "
             "given; without it each has an output of its own",
@@ -185,18 +179,8 @@ def _targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) 
     for source, target in zip(sources, targets, strict=True):
         other = first.setdefault(target.resolve(), source)
         if other is not source:
-            _stop(REFUSED, f"{other} and {source} would both write {target}; give them one by one")
+            stop(REFUSED, f"{other} and {source} would both write {target}; give them one by one")
     return targets
-
-
-def _check_threads(threads: int | None) -> None:
-    import numba
-
-    cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    if threads is not None and not 1 <= threads <= cores:
-        _stop(
-            REFUSED, f"--threads {threads} is not allowed; expected: an integer from 1 to {cores}"
-        )
 
 
 @app.command()
@@ -244,7 +228,7 @@ def plot(
             with open_sweep(file) as dataset:
                 _plot(dataset, file, figure, kind, axis, cuts, coordinate)
     except StoreError as error:
-        _stop(REFUSED, error)
+        stop(REFUSED, error)
 
 
 def _plot(
@@ -262,7 +246,7 @@ def _plot(
         found = plotting.on_grid(dataset, cuts)
         written = plotting.plot(dataset, figure, kind, axis, found, coordinate)
     except plotting.PlotError as error:
-        _stop(REFUSED, f"{file}: {error}")
+        stop(REFUSED, f"{file}: {error}")
     for name, value in cuts.items():
         if value != found[name]:
             text = f"{name} = {value:g} is not on the grid; drawn at {name} = {found[name]:g}"
@@ -275,7 +259,7 @@ def _cuts(texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, value = _cut(text)
         if name in cuts:
-            _stop(REFUSED, f"--at {text} is not allowed; {name} was given before")
+            stop(REFUSED, f"--at {text} is not allowed; {name} was given before")
         cuts[name] = value
     return cuts
 
@@ -285,7 +269,7 @@ def _cut(text: str) -> tuple[str, float]:
     try:
         return name.strip(), float(value)
     except ValueError:
-        _stop(REFUSED, f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5")
+        stop(REFUSED, f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5")
 
 
 @app.command()
@@ -298,7 +282,7 @@ def info(file: SweepFile) -> None:
         with open_sweep(file) as dataset:
             typer.echo(contents(dataset), nl=False)
     except StoreError as error:
-        _stop(REFUSED, error)
+        stop(REFUSED, error)
 
 
 @app.command()

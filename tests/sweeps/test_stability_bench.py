@@ -139,7 +139,7 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, ["bench", "stability", "--quick", "--csv", "all.csv"])
     assert result.exit_code == 0, result.output
-    assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\n")
+    assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")
     height, width, _ = matplotlib.image.imread("stability.png").shape
     assert width > 600 and height > 600
     with open("all.csv", newline="", encoding="utf-8") as file:
@@ -158,7 +158,7 @@ def test_the_command(tmp_path, monkeypatch):
     [
         (["-o", "picture.jpg"], "must end in one of .png, .svg, .pdf"),
         (["-o", "nowhere/a.png"], "the folder nowhere of the picture a.png does not exist"),
-        (["--csv", "nowhere/a.csv"], "the folder nowhere of a.csv does not exist"),
+        (["--csv", "nowhere/a.csv"], "expected: a .csv file in an existing folder"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_anything_is_measured(

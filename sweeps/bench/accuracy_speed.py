@@ -1,0 +1,281 @@
+"""Accuracy against speed: every method on every scene, its errors and what a period of it costs.
+
+All methods run interleaved, each round over all of them, so that a drift of the machine hits all
+alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of steps from
+n to 1.1 n, another one in every round, so that impacts fall on other places within a step: errors
+are root mean squares over the rounds, too.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from sweeps.bench import section_map
+from sweeps.bench.peers import PEERS
+from sweeps.bench.scenes import (
+    CHATTER,
+    EXPONENT,
+    FLIP,
+    FLIP_BRACKET,
+    FLIPPING,
+    METHODS,
+    SCENES,
+    Method,
+    Scene,
+    least_steps,
+)
+from vibroimpact import bifurcation
+from vibroimpact.attractors import integrate
+
+#: Steps of one timed run at least, all points together; with fewer, the call itself would be timed.
+_LEAST_WORK = 1_500_000
+#: What a peer finds of an orbit; the state between its steps is beyond this comparison.
+_PEER_KINDS = ("section state", "impact time", "impact speed")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is measured.
+
+    Attributes
+    ----------
+    ladder : tuple of int
+        Steps per forcing period.
+    rounds : int
+    exponent_ladder : tuple of int
+        The part of the ladder on which Lyapunov exponents are estimated: beyond it their error is
+        statistical.
+    exponent_periods : int
+        Forcing periods of each of the orbits they are estimated from.
+    truth_periods : int
+        The same for the true exponent.
+    tolerances : tuple of float
+        Relative tolerances of the peers.
+    thinning : int
+        Every so many-th point of a scene is given to the peers.
+    """
+
+    ladder: tuple[int, ...] = (12, 25, 50, 100, 200, 400, 800, 1600, 3200)
+    rounds: int = 4
+    exponent_ladder: tuple[int, ...] = (12, 25, 50, 100, 200, 400)
+    exponent_periods: int = 200
+    truth_periods: int = 20_000
+    tolerances: tuple[float, ...] = (1e-3, 1e-6, 1e-9, 1e-12)
+    thinning: int = 16
+    scenes: tuple[Scene, ...] = SCENES
+    methods: tuple[Method, ...] = METHODS
+    peers: tuple[str, ...] = tuple(PEERS)
+
+
+FULL = Plan()
+QUICK = Plan(
+    ladder=(25, 100, 400, 1600),
+    rounds=2,
+    exponent_ladder=(25, 100),
+    exponent_periods=100,
+    truth_periods=4000,
+    tolerances=(1e-3, 1e-9),
+    thinning=32,
+)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One error of one method, or peer, and what a forcing period cost it.
+
+    Attributes
+    ----------
+    scene, kind : str
+    method : Method
+        Of a peer its name, and ``events``.
+    steps : int or None
+        Per forcing period; None where the solver chooses them.
+    tolerance : float or None
+        Of a peer.
+    error : float
+        Free of units. NaN or inf where the method failed, or has no such value.
+    seconds : float
+        Per forcing period.
+    """
+
+    scene: str
+    kind: str
+    method: Method
+    steps: int | None
+    tolerance: float | None
+    error: float
+    seconds: float
+
+
+#: (results of a run, method, steps) -> errors by kind.
+_Judge = Callable[[dict[str, np.ndarray], Method, int], dict[str, float]]
+
+
+@dataclass
+class _Tally:
+    """What is collected of one method at one number of steps in one scene."""
+
+    seconds: float = math.inf
+    squares: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+
+
+def measure(
+    plan: Plan = FULL, threads: int | None = None, progress: bool = False
+) -> list[Measurement]:
+    """Measure the errors and the cost of every method.
+
+    Parameters
+    ----------
+    plan : Plan
+    threads : int, optional
+        Threads of the kernel; all by default. Peers have one.
+    progress : bool
+        Whether to show the runs done and the time left on stderr.
+
+    Returns
+    -------
+    list of Measurement
+    """
+    runs, peer_runs = _runs(plan), list(_peer_runs(plan))
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("runs"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=not progress,
+    ) as bar:
+        task = bar.add_task(
+            "compiling (kept for the next run)", total=plan.rounds * len(runs) + len(peer_runs)
+        )
+        judges = {scene.name: _judge(scene, plan, threads) for scene in plan.scenes}
+        tallies = {run: _Tally() for run in runs}
+        for turn in range(plan.rounds):
+            for run in runs:
+                _take(tallies[run], judges[run.scene.name], run, turn, plan.rounds, threads)
+                bar.update(task, advance=1, description=run.scene.name)
+        found = [
+            Measurement(
+                run.scene.name, kind, run.method, run.rung, None, _mean(squares), one.seconds
+            )
+            for run, one in tallies.items()
+            for kind, squares in one.squares.items()
+        ]
+        for scene, name, tolerance in peer_runs:
+            found += _measure_peer(scene, name, tolerance, plan.thinning)
+            bar.update(task, advance=1, description=name)
+    return found
+
+
+class _Run(NamedTuple):
+    """One method on one scene at one rung of the ladder."""
+
+    scene: Scene
+    rung: int
+    method: Method
+
+
+def _runs(plan: Plan) -> list[_Run]:
+    """Return the runs of a round: of each scene and rung all methods in turn."""
+    return [
+        _Run(scene, rung, method)
+        for scene in plan.scenes
+        for rung in (plan.exponent_ladder if EXPONENT in scene.kinds else plan.ladder)
+        for method in plan.methods
+        if rung >= least_steps(method, scene.points)
+    ]
+
+
+def _steps(rung: int, turn: int, rounds: int) -> int:
+    """Return the steps of one round, spread evenly by the golden ratio."""
+    return rung + round(max(rounds, 0.1 * rung) * (0.618034 * turn % 1.0))
+
+
+def _peer_runs(plan: Plan) -> Iterator[tuple[Scene, str, float]]:
+    """Yield what the peers can do: a complete chatter has more events than they can count."""
+    for scene in plan.scenes:
+        if scene is not CHATTER and scene.impacts:
+            for name in plan.peers:
+                if PEERS[name].installed:
+                    yield from ((scene, name, tolerance) for tolerance in plan.tolerances)
+
+
+def _take(
+    tally: _Tally, judge: _Judge, run: _Run, turn: int, rounds: int, threads: int | None
+) -> None:
+    """Time one run and judge it, unless one before it failed: it might take for ever."""
+    if not all(math.isfinite(_mean(squares)) for squares in tally.squares.values()):
+        return
+    scene, method = run.scene, run.method
+    steps = _steps(run.rung, turn, rounds)
+    copies = math.ceil(_LEAST_WORK / (len(scene.points) * scene.periods * steps))
+    began = time.perf_counter()
+    results = scene.run(method, steps, threads, copies)
+    seconds = (time.perf_counter() - began) / (len(scene.points) * copies * scene.periods)
+    tally.seconds = min(tally.seconds, seconds)
+    for kind, error in judge(results, method, steps).items():
+        tally.squares[kind].append(error * error)
+
+
+def _mean(squares: list[float]) -> float:
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def _judge(scene: Scene, plan: Plan, threads: int | None) -> _Judge:
+    """Find the truth of a scene; return what tells the errors against it, by kind."""
+    if FLIP in scene.kinds:
+        flip = bifurcation(FLIPPING, "flip", "omega", 2.6, 2.7)
+
+        def off_flip(_: object, method: Method, steps: int) -> dict[str, float]:
+            value = section_map.flip_value(FLIPPING, FLIP_BRACKET, method, steps, threads)
+            return {FLIP: abs(value / flip - 1.0)}
+
+        return off_flip
+    if EXPONENT in scene.kinds:
+        exponent = _true_exponent(scene.points, plan.truth_periods, threads)
+        spans = {"transient": 50, "periods": plan.exponent_periods}
+
+        def off_exponent(_: object, method: Method, steps: int) -> dict[str, float]:
+            value = section_map.largest_exponent(
+                scene.points, method, steps, **spans, threads=threads
+            )
+            return {EXPONENT: abs(value / exponent - 1.0)}
+
+        return off_exponent
+    truth = scene.truth()
+    return lambda results, method, steps: scene.errors(truth, results)
+
+
+def _true_exponent(points: np.ndarray, periods: int, threads: int | None) -> float:
+    """Return the largest Lyapunov exponent per forcing period of the motion itself."""
+    run = integrate(
+        points, transient=100, periods=periods, impacts=0, lyapunov=True, threads=threads
+    )
+    return float(np.mean(run["lyapunov"][:, 0] * 2.0 * math.pi / points["omega"]))
+
+
+def _measure_peer(scene: Scene, name: str, tolerance: float, thinning: int) -> list[Measurement]:
+    few = replace(scene, points=scene.points[::thinning])
+    found, seconds = PEERS[name].run(few, tolerance)
+    errors = few.errors(few.truth(), found)
+    method = Method(name, "events")
+    return [
+        Measurement(scene.name, kind, method, None, tolerance, errors[kind], seconds)
+        for kind in _PEER_KINDS
+    ]

@@ -1,0 +1,111 @@
+"""The measurements of ``sweeps.bench.accuracy_speed`` as tables for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from rich import box
+from rich.table import Table
+
+from sweeps.bench.accuracy_speed import Measurement
+from sweeps.bench.scenes import CHATTER, FLIP, FLIP_SCENE, GRAZING, ORBIT_ERRORS
+from sweeps.bench.work_precision import MEAN, NO_DIGIT, Line, cheapest
+
+STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
+#: The steps per period, and of the peers the tolerance, at which errors are shown.
+STEPS, TOLERANCE = 100, 1e-9
+#: The errors for which the cheapest method is named.
+TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
+
+# Column, scene and kind of the orders shown.
+_ORDERS = (
+    ("regular", MEAN, STATE),
+    ("chatter", CHATTER.name, STATE),
+    ("graze", GRAZING.name, STATE),
+    ("flip", FLIP_SCENE.name, FLIP),
+)
+
+
+def tables(
+    measurements: Sequence[Measurement], orders: dict[Line, float]
+) -> Iterator[tuple[str, Table]]:
+    """Yield titles and tables.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        With the means over the regular scenes.
+    orders : dict
+        From `work_precision.orders`, of the same.
+    """
+    yield (
+        "Measured orders of the section state and of the flip value; "
+        f"errors and cost with {STEPS} steps per period (solvers: tolerance {TOLERANCE:g}), "
+        "mean of the regular scenes",
+        _methods(measurements, orders),
+    )
+    yield (
+        "The cheapest way to an error of the section state, mean of the regular scenes",
+        _targets(measurements),
+    )
+
+
+def _methods(measurements: Sequence[Measurement], orders: dict[Line, float]) -> Table:
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        caption=(
+            "No order: fewer than three errors below 0.1 and above rounding, as where a step is "
+            "unstable, or a value that the method does not have."
+        ),
+        caption_justify="left",
+    )
+    table.add_column("integrator")
+    table.add_column("impact")
+    for name in (*(name for name, _, _ in _ORDERS), "error", "penetration", "ns/period"):
+        table.add_column(name, justify="right")
+    shown = {
+        (one.method, one.kind): one
+        for one in measurements
+        if one.scene == MEAN and (one.steps == STEPS or one.tolerance == TOLERANCE)
+    }
+    for method in dict.fromkeys(method for method, _ in shown):
+        state, depth = shown[method, STATE], shown.get((method, PENETRATION))
+        table.add_row(
+            *method,
+            *(_order(orders.get((scene, kind, method), math.nan)) for _, scene, kind in _ORDERS),
+            _error(state.error),
+            "" if depth is None else _error(depth.error),
+            f"{state.seconds * 1e9:,.0f}",
+        )
+    return table
+
+
+def _targets(measurements: Sequence[Measurement]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("error", "integrator", "impact", "steps"):
+        table.add_column(name)
+    table.add_column("ns/period", justify="right")
+    states = [one for one in measurements if (one.scene, one.kind) == (MEAN, STATE)]
+    for target in TARGETS:
+        best = cheapest(states, target)
+        row = ("none", "", "", "") if best is None else _found(best)
+        table.add_row(f"{target:g}", *row)
+    return table
+
+
+def _found(one: Measurement) -> tuple[str, str, str, str]:
+    setting = f"{one.steps}" if one.tolerance is None else f"tolerance {one.tolerance:g}"
+    return *one.method, setting, f"{one.seconds * 1e9:,.0f}"
+
+
+def _order(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.1f}"
+
+
+def _error(value: float) -> str:
+    if not math.isfinite(value):
+        return "failed"
+    if value == 0.0:
+        return "0"
+    return f"{value:.1e}" if value < NO_DIGIT else "> 1"

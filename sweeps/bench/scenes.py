@@ -1,0 +1,232 @@
+"""Scenes on which the methods are compared, and the errors that a run of one makes.
+
+A scene is not one point but 64 neighbours of it: whole blocks of lanes, as a sweep has them, and
+impacts that fall on different places within a step. Errors are root mean squares over them,
+against the exact engine, and free of units: displacements, speeds and times are divided by
+V / omega, V and 2 pi / omega, with V the RMS speed of the true impacts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact import Oscillator
+from vibroimpact.attractors import integrate
+from vibroimpact.exact_impacts import steps_needed
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+
+#: Neighbours of a scene's point.
+NEIGHBOURS = 64
+#: The last impacts of a run that are kept, to find the counterparts of the true ones among them.
+_KEPT = 8
+
+#: What is measured of an orbit, in the words of the pictures.
+ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
+FLIP, EXPONENT = "flip value", "Lyapunov exponent"
+KINDS = (*ORBIT_ERRORS, FLIP, EXPONENT)
+
+
+class Method(NamedTuple):
+    """An integrator and an impact rule, by their names."""
+
+    integrator: str
+    impact: str
+
+
+EXACT = Method("exact", "exact")
+METHODS = tuple(
+    Method(integrator, rule)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != EXACT.impact or integrator == EXACT.integrator
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A motion on which methods are compared.
+
+    Attributes
+    ----------
+    name : str
+    points : ndarray of dtype ``POINT``
+    periods : int
+        Forcing periods from the start to the section.
+    phase : float
+        omega t of the section; no impact is near it.
+    impacts : int
+        How many of the last true impacts are compared.
+    recorded : int
+        Forcing periods before the section in which they lie.
+    kinds : tuple of str
+        The errors measured here, of ``KINDS``.
+    """
+
+    name: str
+    points: np.ndarray
+    periods: int
+    phase: float = 0.0
+    impacts: int = 0
+    recorded: int = 1
+    kinds: tuple[str, ...] = ORBIT_ERRORS
+
+    def run(
+        self,
+        method: Method,
+        steps: int,
+        threads: int | None = None,
+        copies: int = 1,
+        kept: int = _KEPT,
+    ) -> dict[str, np.ndarray]:
+        """Run all points, `copies` times over, with one method; returns as `integrate` does."""
+        return integrate(
+            np.tile(self.points, copies),
+            integrator=method.integrator,
+            impact=method.impact,
+            steps_per_period=steps,
+            transient=self.periods - self.recorded,
+            periods=self.recorded,
+            phase=self.phase,
+            impacts=kept,
+            threads=threads,
+        )
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Run all points with exact impacts, on steps of their own; returns as `integrate` does."""
+        return self.run(EXACT, 2 * least_steps(EXACT, self.points), kept=self.impacts)
+
+    def errors(
+        self, truth: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]
+    ) -> dict[str, float]:
+        """Return the RMS errors of a run by kind, of those in ``ORBIT_ERRORS``.
+
+        Every true impact is compared with the one found at the nearest phase. What failed is NaN,
+        and inf where no impact was found at all.
+
+        Parameters
+        ----------
+        truth : mapping of str to ndarray
+            From `truth`.
+        found : mapping of str to ndarray
+            As from `run`; rows of further copies are not looked at.
+        """
+        n = len(self.points)
+        omega = self.points["omega"]
+        phase, v = truth["impact_phase"], truth["impact_v"]
+        real = np.isfinite(phase)
+        speed = _rms(v[real])
+        late = found["impact_phase"][:n, None, :] - phase[:, :, None]
+        late = np.abs((late + math.pi) % (2.0 * math.pi) - math.pi)
+        late = np.where(np.isnan(late), np.inf, late)
+        nearest = late.argmin(axis=2)
+        found_v = np.take_along_axis(found["impact_v"][:n], nearest, axis=1)
+        late = late.min(axis=2)
+        dx = found["poincare_x"][:n, -1] - truth["poincare_x"][:, -1]
+        dv = found["poincare_v"][:n, -1] - truth["poincare_v"][:, -1]
+        values = (
+            _rms(np.hypot(omega * dx, dv)) / speed,
+            _rms(late[real]) / (2.0 * math.pi),
+            _rms(np.where(np.isfinite(late), found_v - v, np.inf)[real]) / speed,
+            _rms(omega * found["max_penetration"][:n]) / speed,
+        )
+        return dict(zip(ORBIT_ERRORS, values, strict=True))
+
+
+def _rms(values: np.ndarray) -> float:
+    with np.errstate(over="ignore"):
+        return float(np.sqrt(np.mean(np.square(values))))
+
+
+def least_steps(method: Method, points: np.ndarray) -> int:
+    """Return the fewest steps per forcing period that a method takes at these points."""
+    if method.impact != EXACT.impact:
+        return 1
+    return int(steps_needed(points["h"], points["p"], points["omega"]).max())
+
+
+def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:
+    """Return points with omega (1 + offset), which start at rest."""
+    return np.concatenate(
+        [replace(oscillator, omega=oscillator.omega * (1.0 + offset)).at() for offset in offsets]
+    )
+
+
+_NEAR = np.linspace(-0.005, 0.005, NEIGHBOURS)
+# Of the distance from a graze the touch has the root: small ones must be there in number.
+_NEARER = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
+#: Where the first flight from rest touches the stop (h = 0.1).
+_GRAZE = 3.03833647460949767
+#: The orbit whose flip is located, and the interval of omega in which it is looked for.
+FLIPPING, FLIP_BRACKET = Oscillator(h=0.05, R=0.8, omega=2.65, f=1.0), (2.4, 2.9)
+CHAOTIC = Oscillator(h=0.1, R=0.8, omega=2.95, f=1.0)
+# Starts from which the chaotic motion has a different past in every lane.
+_STARTS = np.linspace(-0.5, -0.05, NEIGHBOURS)
+
+#: Motions without a rest or a graze: methods have their orders there.
+REGULAR = (
+    Scene(
+        "conservative impacts",
+        _around(Oscillator(h=0.5, R=1.0, omega=1.0, f=1.0), _NEAR),
+        periods=20,
+        phase=math.pi,
+        impacts=2,
+    ),
+    Scene(
+        "conservative motion",
+        _around(Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0), _NEAR),
+        periods=20,
+        phase=math.pi,
+        impacts=2,
+    ),
+    Scene(
+        "fully dissipative",
+        _around(Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0), _NEAR),
+        periods=20,
+        phase=math.pi,
+        impacts=4,
+    ),
+    Scene(
+        "one impact",
+        _around(Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0), _NEAR),
+        periods=40,
+        impacts=1,
+    ),
+    Scene(
+        "high frequency",
+        _around(Oscillator(h=0.1, R=0.8, omega=10.0, f=1.0), _NEAR),
+        periods=60,
+        phase=math.pi,
+        impacts=1,
+        recorded=5,
+    ),
+)
+CHATTER = Scene(
+    "chatter and rest",
+    _around(Oscillator(h=0.05, R=0.6, omega=0.4, f=1.0), _NEAR),
+    periods=5,
+    phase=4.4,  # after three impacts of a chatter that is complete at 4.78
+    impacts=3,
+)
+GRAZING = Scene(
+    "near grazing",
+    _around(
+        Oscillator(h=0.1, R=0.8, omega=_GRAZE, f=1.0), np.concatenate([-_NEARER[::-1], _NEARER])
+    ),
+    periods=1,
+    phase=5.67,  # between the second impact, at 5.2 at the latest, and the third
+    impacts=2,
+)
+FLIP_SCENE = Scene("flip", _around(FLIPPING, _NEAR), periods=20, kinds=(FLIP,))
+CHAOS = Scene(
+    "chaos",
+    np.concatenate([CHAOTIC.at(x0) for x0 in _STARTS]),
+    periods=20,
+    kinds=(EXPONENT,),
+)
+SCENES = (*REGULAR, CHATTER, GRAZING, FLIP_SCENE, CHAOS)

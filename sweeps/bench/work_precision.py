@@ -1,0 +1,164 @@
+"""What follows from errors and costs: orders, means over scenes, the efficient frontier."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sweeps.bench.accuracy_speed import Measurement
+from sweeps.bench.scenes import EXACT, REGULAR, Method
+
+#: The scene that stands for the mean of all regular ones.
+MEAN = "regular scenes"
+#: An error above this says nothing: no digit is right.
+NO_DIGIT = 1.0
+
+# An order is fitted to the finest steps, to errors that are small but far from the reference's.
+_FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
+
+Line = tuple[str, str, Method]
+
+
+def lines(measurements: Iterable[Measurement]) -> dict[Line, list[Measurement]]:
+    """Group by (scene, kind, method), each group from coarse to fine."""
+    groups: dict[Line, list[Measurement]] = defaultdict(list)
+    for one in measurements:
+        groups[one.scene, one.kind, one.method].append(one)
+    for group in groups.values():
+        group.sort(key=lambda one: (one.steps or 0, -(one.tolerance or 0.0)))
+    return dict(groups)
+
+
+def means(measurements: Iterable[Measurement]) -> list[Measurement]:
+    """Return geometric means over the regular scenes, of errors and seconds.
+
+    Where a method failed in one of them, it has no mean.
+    """
+    names = {scene.name for scene in REGULAR}
+    found: dict[tuple, dict[str, Measurement]] = defaultdict(dict)
+    for one in measurements:
+        if one.scene in names:
+            found[one.kind, one.method, one.steps, one.tolerance][one.scene] = one
+    most = max(map(len, found.values()), default=0)
+    return [
+        replace(
+            next(iter(group.values())),
+            scene=MEAN,
+            error=_geometric_mean([one.error for one in group.values()]),
+            seconds=_geometric_mean([one.seconds for one in group.values()]),
+        )
+        for group in found.values()
+        if len(group) == most
+    ]
+
+
+def _geometric_mean(values: Sequence[float]) -> float:
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.mean(np.log(values))))
+
+
+def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float = 0.0) -> float:
+    """Return the order: minus the slope of log error over log steps, by least squares.
+
+    Parameters
+    ----------
+    steps, errors : sequences of the same length
+        From coarse to fine.
+    floor : float
+        The error of the reference: what is not ten times above it is not fitted.
+
+    Returns
+    -------
+    float
+        NaN with fewer than three errors to fit.
+    """
+    e = np.array(errors)
+    good = np.flatnonzero((e > _ABOVE_FLOOR * floor) & (e < _LARGEST) & (e > 0.0))[-_FITTED:]
+    if len(good) < 3:
+        return math.nan
+    return -float(np.polyfit(np.log(np.array(steps)[good]), np.log(e[good]), 1)[0])
+
+
+def orders(measurements: Iterable[Measurement]) -> dict[Line, float]:
+    """Return the measured order of every line; NaN for the reference, and for peers."""
+    groups = lines(measurements)
+    found = {}
+    for (scene, kind, method), group in groups.items():
+        reference = groups.get((scene, kind, EXACT), ())
+        floor = max((one.error for one in reference), default=0.0)
+        steps = [one.steps for one in group if one.steps is not None]
+        known = method != EXACT and len(steps) == len(group)
+        errors = [one.error for one in group]
+        found[scene, kind, method] = measured_order(steps, errors, floor) if known else math.nan
+    return found
+
+
+def is_drawn(one: Measurement) -> bool:
+    """Whether an error has a place on a logarithmic chart, and a digit is right."""
+    return 0.0 < one.error < NO_DIGIT
+
+
+def efficient_frontier(measurements: Iterable[Measurement]) -> list[Measurement]:
+    """Return those that no other betters in error at the same cost or less, the cheapest first."""
+    frontier: list[Measurement] = []
+    for one in sorted(measurements, key=lambda one: (one.seconds, one.error)):
+        if one.error < min((other.error for other in frontier), default=NO_DIGIT):
+            frontier.append(one)
+    return frontier
+
+
+def cheapest(measurements: Iterable[Measurement], error: float) -> Measurement | None:
+    """Return the cheapest measurement that reaches an error; None if there is none."""
+    good = (one for one in measurements if one.error <= error)
+    return min(good, key=lambda one: one.seconds, default=None)
+
+
+COLUMNS = (
+    "scene",
+    "error_kind",
+    "integrator",
+    "impact",
+    "steps_per_period",
+    "tolerance",
+    "error",
+    "seconds_per_period",
+    "measured_order",
+)
+
+
+def write_csv(
+    measurements: Sequence[Measurement], found: Mapping[Line, float], output: Path
+) -> None:
+    """Write every measurement as a row of ``COLUMNS``, whole or not at all.
+
+    What there is not is empty.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    draft = output.with_name(f".{output.name}-{os.getpid()}")
+    try:
+        with draft.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for (scene, kind, method), group in lines(measurements).items():
+                order = found[scene, kind, method]
+                for one in group:
+                    numbers = (one.steps, one.tolerance, one.error, one.seconds, order)
+                    writer.writerow((scene, kind, *method, *map(_number, numbers)))
+        os.replace(draft, output)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or math.isnan(value) else f"{value:.6g}"

@@ -1,0 +1,410 @@
+"""The work-precision diagram: what is measured, what follows from it, and the command."""
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sweeps.bench import accuracy_speed, section_map, work_precision
+from sweeps.bench.accuracy_speed import Measurement, Plan, measure
+from sweeps.bench.peers import PEERS
+from sweeps.bench.scenes import (
+    CHAOS,
+    CHATTER,
+    EXACT,
+    FLIP,
+    FLIP_BRACKET,
+    FLIP_SCENE,
+    FLIPPING,
+    GRAZING,
+    METHODS,
+    ORBIT_ERRORS,
+    REGULAR,
+    Method,
+)
+from sweeps.bench.work_precision import MEAN
+from sweeps.cli import app
+from vibroimpact import Status, bifurcation, one_impact_orbit
+from vibroimpact.attractors import integrate
+
+STATE, TIME, SPEED, DEPTH = ORBIT_ERRORS
+ONE_IMPACT = next(scene for scene in REGULAR if scene.name == "one impact")
+PLAIN, REDUCED, CUBIC = (Method("rk4", rule) for rule in ("plain", "reduced-step", "cubic"))
+
+
+def made(error, seconds, steps=100, method=PLAIN, scene="s", kind=STATE, tolerance=None):
+    """Return a measurement by hand."""
+    return Measurement(scene, kind, method, steps, tolerance, error, seconds)
+
+
+# What follows from measurements
+
+
+def test_the_efficient_frontier():
+    good = [made(0.5, 1.0), made(0.1, 2.0), made(1e-9, 7.0)]
+    # As cheap but worse, dearer and no better, failed, without a right digit.
+    bad = [made(0.2, 2.0), made(0.1, 3.0), made(math.nan, 0.1), made(2.0, 0.2), made(0.6, 1.5)]
+    assert work_precision.efficient_frontier([*bad, *good[::-1]]) == good
+    assert work_precision.efficient_frontier([]) == []
+
+
+def test_the_cheapest_that_reaches_an_error():
+    all_ = [made(1e-3, 5.0), made(1e-4, 3.0), made(1e-2, 1.0), made(math.nan, 0.1)]
+    assert work_precision.cheapest(all_, 1e-2) is all_[2]
+    assert work_precision.cheapest(all_, 1e-3) is all_[1]
+    assert work_precision.cheapest(all_, 1e-5) is None
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
+def test_the_order_of_a_power_law(order):
+    steps = np.array([25, 50, 100, 200, 400, 800])
+    wiggle = 1.0 + 0.05 * np.array([1, -1, 1, -1, 1, -1])
+    errors = 0.1 * (steps / 10.0) ** -order
+    assert work_precision.measured_order(steps, errors) == pytest.approx(order, abs=1e-12)
+    assert work_precision.measured_order(steps, errors * wiggle) == pytest.approx(order, abs=0.1)
+    # Neither a coarse start nor a plateau at the reference's error counts.
+    steps, bent = [5, *steps], [0.9, *np.where(steps > 200, 1e-13, errors)]
+    known = work_precision.measured_order(steps, bent, floor=1e-13)
+    assert known == pytest.approx(order, abs=1e-12)
+    assert work_precision.measured_order(steps, bent) > order + 1.0
+
+
+def test_no_order_from_less_than_three_errors():
+    order = work_precision.measured_order
+    assert math.isnan(order([50, 100], [1e-2, 1e-3]))
+    assert math.isnan(order([50, 100, 200], [0.5, 1e-2, 1e-3]))
+    assert math.isnan(order([50, 100, 200], [math.nan, 1e-2, 1e-3]))
+    assert math.isnan(order([50, 100, 200], [0.0, 0.0, 0.0]))
+    assert math.isnan(order([50, 100, 200], [1e-2, 1e-3, 1e-4], floor=1e-4))
+
+
+def test_the_reference_and_the_peers_have_no_order():
+    steps, errors = (50, 100, 200, 400), (1e-2, 1e-3, 1e-4, 1e-5)
+    peer = Method("SciPy RK45", "events")
+    all_ = [made(e, 1.0, n, m) for m in (EXACT, PLAIN) for n, e in zip(steps, errors, strict=True)]
+    all_ += [made(e, 1.0, None, peer, tolerance=e) for e in errors]
+    found = work_precision.orders([one for one in all_ if one.method != EXACT])
+    assert found["s", STATE, PLAIN] == pytest.approx(np.log2(10.0))
+    assert math.isnan(found["s", STATE, peer])
+    # With the reference as bad as the method, nothing is known of the latter.
+    found = work_precision.orders(all_)
+    assert math.isnan(found["s", STATE, PLAIN]) and math.isnan(found["s", STATE, EXACT])
+
+
+def test_means_are_geometric_and_of_all_regular_scenes():
+    names = [scene.name for scene in REGULAR]
+    all_ = [made(10.0**-k, 2.0**k, scene=name) for k, name in enumerate(names)]
+    all_ += [made(1e-3, 1.0, 200, scene=name) for name in names[1:]]  # one is missing
+    all_ += [made(1e-3, 1.0, scene=CHATTER.name)]
+    (mean,) = work_precision.means(all_)
+    assert (mean.scene, mean.steps, mean.method) == (MEAN, 100, PLAIN)
+    assert mean.error == pytest.approx(1e-2) and mean.seconds == pytest.approx(4.0)
+    failed = [replace(all_[0], error=math.nan), *all_[1:]]
+    assert math.isnan(work_precision.means(failed)[0].error)
+
+
+# Scenes
+
+
+@pytest.mark.parametrize("scene", [*REGULAR, CHATTER, GRAZING], ids=lambda scene: scene.name)
+def test_the_truth_of_a_scene(scene):
+    """All impacts found, as many for every neighbour, none near the section."""
+    truth = scene.truth()
+    assert (truth["status"] == Status.CERTIFIED).all()
+    assert len(set(truth["impacts_per_period"])) == (2 if scene is GRAZING else 1)
+    phases = truth["impact_phase"][np.isfinite(truth["impact_phase"])]
+    away = (phases - scene.phase + math.pi) % (2 * math.pi) - math.pi
+    assert np.abs(away).min() > 0.1
+    assert (truth["rest_fraction"] > 0.0).all() == (scene is CHATTER)
+    assert set(scene.errors(truth, truth).values()) == {0.0}
+
+
+def test_the_first_flight_touches_on_one_side_of_the_graze():
+    """Its speed is the root of the distance from the graze."""
+    truth, graze = GRAZING.truth(), 3.03833647460949767
+    below = GRAZING.points["omega"] < graze
+    assert (truth["impacts_per_period"] == np.where(below, 2, 1)).all()
+    distance, touch = graze - GRAZING.points["omega"][below], truth["impact_v"][below, 0]
+    assert touch.min() < 1e-3
+    assert np.polyfit(np.log(distance), np.log(touch), 1)[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_errors_of_known_size():
+    """A run that is the truth but for known shifts, its impacts in another order."""
+    truth = ONE_IMPACT.truth()
+    n, V = len(ONE_IMPACT.points), np.sqrt(np.mean(truth["impact_v"] ** 2))
+    late = np.full((n, 3), np.nan)
+    late[:, 0], late[:, 1] = truth["impact_phase"][:, 0] + 3.0, truth["impact_phase"][:, 0] - 0.1
+    speeds = np.stack([np.full(n, 9.0), truth["impact_v"][:, 0] + 0.2, np.full(n, np.nan)], axis=1)
+    found = {
+        "poincare_x": truth["poincare_x"],
+        "poincare_v": truth["poincare_v"] - 0.3,
+        "impact_phase": late % (2 * math.pi),
+        "impact_v": speeds,
+        "max_penetration": np.full(n, 0.4) / ONE_IMPACT.points["omega"],
+    }
+    errors = ONE_IMPACT.errors(truth, found)
+    assert errors == pytest.approx(
+        {STATE: 0.3 / V, TIME: 0.1 / (2 * math.pi), SPEED: 0.2 / V, DEPTH: 0.4 / V}
+    )
+    nothing = np.full((n, 3), np.nan)
+    errors = ONE_IMPACT.errors(truth, found | {"impact_phase": nothing, "impact_v": nothing})
+    assert errors[TIME] == errors[SPEED] == math.inf and errors[STATE] < 1.0
+
+
+# The section map of a method
+
+
+@pytest.mark.parametrize(("scene", "impacts"), [(ONE_IMPACT, 1), (REGULAR[2], 4)])
+def test_the_determinant_of_the_jacobian(scene, impacts):
+    """Closed form: R^2 for every impact and exp(-2 h T) for the flight; plain forgets x."""
+    start = integrate(scene.points, transient=scene.periods, periods=1)
+    points = scene.points.copy()
+    points["x0"], points["v0"] = start["poincare_x"][:, 0], start["poincare_v"][:, 0]
+    expected = points["R"] ** (2 * impacts) * np.exp(-4 * math.pi * points["h"] / points["omega"])
+    _, J = section_map.jacobians(points, EXACT, 50)
+    np.testing.assert_allclose(np.linalg.det(J), expected, rtol=1e-7)
+    _, J = section_map.jacobians(points, Method("exact", "plain"), 50)
+    assert np.abs(np.linalg.det(J)).max() < 1e-8
+
+
+def test_the_jacobian_carries_a_small_displacement():
+    points = np.repeat(FLIPPING.at(-0.32, 0.7), 2)
+    points["x0"][1] += 1e-6
+    points["v0"][1] += 2e-6
+    images, J = section_map.jacobians(points, EXACT, 50)
+    np.testing.assert_allclose(images[1] - images[0], J[0] @ [1e-6, 2e-6], rtol=1e-4)
+
+
+def test_the_flip_of_the_exact_method_is_that_of_the_closed_form():
+    found = section_map.flip_value(FLIPPING, FLIP_BRACKET, EXACT, 50)
+    assert found == pytest.approx(2.65888454668484, abs=1e-10)
+    other = replace(FLIPPING, h=0.1, R=0.5, omega=2.6)
+    found = section_map.flip_value(other, (2.5, 2.9), EXACT, 50)
+    assert found == pytest.approx(bifurcation(other, "flip", "omega", 2.6, 2.8), abs=1e-10)
+    assert math.isnan(section_map.flip_value(FLIPPING, (2.4, 2.6), EXACT, 50))
+
+
+def test_where_no_fixed_point_is_met_nothing_is_said_of_a_flip(monkeypatch):
+    points = np.repeat(FLIPPING.at(-0.3, 0.7), 3)
+    condition = section_map._flip_condition(points.copy(), EXACT, 50, None)
+    assert np.isfinite(condition).all()
+    monkeypatch.setattr(section_map, "_ITERATIONS", 2)
+    assert np.isnan(section_map._flip_condition(points, EXACT, 50, None)).all()
+
+
+def test_a_flip_is_found_one_order_below_the_state():
+    """The derivative of an error that jumps with the grid: order 1 and 3, and none with plain."""
+    true = bifurcation(FLIPPING, "flip", "omega", 2.6, 2.7)
+
+    def error(rule, around):
+        steps = around + np.round(around * np.linspace(0.0, 0.2, 6)).astype(int)
+        method = Method("exact", rule)
+        found = [section_map.flip_value(FLIPPING, FLIP_BRACKET, method, int(n)) for n in steps]
+        return np.sqrt(np.mean((np.array(found) - true) ** 2))
+
+    for rule, order in (("reduced-step", 1.0), ("cubic", 3.0)):
+        assert np.log2(error(rule, 50) / error(rule, 400)) / 3 == pytest.approx(order, abs=0.5)
+    assert math.isnan(error("plain", 50))
+
+
+def test_the_exponent_of_a_periodic_orbit_is_its_multiplier():
+    osc = replace(FLIPPING, omega=2.655)
+    multipliers = one_impact_orbit(osc).multipliers
+    assert (multipliers.imag == 0.0).all()
+    expected = math.log(np.abs(multipliers).max())
+    points = np.repeat(osc.at(-0.3, 0.7), 2)
+    found = section_map.largest_exponent(points, EXACT, 50, transient=4000, periods=500)
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_exponent_of_chaos_is_that_of_the_kernel():
+    """Over the same orbits; then with other methods, of which plain is not even chaotic."""
+    run = integrate(CHAOS.points, transient=50, periods=400, impacts=0, lyapunov=True)
+    expected = np.mean(run["lyapunov"][:, 0]) * 2 * math.pi / 2.95
+    found = {
+        method: section_map.largest_exponent(CHAOS.points, method, 100, 50, 400)
+        for method in (EXACT, CUBIC, PLAIN)
+    }
+    assert expected == pytest.approx(0.40, abs=0.03)
+    assert found[EXACT] == pytest.approx(expected, abs=0.01)
+    assert found[CUBIC] == pytest.approx(expected, abs=0.02)
+    assert found[PLAIN] < 0.0
+
+
+# Measurements
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Few methods on two scenes, over a long ladder."""
+    plan = Plan(
+        ladder=(50, 100, 6400),
+        rounds=3,
+        scenes=(ONE_IMPACT, FLIP_SCENE),
+        methods=(PLAIN, REDUCED, CUBIC, EXACT),
+        peers=(),
+    )
+    found = measure(plan, threads=1)
+    return {(one.kind, one.method, one.steps): one for one in found}
+
+
+def test_errors_are_ordered_as_the_rules(measured):
+    for steps in (50, 100, 6400):
+        for kind in (STATE, TIME, SPEED):
+            plain, reduced, cubic = (
+                measured[kind, method, steps].error for method in (PLAIN, REDUCED, CUBIC)
+            )
+            assert plain > 10 * reduced > 100 * cubic
+        for method in (REDUCED, CUBIC, EXACT):
+            assert measured[DEPTH, method, steps].error == 0.0
+        assert measured[DEPTH, PLAIN, steps].error > 0.0
+        assert measured[FLIP, REDUCED, steps].error > 10 * measured[FLIP, CUBIC, steps].error
+    assert measured[STATE, EXACT, 50].error < 1e-13
+    assert measured[FLIP, EXACT, 50].error < 1e-11
+    assert math.isnan(measured[FLIP, PLAIN, 100].error)
+
+
+def test_cost_goes_with_the_steps(measured):
+    """64 times the steps cost several times as much, also where impacts take their share."""
+    for method in (PLAIN, REDUCED, CUBIC, EXACT):
+        coarse, fine = (measured[STATE, method, steps].seconds for steps in (100, 6400))
+        assert fine > (12 if method == PLAIN else 4) * coarse
+    assert measured[STATE, PLAIN, 100].seconds < measured[STATE, CUBIC, 100].seconds
+
+
+def test_what_the_rule_does_not_take_is_not_run():
+    plan = Plan(ladder=(12,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN, EXACT), peers=())
+    assert {one.method for one in measure(plan)} == {PLAIN}
+
+
+def test_a_failed_method_is_run_once(monkeypatch):
+    calls = []
+
+    def flip_value(*arguments):
+        calls.append(arguments)
+        return math.nan
+
+    monkeypatch.setattr(section_map, "flip_value", flip_value)
+    (one,) = measure(Plan(ladder=(50,), rounds=3, scenes=(FLIP_SCENE,), methods=(PLAIN,), peers=()))
+    assert math.isnan(one.error) and len(calls) == 1
+
+
+# Peers
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_meets_the_truth(name):
+    if not PEERS[name].installed:
+        pytest.skip(f"{name} is not installed")
+    scene = replace(ONE_IMPACT, points=ONE_IMPACT.points[::32], periods=4)
+    truth = scene.truth()
+    coarse, fine = (PEERS[name].run(scene, tolerance) for tolerance in (1e-3, 1e-9))
+    errors = [scene.errors(truth, found) for found, _ in (coarse, fine)]
+    for kind in (STATE, TIME, SPEED):
+        assert errors[1][kind] < 1e-7 < 1e-2
+        assert errors[1][kind] < 0.01 * errors[0][kind]
+    assert coarse[1] > 0.0
+
+
+def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
+    absent = {"absent": replace(PEERS["heyoka"], name="absent", module="not_there")}
+    monkeypatch.setattr(accuracy_speed, "PEERS", absent)
+    plan = Plan(ladder=(50,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=("absent",))
+    assert {one.method for one in measure(plan)} == {PLAIN}
+
+
+# The command
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Work in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+def call(*arguments):
+    """Run the command and return its result."""
+    return CliRunner().invoke(app, ["bench", "accuracy-speed", *map(str, arguments)])
+
+
+def test_the_command(monkeypatch):
+    """All methods and scenes on a short ladder: picture, rows and tables."""
+    plan = replace(
+        accuracy_speed.QUICK,
+        ladder=(50, 100, 200),
+        rounds=1,
+        exponent_ladder=(50,),
+        exponent_periods=20,
+        truth_periods=200,
+        tolerances=(1e-9,),
+        peers=("SciPy DOP853",),
+    )
+    monkeypatch.setattr(accuracy_speed, "QUICK", plan)
+    result = call("--quick", "-o", "chart.png", "--csv", "all.csv", "--threads", 1)
+    assert result.exit_code == 0, result.output
+    assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
+    assert result.stdout.splitlines()[-2:] == ["chart.png", "all.csv"]
+    for word in ("semi-implicit-euler", "reduced-step", "SciPy DOP853", "ns/period", "1e-12"):
+        assert word in result.stdout
+    with open("all.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == work_precision.COLUMNS
+    methods = {(row["integrator"], row["impact"]) for row in rows}
+    assert methods == {*METHODS, ("SciPy DOP853", "events")}
+    assert {row["scene"] for row in rows} == {*(s.name for s in accuracy_speed.SCENES), MEAN}
+    (row,) = (
+        row
+        for row in rows
+        if (row["scene"], row["error_kind"], row["steps_per_period"]) == (MEAN, STATE, "200")
+        and (row["integrator"], row["impact"]) == ("rk4", "cubic")
+    )
+    assert float(row["error"]) < 1e-6 and float(row["seconds_per_period"]) > 0.0
+    assert float(row["measured_order"]) == pytest.approx(4.0, abs=0.3)
+    assert row["tolerance"] == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("-o", "chart.jpg"), ("chart.jpg", ".png")),
+        (("-o", "nowhere/chart.png"), ("folder nowhere", "does not exist")),
+        (("--csv", "all.txt"), ("--csv all.txt ", ".csv")),
+        (("--csv", "nowhere/all.csv"), ("--csv nowhere/all.csv ", "existing folder")),
+        (("--threads", 0), ("--threads 0 ", "an integer from 1 to ")),
+    ],
+)
+def test_a_wrong_request_is_refused_before_work_begins(monkeypatch, arguments, parts):
+    monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: pytest.fail("it was run"))
+    result = call(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("vibroimpact: error: ") and result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    for part in parts:
+        assert part in result.stderr
+    assert not list(Path().iterdir())
+
+
+def test_what_cannot_be_written_fails_and_leaves_nothing(monkeypatch):
+    few = [made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)]
+    monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: few)
+    Path("all.csv").mkdir()
+    result = call("--csv", "all.csv")
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1].startswith("vibroimpact: error: ")
+    assert sorted(path.name for path in Path().iterdir()) == ["accuracy-speed.png", "all.csv"]
+
+
+def test_an_interrupt_exits_with_1(monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(accuracy_speed, "measure", interrupt)
+    result = call()
+    assert result.exit_code == 1
+    assert result.stderr == "vibroimpact: error: interrupted\n"
+    assert not list(Path().iterdir())
