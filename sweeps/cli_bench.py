@@ -39,3 +39,20 @@ def paper(
         typer.echo(f"vibroimpact: error: {error}", err=True)
         raise typer.Exit(2) from None
     typer.echo(output)
+
+
+@app.command()
+def speed(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer points and periods, in ten seconds.")
+    ] = False,
+) -> None:
+    """Show the forcing periods per second of this machine, and the share of its peak."""
+    from rich.console import Console
+
+    from sweeps.bench import speed
+    from sweeps.bench.speed_tables import table
+
+    title, rows = table(speed.measure(quick, progress=True))
+    typer.echo(title)
+    Console().print(rows)
