@@ -114,3 +114,16 @@ def paper(output: Figure = Path("paper.png")) -> None:
             typer.echo(title)
             Console().print(table)
         draw(measured, output)
+
+
+@app.command()
+def speed(quick: Quick = False) -> None:
+    """Show the forcing periods per second of this machine, and the share of its peak."""
+    from rich.console import Console
+
+    from sweeps.bench import speed
+    from sweeps.bench.speed_tables import table
+
+    title, rows = table(speed.measure(quick, progress=True))
+    typer.echo(title)
+    Console().print(rows)

@@ -55,6 +55,35 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     assert run(tmp_path) == (3.75, 0, 1)
 
 
+def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
+    """Both wait until the other is ready to compile; both are right, and so is what they leave."""
+    before, call = PROGRAM.split("glide_step(w", 1)
+    waiting = f"{before}print('ready', flush=True)\ninput()\nglide_step(w{call}"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", waiting],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    for process in both:
+        assert process.stdout.readline() == "ready\n"
+    for process in both:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    told = [process.communicate()[0].splitlines() for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert [lines[1] for lines in told] == ["2.75", "2.75"]
+    third = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
+    )
+    assert third.stdout.splitlines()[1:] == ["2.75", "1 0"]
+
+
 def test_fma_rounds_once():
     """(1 + e)^2 - (1 + 2 e) is e^2; rounded after the product it would be 0."""
     from numba import njit

@@ -1,0 +1,119 @@
+"""The gate on speed: the one table of limits, and the race that a benchmark runs against it.
+
+No time is absolute. Every benchmark runs interleaved with a reference on the same machine, times
+are CPU times, which other processes disturb little, and the best round of each counts. What is
+held against the limit is the ratio of the two.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+
+import llvmlite.binding as llvm
+import numba
+
+from yardstick import STEPS, yardstick
+
+#: The limits with vectors of 512 and of 256 bits: two thirds above what was measured on one server
+#: processor (Sapphire Rapids). The best of the rounds repeats to a tenth there; the rest is for
+#: other processors. A loop that is no longer vectorised takes three times as long. Where nothing is
+#: said of the unit, it is a step of the yardstick per forcing period of one point.
+LIMITS = {
+    "plain, euler": (2.25, 4.88),
+    "plain, semi-implicit-euler": (2.25, 4.88),
+    "plain, verlet": (2.25, 4.88),
+    "plain, newmark": (2.25, 4.88),
+    "plain, rk4": (2.25, 4.88),
+    "plain, exact": (2.38, 5.0),
+    "plain, rk4, all recorded": (5.12, 8.25),
+    "reduced-step, euler": (4.88, 8.88),
+    "reduced-step, semi-implicit-euler": (5.0, 9.0),
+    "reduced-step, verlet": (5.5, 9.38),
+    "reduced-step, newmark": (5.62, 9.5),
+    "reduced-step, rk4": (6.5, 10.2),
+    "reduced-step, exact": (8.38, 11.6),
+    "cubic, euler": (18.1, 23.2),
+    "cubic, semi-implicit-euler": (13.4, 17.6),
+    "cubic, verlet": (9.88, 13.6),
+    "cubic, newmark": (9.5, 13.5),
+    "cubic, rk4": (11.1, 15.4),
+    "cubic, exact": (12.8, 16.4),
+    "exact, exact": (8.62, 9.62),
+    "chatter": (214.0, 214.0),
+    "Lyapunov exponents on / off": (2.62, 3.0),
+    "the calling thread's share of all threads' time": (0.75, 0.75),
+    "run, from YAML to the closed file / kernel alone": (1.6, 1.6),
+    # Yardstick steps per number.
+    "store, written": (2.0, 2.0),
+    "store, read": (1.0, 1.0),
+    "--help / the bare interpreter": (5.0, 5.0),
+    "a second run / importing what it needs": (2.6, 2.6),
+}
+
+
+def cpu_features() -> frozenset[str]:
+    """Return the names of the processor's features that numba compiles for."""
+    features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
+    return frozenset(name[1:] for name in features.split(",") if name.startswith("+"))
+
+
+def limit(name: str) -> float:
+    """Return the limit of a benchmark on this processor."""
+    return LIMITS[name]["avx512f" not in cpu_features()]
+
+
+def cpu_seconds() -> float:
+    """Return the CPU time of this process, with all its threads and the children that ended."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+class Race:
+    """Runs one benchmark interleaved with its reference.
+
+    Parameters
+    ----------
+    benchmark : fixture
+        Of pytest-benchmark, with ``cpu_seconds`` as its timer.
+    ratios : list of (str, float, float)
+        Receives the name, the ratio and its limit.
+    """
+
+    def __init__(self, benchmark, ratios):
+        self._benchmark, self._ratios = benchmark, ratios
+
+    def run(self, name, ours, reference=yardstick, *, amount=1.0, of_reference=STEPS, rounds=15):
+        """Warm both up, time both in turn, and hold the ratio of the best rounds to the limit.
+
+        Parameters
+        ----------
+        name : str
+            In ``LIMITS``.
+        ours, reference : callable
+        amount, of_reference : float
+            What one call of each does, as forcing periods and steps.
+
+        Returns
+        -------
+        What `ours` returns.
+        """
+        spent = []
+
+        def clock_reference():
+            began = cpu_seconds()
+            reference()
+            spent.append(cpu_seconds() - began)
+
+        result = self._benchmark.pedantic(
+            ours, setup=clock_reference, rounds=rounds, warmup_rounds=1
+        )
+        best = self._benchmark.stats.stats.min
+        self.hold(name, best / amount / (min(spent[1:]) / of_reference))
+        return result
+
+    def hold(self, name, ratio):
+        """Note a ratio, and hold it to its limit."""
+        self._benchmark.extra_info.update(name=name, ratio=ratio, limit=limit(name))
+        self._ratios.append((name, ratio, limit(name)))
+        assert ratio <= limit(name), f"{name}: {ratio:.3g}, limit {limit(name):.3g}"

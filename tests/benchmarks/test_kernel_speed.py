@@ -1,0 +1,128 @@
+"""The kernel: every method, chatter, Lyapunov exponents, threads. Each answers before it counts."""
+
+import math
+import time
+
+import numba
+import numpy as np
+import pytest
+
+from limits import cpu_seconds
+from vibroimpact import Oscillator, one_impact_orbit, simulate
+from vibroimpact.attractors import integrate
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.status import Status
+
+pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
+
+METHODS = [
+    (rule, integrator)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != "exact" or integrator == "exact"
+]
+
+
+def along_omega(start, stop, count, **values):
+    """Return points, and their oscillators, with omega in a range."""
+    oscillators = [
+        Oscillator(omega=omega, f=1.0, **values) for omega in np.linspace(start, stop, count)
+    ]
+    return np.concatenate([one.at() for one in oscillators]), oscillators
+
+
+#: One impact in every period, from an orbit known in closed form.
+POINTS, OSCILLATORS = along_omega(2.0, 2.6, 1024, h=0.1, R=0.8)
+PERIODS = 100
+
+
+@pytest.mark.parametrize(("rule", "integrator"), METHODS)
+def test_methods(race, rule, integrator):
+    """Every method gives what ``simulate`` gives, and the exact one the closed form."""
+    steps = 32 if rule == "exact" else 100
+
+    def ours():
+        return integrate(
+            POINTS,
+            integrator=integrator,
+            impact=rule,
+            steps_per_period=steps,
+            transient=PERIODS - 1,
+            periods=1,
+            impacts=1,
+            threads=1,
+        )
+
+    found = race.run(f"{rule}, {integrator}", ours, amount=POINTS.size * PERIODS)
+    for i in (0, 500, POINTS.size - 1):
+        orbit = simulate(OSCILLATORS[i], PERIODS, integrator, rule, steps)
+        assert (found["poincare_x"][i, 0], found["poincare_v"][i, 0]) == (orbit.x[-1], orbit.v[-1])
+        assert found["impact_v"][i, 0] == orbit.impact_v[-1]
+    if rule == "exact":
+        closed = [one_impact_orbit(oscillator).v for oscillator in OSCILLATORS]
+        np.testing.assert_allclose(found["impact_v"][:, 0], closed, rtol=1e-9)
+
+
+def test_everything_recorded(race):
+    """Every impact of the record is counted, and the last of them kept."""
+
+    def ours():
+        return integrate(
+            POINTS, integrator="rk4", impact="plain", transient=0, periods=PERIODS, threads=1
+        )
+
+    found = race.run("plain, rk4, all recorded", ours, amount=POINTS.size * PERIODS)
+    orbit = simulate(OSCILLATORS[500], PERIODS, "rk4", "plain", 100)
+    assert found["impacts_per_period"][500] == len(orbit.impact_v) / PERIODS
+    np.testing.assert_array_equal(found["impact_v"][500], orbit.impact_v[-64:])
+
+
+def test_chatter(race):
+    """A complete chatter erases the past: the fraction of time at rest is the orbit's own."""
+    points, oscillators = along_omega(0.1, 0.6, 51, h=0.0, R=0.5)
+
+    def ours():
+        return integrate(points, transient=1, periods=20, threads=1)
+
+    found = race.run("chatter", ours, amount=points.size * 21)
+    assert (found["status"] == Status.CERTIFIED).all()
+    for i in (20, 30, 40):  # at omega = 0.2 it lands without speed, and the time of that is vague
+        began, ended = simulate(oscillators[i], 3).rests[1]
+        share = (ended - began) * points["omega"][i] / (2.0 * math.pi)
+        assert found["rest_fraction"][i] == pytest.approx(share, rel=1e-9)
+    assert share == pytest.approx(0.171, abs=5e-4)  # omega = 0.5
+
+
+def test_lyapunov(race):
+    """Their sum is -2h + 2 ln R times the impacts per unit time."""
+
+    def run(lyapunov):
+        return integrate(POINTS, transient=0, periods=PERIODS, lyapunov=lyapunov, threads=1)
+
+    found = race.run(
+        "Lyapunov exponents on / off", lambda: run(True), lambda: run(False), of_reference=1.0
+    )
+    rate = found["impacts_per_period"] * POINTS["omega"] / (2.0 * math.pi)
+    expected = -2.0 * POINTS["h"] + 2.0 * rate * np.log(POINTS["R"])
+    np.testing.assert_allclose(found["lyapunov"].sum(axis=1), expected, rtol=1e-9)
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
+def test_threads(race, benchmark):
+    """Two threads share the work evenly, as their CPU times show, and change no bit of it."""
+    shares = []
+
+    def ours(threads=2):
+        begin = time.thread_time(), time.process_time()
+        found = integrate(POINTS, transient=0, periods=PERIODS, threads=threads)
+        own, all_threads = time.thread_time() - begin[0], time.process_time() - begin[1]
+        shares.append(own / all_threads)
+        return found
+
+    alone = ours(threads=1)
+    assert shares.pop() > 0.9  # the caller works, too: otherwise its share says nothing
+    found = benchmark.pedantic(ours, rounds=10, warmup_rounds=1)
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, alone[name])
+    race.hold("the calling thread's share of all threads' time", float(np.median(shares)))

@@ -1,0 +1,54 @@
+"""The machine code of the hot loops: packed, fused, and as wide as the processor allows."""
+
+import re
+
+import numba
+import numpy as np
+import pytest
+
+from limits import cpu_features
+from vibroimpact import Oscillator
+from vibroimpact.attractors import default_steps
+from vibroimpact.flight import TERMS
+from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.kernel import SUMS, Tally, advance
+from vibroimpact.lanes import LANES, SIZE, STRIDE
+from vibroimpact.phases import one_period
+from vibroimpact.plain_lanes import advance_plain
+from vibroimpact.stop import new_scratch
+
+#: A step of a lane has eight multiply-adds, of which two begin with a product.
+FUSED = 6 * STRIDE
+
+
+def packed_instructions():
+    """Return the pattern of a fused multiply-add in the widest registers, or skip."""
+    features = cpu_features()
+    if "fma" in features:
+        registers = "zmm" if "avx512f" in features else "ymm"
+        return rf"\bvfn?m(?:add|sub)\d+pd\s.*%{registers}"
+    if "neon" in features:
+        return r"\bfml[as]\s+v\d+\.2d"
+    pytest.skip("a processor without fused multiply-adds")
+
+
+@pytest.mark.parametrize("rule", ["plain", "exact"])
+def test_the_hot_loop_is_packed_and_fused(rule):
+    """Compiled anew, since of what comes from the disk cache numba shows no assembly."""
+    points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), LANES)
+    grid = one_period(0.0, default_steps(points, rule))
+    tally = Tally(np.empty((LANES, 1, 2)), np.empty((LANES, 1, 2)), np.zeros(LANES, SUMS))
+    w = np.zeros(SIZE)
+    if rule == "plain":
+        loop, arguments = advance_plain, (w, 0, LANES, grid, False, tally)
+    else:
+        codes = IMPACT_RULES[rule].code, INTEGRATORS["exact"].code
+        taylor, scratch = np.zeros((LANES, 4, TERMS)), new_scratch()
+        loop = advance
+        arguments = (w, taylor, 0, points, *codes, grid, False, False, tally, scratch)
+    options = {k: v for k, v in loop.targetoptions.items() if k not in ("cache", "nopython")}
+    anew = numba.njit(loop.py_func, **options)
+    anew.compile(tuple(map(numba.typeof, arguments)))
+    assembly = "\n".join(anew.inspect_asm().values())
+    assert len(re.findall(packed_instructions(), assembly)) >= FUSED
