@@ -5,16 +5,23 @@ What a command needs is imported inside it, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
+import os
+import shlex
 import signal
+import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
 from sweeps import cli_bench
+
+if TYPE_CHECKING:
+    from sweeps.config import SweepConfig
 
 
 class _Commands(TyperGroup):
@@ -45,7 +52,15 @@ SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a
 
 def main() -> None:
     """Run the command line; exits with 0 done, 1 failed or interrupted, 2 request refused."""
-    app(prog_name="vibroimpact")
+    try:
+        app(prog_name="vibroimpact")
+    except SystemExit as end:
+        if threading.active_count() > 1 and isinstance(end.code, int):
+            # An interrupted run is still in the kernel, and its file is closed.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code)
+        raise
 
 
 def _stop(code: int, error: object) -> NoReturn:
@@ -111,50 +126,81 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compute the sweep that CONFIG describes."""
+    from sweeps.errors import StoreError
+    from sweeps.loading import ConfigError, load_config
+
     with _termination_as_interrupt():
-        _run(config, output, overrides or (), threads, dry_run, overwrite, quiet)
+        try:
+            if resume and overwrite:
+                _stop(REFUSED, "--resume and --overwrite exclude each other; give one of them")
+            _check_threads(threads)
+            sweep = load_config(config, overrides or ())
+            path = output or sweep.output
+            if dry_run:
+                typer.echo(_dry_run(sweep, path, threads, overwrite=overwrite, resume=resume))
+            else:
+                again = _go_on(config, output, overrides or (), threads, quiet)
+                _run(sweep, path, again, threads, quiet, overwrite=overwrite, resume=resume)
+        except (ConfigError, StoreError) as error:
+            _stop(REFUSED, error)
+
+
+def _dry_run(sweep: SweepConfig, path: Path, threads: int | None, **existing: bool) -> str:
+    from sweeps.limits import estimate
+    from sweeps.reports import plan
+    from sweeps.store import check_output
+
+    check_output(path, **existing)
+    cost = estimate(sweep, threads)
+    check_output(path, **existing, size=cost.disk)
+    return plan(sweep, path, cost)
 
 
 def _run(
-    config: Path,
-    output: Path | None,
-    overrides: Sequence[str],
+    sweep: SweepConfig,
+    path: Path,
+    again: str,
     threads: int | None,
-    dry_run: bool,
-    overwrite: bool,
     quiet: bool,
+    **existing: bool,
 ) -> None:
     from sweeps import reports
-    from sweeps.loading import ConfigError, load_config
-    from sweeps.store import StoreError, check_output
-
-    try:
-        _check_threads(threads)
-        sweep = load_config(config, overrides)
-        path = output or sweep.output
-        check_output(path, overwrite, reports.estimated_size(sweep))
-    except (ConfigError, StoreError) as error:
-        _stop(REFUSED, error)
-    if dry_run:
-        typer.echo(reports.plan(sweep, path))
-        return
+    from sweeps.errors import StoreFailure
 
     try:
         from sweeps.runner import run_sweep
 
-        path = run_sweep(sweep, path, threads=threads, overwrite=overwrite, progress=not quiet)
+        path = run_sweep(sweep, path, threads=threads, progress=not quiet, **existing)
     except KeyboardInterrupt:
-        _stop(FAILED, f"interrupted; {reports.kept(path)}")
-    except (StoreError, OSError, MemoryError) as error:
-        # The request was accepted above, so this is a full disk or the like.
+        _stop(FAILED, f"interrupted; {reports.kept(path, again)}")
+    except (StoreFailure, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
-        _stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
+        _stop(FAILED, f"the run failed: {reason}; {reports.kept(path, again)}")
     if not quiet:
         typer.echo(reports.summary(path))
+
+
+def _go_on(
+    config: Path,
+    output: Path | None,
+    overrides: Sequence[str],
+    threads: int | None,
+    quiet: bool,
+) -> str:
+    """Return the command that goes on with a run."""
+    command = ["vibroimpact", "run", str(config)]
+    command += ["-o", str(output)] if output else []
+    command += [part for override in overrides for part in ("--set", override)]
+    command += ["--threads", str(threads)] if threads else []
+    command += ["--quiet"] if quiet else []
+    return shlex.join([*command, "--resume"])
 
 
 def _check_threads(threads: int | None) -> None:
@@ -196,7 +242,8 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a picture from the file of a sweep."""
-    from sweeps.store import StoreError, open_sweep
+    from sweeps.errors import StoreError
+    from sweeps.store import open_sweep
 
     cuts = _cuts(at or ())
     try:
@@ -239,8 +286,9 @@ def _cut(text: str) -> tuple[str, float]:
 @app.command()
 def info(file: SweepFile) -> None:
     """Show what the file of a sweep holds, with its configuration."""
+    from sweeps.errors import StoreError
     from sweeps.reports import contents
-    from sweeps.store import StoreError, open_sweep
+    from sweeps.store import open_sweep
 
     try:
         with open_sweep(file) as dataset:

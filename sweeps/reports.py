@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sweeps.config import SweepConfig
+    from sweeps.limits import Cost
     from vibroimpact.status import Status
 
 
-def plan(sweep: SweepConfig, path: Path) -> str:
+def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep before it is run."""
     from sweeps.variables import shown_bytes
 
     periods = sweep.grid.size * (sweep.record.transient + sweep.record.periods)
     axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
+    compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
     return _table(
         [
             ("name", sweep.name),
@@ -32,41 +34,37 @@ def plan(sweep: SweepConfig, path: Path) -> str:
             ("forcing periods", f"{periods:,}"),
             ("steps per period", f"{sweep.steps:,}"),
             ("steps", f"{periods * sweep.steps:,}"),
-            ("estimated size", shown_bytes(estimated_size(sweep))),
+            ("expected time", f"about {_duration(cost.seconds)}"),
+            ("size of the file", shown_bytes(cost.file) + compressed),
+            ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
             ("output", str(path)),
         ]
     )
-
-
-def estimated_size(sweep: SweepConfig) -> int:
-    """Return about how many bytes the file of a sweep will have."""
-    from sweeps.variables import bytes_per_point
-
-    return sweep.grid.size * bytes_per_point(sweep.widths, sweep.record.diagnostics)
 
 
 def summary(path: Path) -> str:
     """Describe a sweep after it was run, with the command to type next."""
     from sweeps.store import open_sweep, status_counts
 
-    with open_sweep(path) as dataset:
+    with open_sweep(path, verify=False) as dataset:
         seconds = float(dataset.attrs["duration"])
         outcome = f"{path}: {_outcomes(status_counts(dataset))}"
-    return f"{outcome} in {seconds:.3g} s\nnext: vibroimpact plot {shlex.quote(str(path))}"
+    return f"{outcome} in {_duration(seconds)}\nnext: vibroimpact plot {shlex.quote(str(path))}"
 
 
-def kept(path: Path) -> str:
-    """Say what a run that ended early left behind."""
+def kept(path: Path, command: str) -> str:
+    """Say what a run that ended early left behind, and which command goes on."""
     from sweeps.store import StoreError, open_sweep, status_counts
     from vibroimpact.status import Status
 
     try:
-        with open_sweep(path) as dataset:
+        with open_sweep(path, verify=False) as dataset:
             counts = status_counts(dataset)
     except StoreError:
         return "nothing is kept"
     points = sum(counts.values())
-    return f"{points - counts[Status.PENDING]:,} of {_count(points, 'point')} kept in {path}"
+    done = points - counts[Status.PENDING]
+    return f"{done:,} of {_count(points, 'point')} kept in {path}; to go on: {command}"
 
 
 def contents(dataset: xr.Dataset) -> str:
@@ -83,6 +81,14 @@ def contents(dataset: xr.Dataset) -> str:
         sizes = ", ".join(f"{dim}: {size}" for dim, size in variable.sizes.items())
         rows.append(("variable", f"{name} ({sizes})"))
     return f"{_table(rows)}\n\n{configuration}"
+
+
+def _duration(seconds: float) -> str:
+    """Write a time with the unit that suits it."""
+    for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
+        if seconds < limit:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 86400:,.3g} days"
 
 
 def _table(rows: list[tuple[str, str]]) -> str:
