@@ -121,13 +121,8 @@ class Ledger:
         return cls(descriptor, start, np.frombuffer(rows, ROW).copy(), filled)
 
     def entered(self) -> np.ndarray:
-        """Return which blocks have a row."""
+        """Return which blocks have a row that was written to the end."""
         return self.rows["check"] == _check(self.rows)
-
-    def garbled(self) -> np.ndarray:
-        """Return which rows are neither empty nor what was written."""
-        empty = self.rows == np.zeros((), ROW)
-        return ~self.entered() & ~empty
 
     def enter(self, index: int, crc: int, samples: int = 0) -> None:
         """Write the row of a block."""

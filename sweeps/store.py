@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -118,7 +119,7 @@ class SweepFile:
 
     def damaged(self) -> np.ndarray:
         """Return which blocks are not as they were written."""
-        present = self.present()
+        indices = np.flatnonzero(self.present()).tolist()
 
         def fits(index: int) -> bool:
             try:
@@ -127,8 +128,7 @@ class SweepFile:
                 return False
             return checksum(arrays.values()) == self.ledger.rows["crc"][index]
 
-        indices = np.flatnonzero(present).tolist()
-        damaged = self.ledger.garbled()
+        damaged = np.zeros(len(self.layout.blocks), bool)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             damaged[indices] = ~np.fromiter(pool.map(fits, indices), bool, len(indices))
         return damaged
@@ -214,7 +214,8 @@ def _check_format(path: Path, attributes: Mapping[str, object]) -> None:
 
 def reason(error: Exception) -> str:
     """Say what went wrong, without HDF5's buffer addresses and line breaks."""
-    number = getattr(error, "errno", None)
+    told = re.search(r"errno = (\d+)", str(error))
+    number = getattr(error, "errno", None) or (told and int(told[1]))
     return os.strerror(number) if number else str(error).splitlines()[0]
 
 

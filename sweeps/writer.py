@@ -91,6 +91,7 @@ class SweepWriter:
         self._path = path
         self._given = given
         self._started = time.monotonic()
+        self._changed = False
         self.damage = ""
         self._open()
         with sweep_file(path) as sweep:
@@ -168,7 +169,7 @@ class SweepWriter:
                 self._rewrite(self.layout.with_samples(longest), compressed=compressed)
 
     def close(self) -> None:
-        """Write the duration and close the file.
+        """Write the duration, if anything else was written, and close the file.
 
         Raises
         ------
@@ -177,9 +178,10 @@ class SweepWriter:
         """
         spent = self._spent + time.monotonic() - self._started
         try:
-            with _failure(self._given, "written"):
-                write_duration(self._descriptor, self._ledger.filled[0][0], spent)
-                os.fsync(self._descriptor)
+            if self._changed:
+                with _failure(self._given, "written"):
+                    write_duration(self._descriptor, self._ledger.filled[0][0], spent)
+                    os.fsync(self._descriptor)
         finally:
             os.close(self._descriptor)
 
@@ -221,6 +223,7 @@ class SweepWriter:
     def _enter(self, index: int, arrays: Mapping[str, np.ndarray], samples: int) -> None:
         self._ledger.enter(index, checksum(arrays.values()), samples)
         self._present[index] = True
+        self._changed = True
 
     def _rewrite(self, layout: Layout, *, compressed: bool = False) -> None:
         """Replace the file by one of another layout with the same blocks in it."""
@@ -245,7 +248,9 @@ class SweepWriter:
                     copy._enter(index, arrays, samples[index])
                 copy.close()
         os.close(self._descriptor)
+        spent = self._spent
         self._open()
+        self._spent, self._changed = spent, True
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
