@@ -23,9 +23,9 @@ def only_writer(path: Path) -> Iterator[None]:
     StoreError
         If another process has it, or there can be no such file.
     """
-    real = path.resolve()
-    name = real.with_name(f"{real.name}.lock")
     try:
+        real = path.resolve()
+        name = real.with_name(f"{real.name}.lock")
         lock = _locked(name)
     except BlockingIOError:
         raise StoreError(
@@ -36,8 +36,9 @@ def only_writer(path: Path) -> Iterator[None]:
         raise StoreError(
             f"the folder {path.parent} of the output {path.name} does not exist"
         ) from None
-    except OSError as error:
-        raise StoreError(f"{path} cannot be locked for writing: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        reason = getattr(error, "strerror", None) or error
+        raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason}") from None
     try:
         os.ftruncate(lock, 0)
         os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)

@@ -45,6 +45,12 @@ def check_output(
             f"the output {path} is to be an HDF5 file, whose name does not end in {path.suffix}; "
             f"did you mean {path.with_suffix('.h5')}?"
         )
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # too long a name, a null byte
+        raise StoreError(f"the output {str(path)!r} cannot be used: {reason(error)}") from None
     if not path.parent.is_dir():
         raise StoreError(f"the folder {path.parent} of the output {path.name} does not exist")
     if path.is_dir():
@@ -166,14 +172,14 @@ def sweep_file(path: Path) -> Iterator[SweepFile]:
     StoreError
         As from `open_sweep`.
     """
-    if path.is_dir():
-        raise StoreError(f"{path} is a directory, not the file of a sweep")
-    if not path.exists():
-        raise StoreError(f"{path} does not exist")
     try:
+        if path.is_dir():
+            raise StoreError(f"{path} is a directory, not the file of a sweep")
         descriptor = os.open(path, os.O_RDONLY)
-    except OSError as error:
-        raise StoreError(f"{path} cannot be read: {reason(error)}") from error
+    except FileNotFoundError:
+        raise StoreError(f"{path} does not exist") from None
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
     try:
         ledger = Ledger.read(descriptor)
         if ledger is None:
