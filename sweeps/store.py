@@ -7,7 +7,7 @@ import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -95,10 +95,10 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
         If there is no such file, it is not a readable sweep of this format, or it is damaged.
     """
     path = Path(path)
-    with sweep_file(path) as sweep:
-        if verify:
-            sweep.refuse_damage()
     try:
+        with sweep_file(path) as sweep:
+            if verify:
+                sweep.refuse_damage()
         return xr.open_dataset(path, engine="h5netcdf")
     except OSError as error:
         raise StoreError(f"{path} cannot be read: {reason(error)}") from error
@@ -172,6 +172,11 @@ def sweep_file(path: Path) -> Iterator[SweepFile]:
     StoreError
         As from `open_sweep`.
     """
+    with ExitStack() as stack:
+        yield _opened(path, stack)
+
+
+def _opened(path: Path, stack: ExitStack) -> SweepFile:
     try:
         if path.is_dir():
             raise StoreError(f"{path} is a directory, not the file of a sweep")
@@ -180,13 +185,14 @@ def sweep_file(path: Path) -> Iterator[SweepFile]:
         raise StoreError(f"{path} does not exist") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
+    stack.callback(os.close, descriptor)
     try:
         ledger = Ledger.read(descriptor)
         if ledger is None:
             _refuse_foreign(path)
-        with h5py.File(path, "r") as file:
-            _check_format(path, file.attrs)
-            yield SweepFile(path, file, ledger, Layout.read(file))
+        file = stack.enter_context(h5py.File(path, "r"))
+        _check_format(path, file.attrs)
+        return SweepFile(path, file, ledger, Layout.read(file))
     except DamageError:
         raise StoreError(
             f"{path} is damaged outside its results, truncated, or changed by another program: "
@@ -194,8 +200,6 @@ def sweep_file(path: Path) -> Iterator[SweepFile]:
         ) from None
     except OSError as error:
         raise StoreError(f"{path} cannot be read, it may be truncated: {reason(error)}") from error
-    finally:
-        os.close(descriptor)
 
 
 def _refuse_foreign(path: Path) -> NoReturn:

@@ -318,6 +318,21 @@ def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path, small_dis
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, small_disk, whole, compressed):
+    path = tmp_path / "out.h5"
+    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be completed: File too large$"):
+        with sweep_writer(path, layout()) as store:
+            for block in store.pending():
+                store.write(block, results(block))
+            small_disk(12_000)
+            store.finish(compressed=compressed)
+    small_disk(resource.RLIM_INFINITY)
+    assert [file.name for file in tmp_path.iterdir() if file.suffix != ".h5"] == []
+    fill(path, compressed=compressed, resume=True)
+    xr.testing.assert_identical(data(path), whole)
+
+
 def test_a_disk_that_fills_up_loses_nothing(tmp_path, small_disk, whole):
     """Only a longer trajectory, or a compressed copy, takes more room than there was."""
     path = tmp_path / "out.h5"
