@@ -5,6 +5,7 @@ As in ``cli.py``, what a report needs is imported inside it.
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -68,23 +69,42 @@ def kept(path: Path, command: str) -> str:
 
 
 def contents(dataset: xr.Dataset) -> str:
-    """Describe an opened sweep: attributes, outcome, axes, variables and configuration."""
+    """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     from sweeps.store import status_counts
+    from sweeps.variables import VARIABLES
 
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
-    rows = [(str(name), str(value)) for name, value in attributes.items()]
-    rows.append(("points", _outcomes(status_counts(dataset))))
-    axes = map(str, dataset["status"].dims)
-    rows += [("axis", _axis(axis, dataset[axis].values)) for axis in axes]
-    for name, variable in dataset.data_vars.items():
-        sizes = ", ".join(f"{dim}: {size}" for dim, size in variable.sizes.items())
-        rows.append(("variable", f"{name} ({sizes})"))
+    rows = [
+        ("name", str(attributes.pop("name"))),
+        ("points", _outcomes(status_counts(dataset))),
+        *(("axis", _axis(str(axis), dataset[axis].values)) for axis in dataset["status"].dims),
+    ]
+    names = [name for name in VARIABLES if name in dataset]
+    shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
+    width = max(map(len, shapes))
+    rows += [
+        ("variable", f"{shape:{width}}  {_meaning(dataset[name])}")
+        for name, shape in zip(names, shapes, strict=True)
+    ]
+    attributes["duration"] = _duration(float(attributes["duration"]))
+    rows += [(str(name), str(value)) for name, value in attributes.items()]
     return f"{_table(rows)}\n\n{configuration}"
 
 
+def _sizes(variable: xr.DataArray) -> str:
+    return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
+
+
+def _meaning(variable: xr.DataArray) -> str:
+    unit = variable.attrs["units"]
+    return variable.attrs["long_name"] + ("" if unit == "1" else f" [{unit}]")
+
+
 def _duration(seconds: float) -> str:
-    """Write a time with the unit that suits it."""
+    """Write a time with the unit that suits it; NaN where a run was killed."""
+    if math.isnan(seconds):
+        return "unknown"
     for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
         if seconds < limit:
             return f"{seconds / size:.3g} {unit}"

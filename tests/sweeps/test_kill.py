@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
 import sweeps
+from sweeps.cli import app
 from sweeps.store import open_sweep
 from vibroimpact.status import Status
 
@@ -127,6 +129,8 @@ def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
     assert sorted(path.name for path in Path().iterdir()) == ["long one.h5", "sweep.yaml"]
     with open_sweep("long one.h5") as dataset:
         assert (dataset["status"] == Status.PENDING).all()
+    told = CliRunner().invoke(app, ["info", "long one.h5"])
+    assert "2 points, of which 2 PENDING (not computed yet)" in told.stdout
 
 
 def test_an_interrupted_run_goes_on_with_the_command_it_names():
@@ -138,6 +142,8 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names():
         if Path("sweep.h5").exists():
             with open_sweep("sweep.h5") as dataset:
                 done = int((dataset["status"] != Status.PENDING).sum())
+    picture = CliRunner().invoke(app, ["plot", "sweep.h5"])  # while it is being written
+    assert picture.exit_code == 0, picture.output
     process.send_signal(signal.SIGINT)
     code, stderr = ended(process)
     assert code == 1
