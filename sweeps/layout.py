@@ -15,7 +15,8 @@ is that everything is filled with NaN first: 1 to 2 % of a run of 200 + 100 forc
 where there is no transient.
 
 A compressed chunk has no place before it is compressed, so a file is compressed when it is
-complete, into a copy that takes its place. Measured with shuffle and gzip at level 1: 3 % of the
+complete, into a copy that takes its place; its room is reserved first, since HDF5 kills the
+process when it closes a file on a full disk. Measured with shuffle and gzip at level 1: 3 % of the
 size for periodic attractors, 34 % for a bifurcation diagram, 62 % for chaos, at 12 to 24 % of the
 time of computing them, and three to ten times the time of reading; level 9 takes four times as long
 for 1 % less. So it is off by default.
@@ -165,6 +166,21 @@ class Layout:
         record = VARIABLES[name].record
         return (*self.shape, len(self.records[record])) if record else self.shape
 
+    @property
+    def size(self) -> int:
+        """Bytes that a file takes at most, compressed or not."""
+        data = sum(
+            math.prod(self.shape_of(name)) * np.dtype(VARIABLES[name].dtype).itemsize
+            for name in self.variables
+        )
+        coordinates = 8 * sum(map(len, (*self.axes.values(), *self.records.values())))
+        texts = sum(len(str(text)) for text in self.attributes.values())
+        each_block = 16 * len(self.axes) + ROW.itemsize
+        # Incompressible data grow by less than 1 %; HDF5 takes about 20 kB, and more for chunks.
+        return (
+            data * 102 // 100 + coordinates + 2 * texts + each_block * len(self.blocks) + (1 << 17)
+        )
+
     def with_samples(self, width: int) -> Self:
         """Return the same with another width of the trajectories, if there are any."""
         if "sample" not in self.records:
@@ -180,15 +196,15 @@ def create(path: Path, layout: Layout) -> None:
     OSError, RuntimeError, ValueError
         If the disk is full, or HDF5 cannot do it.
     """
+    _reserve(path, layout.size)
     with h5py.File(path, "w", libver="earliest") as file:
         _describe(file, layout)
         for name in layout.variables:
             _add_variable(file, layout, name, dcpl=_reserved())
     _add_ledger(path, layout)
+    _reserve(path, path.stat().st_size)
     descriptor = os.open(path, os.O_RDWR)
     try:
-        if hasattr(os, "posix_fallocate"):  # tells at once of a full disk, and halves the time
-            os.posix_fallocate(descriptor, 0, os.fstat(descriptor).st_size)
         for name, start in places(path).items():
             dtype = np.dtype(VARIABLES[name].dtype)
             _fill(descriptor, start, math.prod(layout.shape_of(name)), _fill_value(dtype), dtype)
@@ -211,10 +227,13 @@ def pack(
         As from `create`.
     """
     rows = np.zeros(len(layout.blocks), ROW)
-    with h5py.File(path, "w", libver="earliest", rdcc_nbytes=_CACHE) as file:
+    _reserve(path, layout.size)
+    with h5py.File(path, "w", libver="earliest") as file:
         _describe(file, layout)
         for name in layout.variables:
             _add_variable(file, layout, name, **_filters(layout.shape_of(name)))
+    _reserve(path, layout.size)  # what is not needed is given back when the file is closed
+    with h5py.File(path, "r+", libver="earliest", rdcc_nbytes=_CACHE) as file:
         for index, block in enumerate(layout.blocks):
             arrays = read(index)
             for name, array in arrays.items():
@@ -226,6 +245,19 @@ def pack(
         _seal(path, descriptor, rows)
     finally:
         os.close(descriptor)
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Take the room for a file of that size.
+
+    HDF5 must not meet a full disk: it then kills the process when it closes the file.
+    """
+    if hasattr(os, "posix_fallocate"):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            os.posix_fallocate(descriptor, 0, size)
+        finally:
+            os.close(descriptor)
 
 
 def _describe(file: h5py.File, layout: Layout) -> None:

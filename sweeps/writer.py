@@ -349,5 +349,5 @@ def _failure(path: Path, what: str) -> Iterator[None]:
     """Turn the errors of the disk and of HDF5 into a StoreFailure."""
     try:
         yield
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, OverflowError) as error:
         raise StoreFailure(f"{path} cannot be {what}: {reason(error)}") from error
