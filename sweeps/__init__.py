@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sweeps.config import SweepConfig as SweepConfig
+    from sweeps.errors import StoreError as StoreError
     from sweeps.loading import ConfigError as ConfigError
     from sweeps.loading import load_config as load_config
     from sweeps.runner import run_sweep as run_sweep
-    from sweeps.store import StoreError as StoreError
     from sweeps.store import open_sweep as open_sweep
 
 _HOME = {
     "ConfigError": "sweeps.loading",
-    "StoreError": "sweeps.store",
+    "StoreError": "sweeps.errors",
     "SweepConfig": "sweeps.config",
     "load_config": "sweeps.loading",
     "open_sweep": "sweeps.store",

@@ -5,7 +5,11 @@ What a command needs is imported inside it, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
+import os
+import shlex
 import signal
+import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +23,8 @@ from sweeps.exits import FAILED, REFUSED, check_threads, stop
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from sweeps.config import SweepConfig
 
 
 class _Commands(TyperGroup):
@@ -47,7 +53,15 @@ SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a
 
 def main() -> None:
     """Run the command line; exits with 0 done, 1 failed or interrupted, 2 request refused."""
-    app(prog_name="vibroimpact")
+    try:
+        app(prog_name="vibroimpact")
+    except SystemExit as end:
+        if threading.active_count() > 1 and isinstance(end.code, int):
+            # An interrupted run is still in the kernel, and its file is closed.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code)
+        raise
 
 
 @contextmanager
@@ -113,54 +127,94 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
+    from sweeps.errors import StoreError
+    from sweeps.loading import ConfigError, load_config
+    from sweeps.store import check_output
+
+    existing = {"overwrite": overwrite, "resume": resume}
     with _termination_as_interrupt():
-        _run(configs, output, overrides or (), threads, dry_run, overwrite, quiet)
+        try:
+            if resume and overwrite:
+                stop(REFUSED, "--resume and --overwrite exclude each other; give one of them")
+            check_threads(threads)
+            sweeps = [load_config(config, overrides or ()) for config in configs]
+            paths = _targets(configs, output, [sweep.output for sweep in sweeps])
+            for path in paths:
+                check_output(path, **existing)
+            if dry_run:
+                texts = [
+                    _plan(sweep, path, threads, **existing)
+                    for sweep, path in zip(sweeps, paths, strict=True)
+                ]
+                typer.echo("\n\n".join(texts))
+                return
+            for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
+                again = _go_on(configs[i:], output, overrides or (), threads, quiet)
+                _run(sweep, path, again, threads, quiet, **existing)
+        except (ConfigError, StoreError) as error:
+            stop(REFUSED, error)
+    if not quiet:
+        from sweeps.reports import next_command
+
+        typer.echo(next_command(paths))
+
+
+def _plan(sweep: SweepConfig, path: Path, threads: int | None, **existing: bool) -> str:
+    """Return what a sweep takes, or refuse it where that is too much."""
+    from sweeps.limits import estimate
+    from sweeps.reports import plan
+    from sweeps.store import check_output
+
+    cost = estimate(sweep, threads)
+    check_output(path, **existing, size=cost.disk)
+    return plan(sweep, path, cost)
 
 
 def _run(
+    sweep: SweepConfig,
+    path: Path,
+    again: str,
+    threads: int | None,
+    quiet: bool,
+    **existing: bool,
+) -> None:
+    from sweeps import reports
+    from sweeps.errors import StoreFailure
+
+    try:
+        from sweeps.runner import run_sweep
+
+        path = run_sweep(sweep, path, threads=threads, progress=not quiet, **existing)
+    except KeyboardInterrupt:
+        stop(FAILED, f"interrupted; {reports.kept(path, again)}")
+    except (StoreFailure, OSError, MemoryError) as error:
+        reason = str(error) or type(error).__name__
+        stop(FAILED, f"the run failed: {reason}; {reports.kept(path, again)}")
+    if not quiet:
+        typer.echo(reports.summary(path))
+
+
+def _go_on(
     configs: Sequence[Path],
     output: Path | None,
     overrides: Sequence[str],
     threads: int | None,
-    dry_run: bool,
-    overwrite: bool,
     quiet: bool,
-) -> None:
-    from sweeps import reports
-    from sweeps.loading import ConfigError, load_config
-    from sweeps.store import StoreError, check_output
-
-    try:
-        check_threads(threads)
-        sweeps = [load_config(config, overrides) for config in configs]
-        paths = _targets(configs, output, [sweep.output for sweep in sweeps])
-        for sweep, path in zip(sweeps, paths, strict=True):
-            check_output(path, overwrite, reports.estimated_size(sweep))
-    except (ConfigError, StoreError) as error:
-        stop(REFUSED, error)
-    if dry_run:
-        typer.echo("\n\n".join(map(reports.plan, sweeps, paths)))
-        return
-
-    for sweep, path in zip(sweeps, paths, strict=True):
-        try:
-            from sweeps.runner import run_sweep
-
-            run_sweep(sweep, path, threads=threads, overwrite=overwrite, progress=not quiet)
-        except KeyboardInterrupt:
-            stop(FAILED, f"interrupted; {reports.kept(path)}")
-        except (StoreError, OSError, MemoryError) as error:
-            # The request was accepted above, so this is a full disk or the like.
-            reason = str(error) or type(error).__name__
-            stop(FAILED, f"the run failed: {reason}; {reports.kept(path)}")
-        if not quiet:
-            typer.echo(reports.summary(path))
-    if not quiet:
-        typer.echo(reports.next_command(paths))
+) -> str:
+    """Return the command that goes on with a run."""
+    command = ["vibroimpact", "run", *map(str, configs)]
+    command += ["-o", str(output)] if output else []
+    command += [part for override in overrides for part in ("--set", override)]
+    command += ["--threads", str(threads)] if threads else []
+    command += ["--quiet"] if quiet else []
+    return shlex.join([*command, "--resume"])
 
 
 def _targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) -> list[Path]:
@@ -217,7 +271,8 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.store import StoreError, open_sweep
+    from sweeps.errors import StoreError
+    from sweeps.store import open_sweep
 
     cuts = _cuts(at or ())
     figures = _targets(files, output, [file.with_suffix(".png") for file in files])
@@ -275,8 +330,9 @@ def _cut(text: str) -> tuple[str, float]:
 @app.command()
 def info(file: SweepFile) -> None:
     """Show what the file of a sweep holds, with its configuration."""
+    from sweeps.errors import StoreError
     from sweeps.reports import contents
-    from sweeps.store import StoreError, open_sweep
+    from sweeps.store import open_sweep
 
     try:
         with open_sweep(file) as dataset:

@@ -6,7 +6,7 @@ The names, ranges and defaults of the parameters are those of ``vibroimpact.osci
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -50,6 +50,9 @@ from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.oscillator import PARAMETERS
 
+#: How a complete file can be compressed.
+COMPRESSIONS = ("none", "gzip")
+
 #: What can be computed of each point beside what is always recorded.
 DIAGNOSTICS = ("period", "lyapunov")
 
@@ -60,7 +63,7 @@ _MOST_RECORDED = 1_000_000
 _MOST_SAMPLES = 10_000_000
 
 
-def _choice(meaning: str, table: Mapping[str, object], default: str) -> Any:
+def _choice(meaning: str, table: Collection[str], default: str) -> Any:
     text = f"{meaning}: {', '.join(table)}"
     return Field(default, description=text, json_schema_extra={"enum": [*table]})
 
@@ -239,6 +242,9 @@ class SweepConfig(Section):
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
     )
+    compression: Annotated[str, known(COMPRESSIONS)] = _choice(
+        "how the file is compressed when it is complete", COMPRESSIONS, "none"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -363,12 +369,12 @@ class SweepConfig(Section):
         return Grid(axes, fixed)
 
     def to_yaml(self) -> str:
-        """Return the configuration with every default but without `output`, as YAML.
+        """Return the configuration with every default but without where and how it is stored.
 
         Loading it gives the same sweep: the same values and steps, and the axes in the same order.
         """
         plain = _plain(self)
-        del plain["output"]
+        del plain["output"], plain["compression"]
         if self.method.accuracy is not None:
             plain["method"] = {"accuracy": self.method.accuracy}
         else:

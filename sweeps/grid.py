@@ -14,6 +14,11 @@ from vibroimpact.oscillator import POINT
 Block = tuple[slice, ...]
 
 
+def block_points(block: Block) -> int:
+    """Return the number of points in a block."""
+    return math.prod(cut.stop - cut.start for cut in block)
+
+
 @dataclass(frozen=True)
 class Grid:
     """The Cartesian product of the swept axes.

@@ -16,6 +16,11 @@ from pydantic_core import ErrorDetails
 from sweeps.config import RecordSection, SweepConfig, Trajectory, key_list
 from sweeps.values import Key, MisplacedError, Range, Section, nearest, suggestion
 
+#: A longer file is none that was typed; a long axis is better told as a range.
+_MOST_BYTES = 250_000
+#: The schema has four levels.
+_DEEPEST = 16
+
 
 class ConfigError(ValueError):
     """The configuration is refused; the text is for the user, one line per error."""
@@ -58,7 +63,11 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) <= _MOST_BYTES:
+            return data.decode("utf-8-sig")
+        reason = f"longer than {_MOST_BYTES:,} bytes"
     except OSError as error:
         reason = error.strerror or type(error).__name__
     except ValueError as error:
@@ -73,12 +82,20 @@ class _Loader(yaml.BaseLoader):
     8 and the 90 that it makes of them.
     """
 
+    _depth = 0
+
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
             problem = "aliases and tags are not allowed"
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-        return super().compose_node(parent, index)
+        if self._depth == _DEEPEST:
+            problem = f"more than {_DEEPEST} levels are not allowed"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:

@@ -5,6 +5,7 @@ As in ``cli.py``, what a report needs is imported inside it.
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -16,10 +17,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sweeps.config import SweepConfig
+    from sweeps.limits import Cost
     from vibroimpact.status import Status
 
 
-def plan(sweep: SweepConfig, path: Path) -> str:
+def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep before it is run."""
     from sweeps.variables import shown_bytes
 
@@ -32,6 +34,7 @@ def plan(sweep: SweepConfig, path: Path) -> str:
     if sweep.method.accuracy is not None:
         asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
         steps = [("method", asked)]
+    compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
     return _table(
         [
             ("name", sweep.name),
@@ -39,27 +42,22 @@ def plan(sweep: SweepConfig, path: Path) -> str:
             ("points", f"{sweep.grid.size:,}"),
             ("forcing periods", f"{periods:,}"),
             *steps,
-            ("estimated size", shown_bytes(estimated_size(sweep))),
+            ("expected time", f"about {_duration(cost.seconds)}"),
+            ("size of the file", shown_bytes(cost.file) + compressed),
+            ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
             ("output", str(path)),
         ]
     )
-
-
-def estimated_size(sweep: SweepConfig) -> int:
-    """Return about how many bytes the file of a sweep will have."""
-    from sweeps.variables import bytes_per_point
-
-    return sweep.grid.size * bytes_per_point(sweep.widths, sweep.record.diagnostics)
 
 
 def summary(path: Path) -> str:
     """Describe a sweep after it was run."""
     from sweeps.store import open_sweep, status_counts
 
-    with open_sweep(path) as dataset:
+    with open_sweep(path, verify=False) as dataset:
         seconds = float(dataset.attrs["duration"])
         outcome = f"{path}: {_outcomes(status_counts(dataset))}"
-    return f"{outcome} in {seconds:.3g} s"
+    return f"{outcome} in {_duration(seconds)}"
 
 
 def next_command(paths: Iterable[Path]) -> str:
@@ -67,37 +65,65 @@ def next_command(paths: Iterable[Path]) -> str:
     return f"next: vibroimpact plot {shlex.join(map(str, paths))}"
 
 
-def kept(path: Path) -> str:
-    """Say what a run that ended early left behind."""
+def kept(path: Path, command: str) -> str:
+    """Say what a run that ended early left behind, and which command goes on."""
     from sweeps.store import StoreError, open_sweep, status_counts
     from vibroimpact.status import Status
 
     try:
-        with open_sweep(path) as dataset:
+        with open_sweep(path, verify=False) as dataset:
             counts = status_counts(dataset)
     except StoreError:
         return "nothing is kept"
     points = sum(counts.values())
-    return f"{points - counts[Status.PENDING]:,} of {_count(points, 'point')} kept in {path}"
+    done = points - counts[Status.PENDING]
+    return f"{done:,} of {_count(points, 'point')} kept in {path}; to go on: {command}"
 
 
 def contents(dataset: xr.Dataset) -> str:
-    """Describe an opened sweep: attributes, outcome, axes, variables, pilot and configuration."""
+    """Describe an opened sweep: outcome, axes, variables, attributes, pilot and configuration."""
     from sweeps.store import status_counts
+    from sweeps.variables import VARIABLES
 
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
     pilot = attributes.pop("pilot", "")
     if pilot:  # as a comment, so that what is below the table can be run again
         pilot = "# pilot:\n" + indent(pilot, "#   ")
-    rows = [(str(name), str(value)) for name, value in attributes.items()]
-    rows.append(("points", _outcomes(status_counts(dataset))))
-    axes = map(str, dataset["status"].dims)
-    rows += [("axis", _axis(axis, dataset[axis].values)) for axis in axes]
-    for name, variable in dataset.data_vars.items():
-        sizes = ", ".join(f"{dim}: {size}" for dim, size in variable.sizes.items())
-        rows.append(("variable", f"{name} ({sizes})"))
+    rows = [
+        ("name", str(attributes.pop("name"))),
+        ("points", _outcomes(status_counts(dataset))),
+        *(("axis", _axis(str(axis), dataset[axis].values)) for axis in dataset["status"].dims),
+    ]
+    names = [name for name in VARIABLES if name in dataset]
+    shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
+    width = max(map(len, shapes))
+    rows += [
+        ("variable", f"{shape:{width}}  {_meaning(dataset[name])}")
+        for name, shape in zip(names, shapes, strict=True)
+    ]
+    attributes["duration"] = _duration(float(attributes["duration"]))
+    rows += [(str(name), str(value)) for name, value in attributes.items()]
     return f"{_table(rows)}\n\n{pilot}{configuration}"
+
+
+def _sizes(variable: xr.DataArray) -> str:
+    return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
+
+
+def _meaning(variable: xr.DataArray) -> str:
+    unit = variable.attrs["units"]
+    return variable.attrs["long_name"] + ("" if unit == "1" else f" [{unit}]")
+
+
+def _duration(seconds: float) -> str:
+    """Write a time with the unit that suits it; NaN where a run was killed."""
+    if math.isnan(seconds):
+        return "unknown"
+    for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
+        if seconds < limit:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 86400:,.3g} days"
 
 
 def _table(rows: list[tuple[str, str]]) -> str:

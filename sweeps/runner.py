@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -22,22 +17,18 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from sweeps.background import in_background, no_interrupt_lost
+from sweeps.compute import compute
 from sweeps.config import SweepConfig
-from sweeps.pilot import choose
-from sweeps.store import SweepWriter
-from sweeps.variables import bytes_per_point
-from vibroimpact.attractors import integrate
-from vibroimpact.diagnostics import period_class
-from vibroimpact.lanes import LANES
-from vibroimpact.oscillator import POINT
-from vibroimpact.trajectory import trajectories
-
-#: Results of one block held in memory at most [bytes].
-_BLOCK_MEMORY = 64 * 2**20
-#: Time steps of one block at most, all points together, so that it takes about a second.
-_BLOCK_STEPS = 200_000_000
-#: A sweep is reported and written in at least this many blocks where it has the points.
-_BLOCKS = 50
+from sweeps.grid import Block, block_points
+from sweeps.layout import Layout
+from sweeps.limits import block_size, estimate, reserved_widths
+from sweeps.locking import only_writer
+from sweeps.pilot import Pilot, choose
+from sweeps.reports import plan
+from sweeps.store import check_output
+from sweeps.writer import SweepWriter, sweep_writer
+from vibroimpact.jit import NUMERICS
 
 
 def run_sweep(
@@ -46,6 +37,7 @@ def run_sweep(
     *,
     threads: int | None = None,
     overwrite: bool = False,
+    resume: bool = False,
     progress: bool = False,
 ) -> Path:
     """Compute a sweep and write it, block by block.
@@ -61,8 +53,12 @@ def run_sweep(
         Threads to use; all cores by default. The data do not depend on it.
     overwrite : bool
         Whether an existing file may be replaced.
+    resume : bool
+        Whether to compute what is missing in an existing file. It ends with the same data, to
+        the last bit, as after a run that was never stopped.
     progress : bool
-        Whether to show points done, forcing periods per second and time left on stderr.
+        Whether to show on stderr what the run takes, and then points done, forcing periods per
+        second and time left.
 
     Returns
     -------
@@ -72,128 +68,67 @@ def run_sweep(
     Raises
     ------
     StoreError
-        If the output is refused or cannot be written.
+        If the output is refused, is being written by another process or belongs to another
+        sweep, or if there is too little disk or memory.
+    StoreFailure
+        If the output cannot be written.
     """
     path = Path(output) if output is not None else config.output
-    with _no_interrupt_lost() as check:
+    console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
+    with no_interrupt_lost() as check, only_writer(path):
+        check_output(path, overwrite=overwrite, resume=resume)
         pilot = None
         if config.method.accuracy is not None:
-            pilot = choose(config, threads)
+            (pilot,) = in_background(map(choose, [config], [threads]))
             config = config.with_method(pilot.method)
-            if progress:
-                print(pilot.summary, file=sys.stderr)
-        writer = SweepWriter(
-            path,
-            config.grid,
-            name=config.name,
-            configuration=config.to_yaml(),
-            pilot=pilot.record if pilot else None,
-            widths=config.widths,
-            first_section=config.record.transient + 1,
-            diagnostics=config.record.diagnostics,
-            overwrite=overwrite,
-        )
-        with writer, _Display(config, shown=progress) as display:
-            _compute(config, np.empty(0, POINT), threads)  # compiles, if need be
-            check()
-            display.start_clock()
-            for block in config.grid.blocks(block_size(config)):
-                points = config.grid.points(block)
-                writer.write(block, _compute(config, points, threads))
-                display.advance(points.size)
-                check()
+            console.print(pilot.summary, markup=False)
+        (cost,) = in_background(map(estimate, [config], [threads]))
+        check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
+        console.print(plan(config, path, cost), markup=False)
+        with sweep_writer(
+            path, _layout(config, pilot), overwrite=overwrite, resume=resume
+        ) as writer:
+            if writer.damage:
+                console.print(f"damaged, and computed again: {writer.damage}", markup=False)
+            with _Display(config, writer, console) as display:
+                pending = writer.pending()
+                for block, results in in_background(_computed(config, pending, threads)):
+                    check()
+                    writer.write(block, results)
+                    display.advance(block)
+                    check()
+            writer.finish(compressed=config.compression != "none")
     return path
 
 
-def block_size(config: SweepConfig) -> int:
-    """Return the points per block: few enough for memory, and for signs of progress."""
-    record = config.record
-    memory = bytes_per_point(config.widths, record.diagnostics)
-    if record.trajectory:  # the logs that the samples are taken from, with room for impacts
-        memory += 32 * (config.widths["sample"] + 8 * record.periods)
-    fits = max(1, _BLOCK_MEMORY // memory)
-    work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps)
-    wanted = min(max(config.grid.size // _BLOCKS, 4 * LANES), max(work, 2 * LANES))
-    # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
-    return min(fits, wanted) // LANES * LANES or fits
-
-
-def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
-    """Run the points of one block; the names of the results are those of the store."""
-    method, record = config.method, config.record
-    common: dict[str, Any] = {
-        "integrator": method.integrator,
-        "impact": method.impact,
-        "steps_per_period": config.steps,
-        "transient": record.transient,
-        "periods": record.periods,
-        "phase": record.phase,
-    }
-    results = integrate(
-        points,
-        impacts=record.impacts,
-        lyapunov="lyapunov" in record.diagnostics,
-        threads=threads,
-        **common,
+def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
+    return Layout.of(
+        config.grid,
+        name=config.name,
+        configuration=config.to_yaml(),
+        pilot=pilot.record if pilot else None,
+        widths=reserved_widths(config),
+        first_section=config.record.transient + 1,
+        diagnostics=config.record.diagnostics,
+        block_size=block_size(config),
+        numerics=NUMERICS,
     )
-    if "period" in record.diagnostics:
-        found = period_class(
-            results["poincare_x"], results["poincare_v"], results["impacts_per_period"]
-        )
-        results |= dict(zip(("period", "period_impacts"), found, strict=True))
-    if record.trajectory:
-        results |= trajectories(points, every=record.trajectory.every, **common)
-    return results
 
 
-@contextmanager
-def _no_interrupt_lost() -> Iterator[Callable[[], None]]:
-    """Yield a check that raises an interrupt which was swallowed, as in callbacks of LLVM or HDF5.
-
-    It is raised at the end, too.
-    """
-    came = False
-
-    def check() -> None:
-        if came:
-            raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield check
-        return
-
-    def noted(handler: Callable[..., object]) -> Callable[..., None]:
-        def handle(number: int, frame: object) -> None:
-            nonlocal came
-            came = True
-            handler(number, frame)
-
-        return handle
-
-    def report(unraisable: Any) -> None:
-        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-            hook(unraisable)
-
-    hook, sys.unraisablehook = sys.unraisablehook, report
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number, handler in before.items():
-        if callable(handler):
-            signal.signal(number, noted(handler))
-    try:
-        yield check
-    finally:
-        sys.unraisablehook = hook
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    check()
+def _computed(
+    config: SweepConfig, blocks: Sequence[Block], threads: int | None
+) -> Iterator[tuple[Block, dict[str, np.ndarray]]]:
+    for block in blocks:
+        yield block, compute(config, config.grid.points(block), threads)
 
 
 class _Display:
     """A progress line on stderr: points done, forcing periods per second, time left."""
 
-    def __init__(self, config: SweepConfig, shown: bool) -> None:
+    def __init__(self, config: SweepConfig, writer: SweepWriter, console: Console) -> None:
         self._periods = config.record.transient + config.record.periods
         self._size = config.grid.size
+        self._there = self._size - sum(map(block_points, writer.pending()))
         self._name = config.name
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -201,8 +136,8 @@ class _Display:
             MofNCompleteColumn(),
             TextColumn("points  {task.fields[speed]}"),
             TimeRemainingColumn(),
-            console=Console(stderr=True),
-            disable=not shown,
+            console=console,
+            disable=console.quiet,
         )
         self._task = TaskID(0)
         self._began = 0.0
@@ -211,23 +146,20 @@ class _Display:
     def __enter__(self) -> _Display:
         self._bar.start()
         self._task = self._bar.add_task(
-            "compiling (kept for the next run)", total=self._size, speed=""
+            self._name, total=self._size, completed=self._there, speed=""
         )
+        self._began = time.monotonic()
         return self
 
-    def start_clock(self) -> None:
-        """Time the sweep from here; compilation is not part of its speed."""
-        self._began = time.monotonic()
-
-    def advance(self, points: int) -> None:
+    def advance(self, block: Block) -> None:
         """Count the points of a finished block."""
+        points = block_points(block)
         self._done += points
         elapsed = time.monotonic() - self._began
         speed = self._done * self._periods / elapsed
         self._bar.update(
             self._task,
             advance=points,
-            description=self._name,
             speed=f"{speed:,.0f} forcing periods/s",
         )
 

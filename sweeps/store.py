@@ -1,63 +1,43 @@
-"""The HDF5 file of a sweep: written block by block, opened as an ``xarray.Dataset``.
-
-Every swept axis and every record dimension is an HDF5 dimension scale, so that
-``xarray.open_dataset(path, engine="h5netcdf")`` opens the file with its coordinates.
-"""
+"""The file of a sweep as its readers see it: an ``xarray.Dataset``, once its checksums fit."""
 
 from __future__ import annotations
 
-import math
 import os
-import platform
+import re
 import shutil
-import time
-from collections.abc import Collection, Mapping
-from datetime import UTC, datetime
-from importlib import metadata
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import NoReturn
 
 import h5py
 import numpy as np
 import xarray as xr
 
-from sweeps.grid import Block, Grid
-from sweeps.variables import (
-    FIXED_WIDTHS,
-    RECORDS,
-    VARIABLES,
-    Variable,
-    bytes_per_point,
-    held_variables,
-    shown_bytes,
-)
-from vibroimpact.oscillator import PARAMETERS
+from sweeps.errors import StoreError
+from sweeps.grid import Block
+from sweeps.layout import FORMAT, FORMAT_VERSION, Layout
+from sweeps.ledger import DamageError, Ledger, checksum
+from sweeps.variables import shown_bytes
 from vibroimpact.status import Status
-
-FORMAT = "vibroimpact-sweep"
-FORMAT_VERSION = 1
-
-#: Samples per chunk of a trajectory: 8 KiB, so a short record wastes little of it.
-_SAMPLES_PER_CHUNK = 1024
 
 #: Endings that name another kind of file, which a slip would give to the data.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
 
 
-class StoreError(Exception):
-    """A file cannot be used as asked; the text is one paragraph for the user."""
-
-
-def check_output(path: str | Path, overwrite: bool, size: int = 0) -> None:
+def check_output(
+    path: str | Path, *, overwrite: bool = False, resume: bool = False, size: int = 0
+) -> None:
     """Refuse a path that a sweep of `size` bytes cannot be written to.
 
     Raises
     ------
     StoreError
         If `path` is a directory or in none, has the ending of another kind of file, exists and
-        `overwrite` is false or it is not a file that a sweep can have written, or if there is
-        no room for the sweep.
+        is neither to be overwritten nor resumed or is not a file that a sweep can have written,
+        or if there is no room for the sweep.
     """
     path = Path(path)
     if path.suffix.lower() in _OTHER_ENDINGS:
@@ -65,284 +45,170 @@ def check_output(path: str | Path, overwrite: bool, size: int = 0) -> None:
             f"the output {path} is to be an HDF5 file, whose name does not end in {path.suffix}; "
             f"did you mean {path.with_suffix('.h5')}?"
         )
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # too long a name, a null byte
+        raise StoreError(f"the output {str(path)!r} cannot be used: {reason(error)}") from None
     if not path.parent.is_dir():
         raise StoreError(f"the folder {path.parent} of the output {path.name} does not exist")
     if path.is_dir():
         raise StoreError(f"{path} is a directory; give -o the name of a file")
-    if path.exists() and not overwrite:
-        raise StoreError(f"{path} exists; give --overwrite to replace it or -o for another file")
-    if path.exists() and path.stat().st_size > 0 and not h5py.is_hdf5(path):
-        raise StoreError(f"{path} is not an HDF5 file and will not be replaced; give -o another")
-    free = shutil.disk_usage(path.parent).free + (path.stat().st_size if path.exists() else 0)
+    if path.exists():
+        if not (overwrite or resume):
+            raise StoreError(
+                f"{path} exists; give --resume to go on with it, --overwrite to replace it, or "
+                "-o for another file"
+            )
+        if path.stat().st_size > 0 and not h5py.is_hdf5(path):
+            raise StoreError(
+                f"{path} is not an HDF5 file and will not be replaced; give -o another"
+            )
+        if resume:
+            return
+    free = shutil.disk_usage(path.parent).free
     if size > free:
+        also = ", delete the old file first" if path.exists() else ""
         raise StoreError(
             f"the sweep takes about {shown_bytes(size)}, and the disk of {path} has only "
-            f"{shown_bytes(free)} left; record less, or give -o a file elsewhere"
+            f"{shown_bytes(free)} left; record less{also}, or give -o a file elsewhere"
         )
 
 
-class SweepWriter:
-    """Creates the file of a sweep and fills it block by block.
+def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
+    """Open the file of a sweep; its arrays are read when they are used.
 
-    Until a block is written its points read as NaN with status ``PENDING``.
+    A file that is being written can be opened, too; points that are not in it yet have the status
+    ``PENDING``.
 
     Parameters
     ----------
     path : str or Path
-        The file to create.
-    grid : Grid
-        Its axes become the leading dimensions of every result.
-    name : str
-        The name of the sweep.
-    configuration : str
-        The configuration as YAML, kept as it is.
-    pilot : str, optional
-        How its method was chosen, as YAML, kept as it is.
-    widths : mapping of str to int
-        Width of the record dimensions ``section``, ``impact`` and ``sample``; 0 leaves the
-        variables of one out. ``sample`` is a guess: it grows as the trajectories come.
-    first_section : int
-        The number of the forcing period of the first section; the others follow.
-    diagnostics : collection of str
-        The diagnostics whose variables there are.
-    overwrite : bool
-        Whether an existing file may be replaced.
+    verify : bool
+        Whether to hold every block against its checksum, which reads the whole file once.
+        Everything else is held against its own in any case.
 
     Raises
     ------
     StoreError
-        If `path` is refused by `check_output` or cannot be created. No file is left behind.
-    """
-
-    def __init__(
-        self,
-        path: str | Path,
-        grid: Grid,
-        *,
-        name: str,
-        configuration: str,
-        pilot: str | None = None,
-        widths: Mapping[str, int],
-        first_section: int,
-        diagnostics: Collection[str] = (),
-        overwrite: bool,
-    ) -> None:
-        check_output(path, overwrite, grid.size * bytes_per_point(widths, diagnostics))
-        self.path = Path(path)
-        self._axes = tuple(grid.axes)
-        self._shape = grid.shape
-        held = held_variables(widths, diagnostics)
-        self._records = {
-            record: np.arange(0 if record == "sample" else {**widths, **FIXED_WIDTHS}[record])
-            for record in dict.fromkeys(v.record for v in held.values() if v.record)
-        }
-        if "section" in self._records:
-            self._records["section"] += first_section
-        self._started = time.monotonic()
-        try:
-            self._file = h5py.File(self.path, "w" if overwrite else "x")
-        except (OSError, ValueError) as error:
-            raise StoreError(f"{self.path} cannot be created: {_reason(error)}") from error
-        try:
-            self._describe(name, configuration)
-            if pilot is not None:
-                self._file.attrs["pilot"] = pilot
-            self._scales: dict[str, h5py.Dataset] = {}
-            self._lay_out(grid)
-            self._variables = {name: self._add_variable(name, v) for name, v in held.items()}
-        except BaseException as error:
-            self._file.close()
-            self.path.unlink(missing_ok=True)
-            if isinstance(error, (OSError, RuntimeError, ValueError)):
-                raise StoreError(f"{self.path} cannot be created: {_reason(error)}") from error
-            raise
-
-    def _lay_out(self, grid: Grid) -> None:
-        """Create the dimension scales."""
-        for axis, values in grid.axes.items():
-            about = PARAMETERS[axis]
-            self._add_scale(
-                axis, np.asarray(values, float), about.meaning, about.unit, about.symbol
-            )
-        for record, numbers in self._records.items():
-            self._add_scale(record, numbers, RECORDS[record], "1", "")
-
-    def _describe(self, name: str, configuration: str) -> None:
-        self._file.attrs.update(
-            {
-                "format": FORMAT,
-                "format_version": FORMAT_VERSION,
-                "name": name,
-                "configuration": configuration,
-                "vibroimpact_version": _version("vibroimpact"),
-                "numba_version": _version("numba"),
-                "numpy_version": np.__version__,
-                "h5py_version": h5py.__version__,
-                "platform": platform.platform(),
-                "started": datetime.now(UTC).isoformat(timespec="seconds"),
-            }
-        )
-
-    def _add_scale(
-        self, name: str, values: np.ndarray, long_name: str, unit: str, symbol: str
-    ) -> None:
-        growing = {"maxshape": (None,), "chunks": (_SAMPLES_PER_CHUNK,)} if name == "sample" else {}
-        scale = self._file.create_dataset(name, data=values, **growing)
-        scale.attrs.update({"long_name": long_name, "units": unit, "symbol": symbol})
-        scale.make_scale(name)
-        self._scales[name] = scale
-
-    def _add_variable(self, name: str, variable: Variable) -> h5py.Dataset:
-        dimensions = self._axes
-        shape = self._shape
-        layout = {}
-        if variable.record is not None:
-            dimensions += (variable.record,)
-            shape += (len(self._records[variable.record]),)
-        if variable.record == "sample":
-            layout = {
-                "maxshape": (*self._shape, None),
-                # A point at a time: reading one trajectory must not read its neighbours'.
-                "chunks": (1,) * len(self._shape) + (_SAMPLES_PER_CHUNK,),
-            }
-        fill = math.nan if np.dtype(variable.dtype).kind == "f" else int(Status.PENDING)
-        dataset = self._file.create_dataset(name, shape, variable.dtype, fillvalue=fill, **layout)
-        dataset.attrs.update(
-            {"long_name": variable.long_name, "units": variable.unit, "symbol": variable.symbol}
-        )
-        if name == "status":
-            dataset.attrs["flag_values"] = np.array(list(Status), dtype=variable.dtype)
-            dataset.attrs["flag_meanings"] = " ".join(status.name.lower() for status in Status)
-        for index, dimension in enumerate(dimensions):
-            dataset.dims[index].attach_scale(self._scales[dimension])
-        return dataset
-
-    def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
-        """Write the results of one block; ``status`` is written last.
-
-        Parameters
-        ----------
-        block : Block
-            One slice per swept axis.
-        results : mapping of str to ndarray
-            For every variable of the file, an array of shape (points of the block, ...) in C
-            order. A trajectory may have any number of samples. Variables that this file leaves
-            out are ignored.
-
-        Raises
-        ------
-        KeyError
-            If a variable of the file is missing.
-        ValueError
-            If an array has the wrong shape, or a name is not in ``VARIABLES``.
-        StoreError
-            If the file cannot be written, say on a full disk.
-        """
-        unknown = sorted(set(results) - set(VARIABLES))
-        if unknown:
-            raise ValueError(f"the store has no variable {', '.join(unknown)}")
-        box = tuple(cut.stop - cut.start for cut in block)
-        arrays = {name: self._boxed(name, results[name], box) for name in self._variables}
-        samples = [a.shape[-1] for n, a in arrays.items() if VARIABLES[n].record == "sample"]
-        try:
-            self._widen(max(samples, default=0))
-            for name, array in arrays.items():
-                width = array.shape[-1:] if VARIABLES[name].record else ()
-                self._variables[name][(*block, *(slice(0, n) for n in width))] = array
-            # HDF5 buffers chunks, and a failure to write them later would pass unseen.
-            self._file.flush()
-        except (OSError, RuntimeError) as error:
-            raise StoreError(f"{self.path} cannot be written: {_reason(error)}") from error
-
-    def _boxed(self, name: str, array: np.ndarray, box: tuple[int, ...]) -> np.ndarray:
-        """Give an array of shape (points, ...) the shape (box..., ...)."""
-        record = VARIABLES[name].record
-        expected: tuple[int, ...] = (math.prod(box),)
-        if record is not None:
-            width = len(self._records[record]) if record != "sample" else np.shape(array)[-1]
-            expected += (width,)
-        if np.shape(array) != expected:
-            raise ValueError(f"{name} has the shape {np.shape(array)} instead of {expected}")
-        return np.reshape(array, (*box, *expected[1:]))
-
-    def _widen(self, width: int) -> None:
-        """Make room for `width` samples; HDF5 fills the new ones with NaN."""
-        if "sample" not in self._records or width <= len(self._scales["sample"]):
-            return
-        for name, dataset in self._variables.items():
-            if VARIABLES[name].record == "sample":
-                dataset.resize(width, axis=dataset.ndim - 1)
-        self._scales["sample"].resize(width, axis=0)
-        self._scales["sample"][:] = np.arange(width)
-
-    def close(self) -> None:
-        """Write the duration and close the file; closing twice is harmless.
-
-        Raises
-        ------
-        StoreError
-            If what is still in memory cannot be written.
-        """
-        if not self._file:
-            return
-        try:
-            self._file.attrs["duration"] = time.monotonic() - self._started
-            self._file.close()
-        except (OSError, RuntimeError) as error:
-            raise StoreError(f"{self.path} cannot be written: {_reason(error)}") from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self.close()
-        except StoreError:
-            if error is None:  # otherwise the first failure is the one to tell
-                raise
-
-
-def _reason(error: Exception) -> str:
-    """Say what went wrong, without HDF5's buffer addresses and line breaks."""
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if number else str(error).splitlines()[0]
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "unknown"  # run from a checkout that was not installed
-
-
-def open_sweep(path: str | Path) -> xr.Dataset:
-    """Open the file of a sweep; its arrays are read when they are used.
-
-    Raises
-    ------
-    StoreError
-        If there is no such file, or it is not a readable sweep of this format.
+        If there is no such file, it is not a readable sweep of this format, or it is damaged.
     """
     path = Path(path)
-    if path.is_dir():
-        raise StoreError(f"{path} is a directory, not the file of a sweep")
-    if not path.exists():
-        raise StoreError(f"{path} does not exist")
     try:
-        if not h5py.is_hdf5(path):
-            raise StoreError(f"{path} is not an HDF5 file")
-        with h5py.File(path, "r") as file:
-            _check_format(path, file.attrs)
+        with sweep_file(path) as sweep:
+            if verify:
+                sweep.refuse_damage()
         return xr.open_dataset(path, engine="h5netcdf")
-    except BlockingIOError as error:
-        raise StoreError(f"{path} is being written by another process") from error
     except OSError as error:
-        raise StoreError(f"{path} cannot be read, it may be truncated: {_reason(error)}") from error
+        raise StoreError(f"{path} cannot be read: {reason(error)}") from error
+
+
+@dataclass(frozen=True)
+class SweepFile:
+    """A file of a sweep, opened for reading, whose structure is sound."""
+
+    path: Path
+    file: h5py.File
+    ledger: Ledger
+    layout: Layout
+
+    def read(self, block: Block) -> dict[str, np.ndarray]:
+        """Return the data of a block, of every variable in the order of the checksum."""
+        return {name: self.file[name][block] for name in self.layout.variables}
+
+    def present(self) -> np.ndarray:
+        """Return which blocks were written to the end."""
+        status = self.file["status"][()]
+        done = [not np.any(status[block] == Status.PENDING) for block in self.layout.blocks]
+        return self.ledger.entered() & np.array(done, bool)
+
+    def damaged(self) -> np.ndarray:
+        """Return which blocks are not as they were written."""
+        indices = np.flatnonzero(self.present()).tolist()
+
+        def fits(index: int) -> bool:
+            try:
+                arrays = self.read(self.layout.blocks[index])
+            except OSError:  # a compressed chunk has HDF5's checksum, too
+                return False
+            return checksum(arrays.values()) == self.ledger.rows["crc"][index]
+
+        damaged = np.zeros(len(self.layout.blocks), bool)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            damaged[indices] = ~np.fromiter(pool.map(fits, indices), bool, len(indices))
+        return damaged
+
+    def refuse_damage(self) -> None:
+        """Raise a StoreError that names the damaged blocks, if there are any."""
+        indices = np.flatnonzero(self.damaged())
+        if indices.size:
+            raise StoreError(
+                f"{self.path} is damaged: {self.named(indices)}; run its configuration again "
+                "with --resume to compute what is lost, and nothing else"
+            )
+
+    def named(self, indices: Iterable[int]) -> str:
+        """Name blocks by their number and the part of the grid that they cover."""
+        texts = [f"block {i}{self._covered(self.layout.blocks[i])}" for i in indices]
+        more = f" and {len(texts) - 3} more" if len(texts) > 3 else ""
+        return ", ".join(texts[:3]) + f"{more} of {len(self.layout.blocks)}"
+
+    def _covered(self, block: Block) -> str:
+        ends = [
+            f"{name} {values[cut][0]:g} to {values[cut][-1]:g}"
+            for cut, (name, values) in zip(block, self.layout.axes.items(), strict=True)
+            if cut.stop - cut.start < len(values)
+        ]
+        return f" ({', '.join(ends)})" if ends else ""
+
+
+@contextmanager
+def sweep_file(path: Path) -> Iterator[SweepFile]:
+    """Open a file whose structure, coordinates and attributes fit their checksum.
+
+    Raises
+    ------
+    StoreError
+        As from `open_sweep`.
+    """
+    with ExitStack() as stack:
+        yield _opened(path, stack)
+
+
+def _opened(path: Path, stack: ExitStack) -> SweepFile:
+    try:
+        if path.is_dir():
+            raise StoreError(f"{path} is a directory, not the file of a sweep")
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        raise StoreError(f"{path} does not exist") from None
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
+    stack.callback(os.close, descriptor)
+    try:
+        ledger = Ledger.read(descriptor)
+        if ledger is None:
+            _refuse_foreign(path)
+        file = stack.enter_context(h5py.File(path, "r"))
+        _check_format(path, file.attrs)
+        return SweepFile(path, file, ledger, Layout.read(file))
+    except DamageError:
+        raise StoreError(
+            f"{path} is damaged outside its results, truncated, or changed by another program: "
+            "what is in it cannot be trusted; run its configuration again with --overwrite"
+        ) from None
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read, it may be truncated: {reason(error)}") from error
+
+
+def _refuse_foreign(path: Path) -> NoReturn:
+    """Say what a file is that has no ledger."""
+    if not h5py.is_hdf5(path):
+        raise StoreError(f"{path} is not an HDF5 file")
+    with h5py.File(path, "r") as file:
+        _check_format(path, file.attrs)
+    raise DamageError
 
 
 def _check_format(path: Path, attributes: Mapping[str, object]) -> None:
@@ -354,6 +220,13 @@ def _check_format(path: Path, attributes: Mapping[str, object]) -> None:
             f"{path} has the format version {version}, and this version of vibroimpact reads "
             f"only {FORMAT_VERSION}; open it with the version that wrote it"
         )
+
+
+def reason(error: Exception) -> str:
+    """Say what went wrong, without HDF5's buffer addresses and line breaks."""
+    told = re.search(r"errno = (\d+)", str(error))
+    number = getattr(error, "errno", None) or (told and int(told[1]))
+    return os.strerror(number) if number else str(error).splitlines()[0]
 
 
 def status_counts(dataset: xr.Dataset) -> dict[Status, int]:

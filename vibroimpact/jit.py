@@ -20,22 +20,30 @@ from numba.extending import intrinsic
 _config: Any = numba.config  # its settings are made at run time, unseen by a type checker
 
 
+def _numerics() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+#: Names the code that computes: made of every source file of this package, and of numba's version.
+NUMERICS = _numerics()
+
+
 def _cache_folder() -> str:
-    """Return a cache folder named after the contents of every source file of this package.
+    """Return a cache folder named after the code.
 
     Numba's own cache looks only at the file that holds a function, so an edited helper in
     another file would leave a stale kernel behind; a name made of all sources cannot. It lies
     outside the package: what pip did not install it would leave behind, to shadow the next one.
     """
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
     root = Path(_config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
     try:
         root.mkdir(parents=True, exist_ok=True)
     except OSError:
         root = Path(tempfile.gettempdir(), "vibroimpact")
-    return str(root / f"numba-{digest.hexdigest()[:16]}")
+    return str(root / f"numba-{NUMERICS}")
 
 
 _CACHE_FOLDER = _cache_folder()
@@ -70,6 +78,7 @@ def jit(
         "error_model": "numpy",
         "cache": True,
         "parallel": parallel,
+        "nogil": True,  # so that a main thread hears signals while another one computes
         "inline": "always" if inline else "never",
         "_nrt": not leaf,
     }

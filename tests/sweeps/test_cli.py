@@ -19,6 +19,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sweeps
+from sweeps import runner
 from sweeps.cli import app
 from sweeps.loading import load_config
 from sweeps.runner import block_size
@@ -179,6 +180,7 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
     # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, six numbers and the status.
     size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 6) + 1)
+    time, memory = dict(rows)["expected time"], dict(rows)["memory"]
     assert rows == [
         ("name", "small"),
         ("axis", "omega = 1.5 .. 3 [rad/time], 5 values"),
@@ -187,10 +189,22 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
         ("forcing periods", "70"),
         ("steps per period", "20"),
         ("steps", "1,400"),
-        ("estimated size", f"{size / 1000:.3g} kB"),
+        ("expected time", time),
+        ("size of the file", f"{size / 1000:.3g} kB"),
+        ("memory", memory),
         ("output", "small.h5"),
     ]
+    assert re.fullmatch(r"about \d\S* s", time)
+    assert re.fullmatch(r"about \d+ kB for the blocks in work", memory)
     assert [path.name for path in Path().iterdir()] == ["small.yaml"]
+
+
+def test_every_start_says_what_it_takes():
+    planned = done("run", "small.yaml", "--dry-run").splitlines()
+    started = call("run", "small.yaml").stderr
+    for line in planned:
+        assert line in started or line.startswith("expected time")
+    assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
 
 
 def test_dry_run_shows_the_steps_chosen_for_the_worst_point():
@@ -206,16 +220,24 @@ def test_no_unit_is_shown_where_there_is_none():
     assert "R = 0.5 .. 0.8, 2 values" in printed
 
 
-def test_what_became_of_the_points_is_told():
+def test_what_became_of_the_points_is_told(monkeypatch, folder):
     assert "10 points, all certified: every impact found, none missed in " in done(
         "run", "small.yaml"
     )
-    with h5py.File("small.h5", "r+") as file:
-        file["status"][0] = [Status.SETTLED, Status.COMPUTED]
+    compute = runner.compute
+
+    def settled(*arguments):
+        results = compute(*arguments)
+        results["status"][:2] = [Status.SETTLED, Status.COMPUTED]
+        return results
+
+    monkeypatch.setattr(runner, "compute", settled)
+    done("run", "small.yaml", "--quiet", "--overwrite")
     assert re.search(
         rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
         done("info", "small.h5"),
     )
+    monkeypatch.setattr(runner, "compute", compute)
     printed = done("run", "small.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
 
@@ -236,7 +258,7 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
 
 
 def test_diagnostics_are_computed_where_they_are_asked_for():
-    with unittest.mock.patch("sweeps.runner.period_class") as period:
+    with unittest.mock.patch("sweeps.compute.period_class") as period:
         done("run", "small.yaml", "--quiet")
     assert not period.called
     both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
@@ -268,10 +290,12 @@ def test_any_block_size_gives_the_same_data(monkeypatch):
         ("{transient: 0, periods: 1, impacts: 0}", 100_000, 2016),
         ("{transient: 999, periods: 1, impacts: 0}", 1_000_000, 20000),  # 2e8 / (1000 * 10)
         ("{transient: 1e6, periods: 1}", 100_000, 64),
-        ("{transient: 0, periods: 1e6}", 100_000, 4),  # 16 MB each
+        ("{transient: 0, periods: 1e6}", 100_000, 64),  # 16 MB each, but full lanes
+        ("{transient: 0, periods: 1e6, trajectory: {every: 10}}", 100_000, 1),
     ],
 )
-def test_a_block_is_done_in_about_a_second(record, points, expected):
+def test_a_block_is_done_in_about_a_second(monkeypatch, record, points, expected):
+    monkeypatch.setattr("sweeps.limits._available_memory", lambda: 20 * 10**9)
     method = "method={impact: plain, steps_per_period: 10}"
     num = f"oscillator.omega={{start: 1, stop: 2, num: {points}}}"
     config = load_config("small.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])
@@ -345,25 +369,23 @@ def test_a_signal_ends_a_run(folder, number):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, number):
-    from sweeps import runner
-
     class Callback:  # exceptions in it are swallowed, as in LLVM's
         def __del__(self):
             os.kill(os.getpid(), number)
             time.sleep(0.1)
 
-    computed = []
+    written = []
 
-    def compute(config, points, threads):
-        computed.append(points.size)
+    def write(self, block, results):
+        written.append(block)
         Callback()
-        return {}
 
-    monkeypatch.setattr(runner, "_compute", compute)
+    monkeypatch.setattr(runner.SweepWriter, "write", write)
+    monkeypatch.setattr(runner, "block_size", lambda _: 2)
     result = call("run", "small.yaml", "--quiet")
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
-    assert computed == [0]
+    assert len(written) == 1
     assert capfd.readouterr().err == ""
 
 

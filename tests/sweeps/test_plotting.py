@@ -7,9 +7,11 @@ from matplotlib.collections import QuadMesh
 
 from sweeps import plotting, selection
 from sweeps.grid import Grid
+from sweeps.layout import Layout
 from sweeps.plotting import KINDS, PlotError, bifurcation, plot, section, trajectory
-from sweeps.store import SweepWriter, open_sweep
+from sweeps.store import open_sweep
 from sweeps.variables import VARIABLES
+from sweeps.writer import sweep_writer
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -48,15 +50,15 @@ def sweep(tmp_path):
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"
-        with SweepWriter(
-            path,
+        layout = Layout.of(
             grid,
             name=name,
             configuration=yaml.safe_dump(configuration),
             widths=widths,
             first_section=11,
-            overwrite=False,
-        ) as store:
+            block_size=grid.size,
+        )
+        with sweep_writer(path, layout) as store:
             store.write(
                 tuple(slice(0, n) for n in grid.shape), {**results(grid.size, widths), **changed}
             )

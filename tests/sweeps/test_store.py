@@ -1,4 +1,4 @@
-import resource
+import itertools
 import types
 
 import h5py
@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import store as store_module
 from sweeps.config import DIAGNOSTICS
+from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Grid
-from sweeps.store import (
-    FORMAT_VERSION,
-    StoreError,
-    SweepWriter,
-    check_output,
-    open_sweep,
-    status_counts,
-)
+from sweeps.layout import FORMAT_VERSION, Layout, create
+from sweeps.store import check_output, open_sweep, status_counts
 from sweeps.variables import VARIABLES, bytes_per_point, held_variables
+from sweeps.writer import sweep_writer
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -29,17 +24,22 @@ GRID = Grid(
 WIDTHS = {"section": 4, "impact": 3, "sample": 6}
 
 
-def writer(path, grid=GRID, *, widths=WIDTHS, diagnostics=DIAGNOSTICS, overwrite=False):
-    return SweepWriter(
-        path,
+def layout(grid=GRID, *, widths=WIDTHS, diagnostics=DIAGNOSTICS, block_size=10, **changed):
+    about = {"name": "a test", "configuration": CONFIGURATION, "numerics": "0"}
+    return Layout.of(
         grid,
-        name="a test",
-        configuration=CONFIGURATION,
+        **{**about, **changed},
         widths=widths,
         first_section=11,
         diagnostics=diagnostics,
-        overwrite=overwrite,
+        block_size=block_size,
     )
+
+
+def lay_out(path, *args, **kwargs):
+    """Write a file without data."""
+    with sweep_writer(path, layout(*args, **kwargs), overwrite=True):
+        pass
 
 
 def results(points, samples=6, widths=WIDTHS, seed=0):
@@ -62,23 +62,28 @@ def whole(grid, seed=0, samples=6):
     }
 
 
-def write_blocks(path, blocks, expected):
-    with writer(path) as store:
-        for block in blocks:
-            flat = {}
-            for name, array in expected.items():
-                part = array[block]
-                flat[name] = part.reshape(-1, *part.shape[len(block) :])
-            store.write(block, flat)
+def part(expected, block):
+    """The results of a block, out of those of every point."""
+    return {
+        name: array[block].reshape(-1, *array.shape[len(block) :])
+        for name, array in expected.items()
+    }
+
+
+def write_blocks(path, expected, *, size=10, backwards=False, compressed=False):
+    with sweep_writer(path, layout(block_size=size)) as store:
+        for block in store.pending()[:: -1 if backwards else 1]:
+            store.write(block, part(expected, block))
+        store.finish(compressed=compressed)
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 10])
 @pytest.mark.parametrize("backwards", [False, True])
-def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, backwards):
+@pytest.mark.parametrize("compressed", [False, True])
+def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, backwards, compressed):
     path = tmp_path / "out.h5"
     expected = whole(GRID)
-    blocks = list(GRID.blocks(size))
-    write_blocks(path, blocks[::-1] if backwards else blocks, expected)
+    write_blocks(path, expected, size=size, backwards=backwards, compressed=compressed)
     with open_sweep(path) as dataset:
         assert set(dataset.data_vars) == set(VARIABLES)
         for name, variable in VARIABLES.items():
@@ -91,7 +96,7 @@ def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, back
 
 def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
     path = tmp_path / "out.h5"
-    write_blocks(path, GRID.blocks(10), whole(GRID))
+    write_blocks(path, whole(GRID))
     with xr.open_dataset(path, engine="h5netcdf") as dataset, open_sweep(path) as ours:
         xr.testing.assert_identical(dataset, ours)
         assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample", "exponent"}
@@ -121,12 +126,14 @@ def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
         )
 
 
-def test_a_single_point_has_no_axes(tmp_path):
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_single_point_has_no_axes(tmp_path, compressed):
     path = tmp_path / "out.h5"
     grid = Grid({}, dict.fromkeys(PARAMETERS, 0.5))
     given = results(1)
-    with writer(path, grid) as store:
+    with sweep_writer(path, layout(grid)) as store:
         store.write((), given)
+        store.finish(compressed=compressed)
     with open_sweep(path) as dataset:
         assert dataset["status"].shape == ()
         for name in VARIABLES:
@@ -135,20 +142,20 @@ def test_a_single_point_has_no_axes(tmp_path):
 
 def test_an_unwritten_single_point_is_pending(tmp_path):
     path = tmp_path / "out.h5"
-    writer(path, Grid({}, {})).close()
+    lay_out(path, Grid({}, {}))
     with open_sweep(path) as dataset:
         assert dataset["status"] == Status.PENDING
         assert np.isnan(dataset["rest_fraction"])
         for name in ("chatters", "near_grazes", "period", "period_impacts"):
             assert dataset[name] == -1
-        assert np.isnan(dataset["poincare_x"]).all()
-        assert dataset.sizes["sample"] == 0
+        for name in ("poincare_x", "trajectory_t"):
+            assert np.isnan(dataset[name]).all()
 
 
 def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
     path = tmp_path / "out.h5"
     widths = {"section": 4, "impact": 0, "sample": 0}
-    with writer(path, widths=widths, diagnostics=()) as store:
+    with sweep_writer(path, layout(widths=widths, diagnostics=())) as store:
         store.write((slice(0, 2), slice(0, 5)), results(10, widths=widths))
     with open_sweep(path) as dataset:
         assert set(dataset.sizes) == {"R", "omega", "section"}
@@ -167,7 +174,7 @@ def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
 )
 def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
     path = tmp_path / "out.h5"
-    writer(path, diagnostics=diagnostics).close()
+    lay_out(path, diagnostics=diagnostics)
     held = held_variables(WIDTHS, diagnostics)
     with open_sweep(path) as dataset:
         assert set(dataset.data_vars) == set(held)
@@ -184,35 +191,40 @@ def test_the_estimate_is_what_the_arrays_take():
     assert bytes_per_point(WIDTHS, DIAGNOSTICS) * 10 == taken
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
-def test_trajectories_grow_to_the_widest_and_are_padded(tmp_path, order):
+@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order, compressed):
     path = tmp_path / "out.h5"
     grid = Grid({"omega": np.array([1.0, 2.0, 3.0])}, {})
-    widths = (3, 3000, 1025)  # across and within the chunks of 1024
+    widths = (3, 300, 102)
     parts = [results(1, width, seed=width) for width in widths]
-    with writer(path, grid) as store:
+    with sweep_writer(path, layout(grid, block_size=1)) as store:
         for index in order:
             store.write((slice(index, index + 1),), parts[index])
+        store.finish(compressed=compressed)
     with open_sweep(path) as dataset:
-        assert dataset["sample"].values.tolist() == list(range(3000))
-        for name in ("trajectory_t", "trajectory_x", "trajectory_v"):
+        assert dataset["sample"].values.tolist() == list(range(300))
+        for name in VARIABLES:
             for index, width in enumerate(widths):
                 row = dataset[name][index].values
-                np.testing.assert_array_equal(row[:width], parts[index][name][0])
-                assert np.isnan(row[width:]).all()
+                if VARIABLES[name].record == "sample":
+                    assert np.isnan(row[width:]).all()
+                    row = row[:width]
+                np.testing.assert_array_equal(row, parts[index][name][0])
 
 
 def test_a_partial_file_says_what_is_pending(tmp_path):
     path = tmp_path / "out.h5"
     given = results(2)
     given["status"][1] = Status.NON_FINITE
-    with pytest.raises(KeyboardInterrupt), writer(path) as store:
-        store.write((slice(1, 2), slice(0, 2)), given)
+    with pytest.raises(KeyboardInterrupt), sweep_writer(path, layout(block_size=2)) as store:
+        store.write((slice(1, 2), slice(0, 1)), results(1))
+        store.write((slice(1, 2), slice(1, 3)), given)
         raise KeyboardInterrupt
     with open_sweep(path) as dataset:
         counts = dict.fromkeys(Status, 0) | {
-            Status.PENDING: 8,
-            Status.COMPUTED: 1,
+            Status.PENDING: 7,
+            Status.COMPUTED: 2,
             Status.NON_FINITE: 1,
         }
         assert status_counts(dataset) == counts
@@ -227,7 +239,7 @@ def test_a_partial_file_says_what_is_pending(tmp_path):
 
 def test_it_is_read_lazily(tmp_path):
     path = tmp_path / "out.h5"
-    writer(path).close()
+    lay_out(path)
     with open_sweep(path) as dataset:
         assert not dataset["poincare_x"].variable._in_memory
 
@@ -235,7 +247,7 @@ def test_it_is_read_lazily(tmp_path):
 def test_a_block_that_does_not_fit_is_not_written(tmp_path):
     path = tmp_path / "out.h5"
     block = (slice(0, 1), slice(0, 2))
-    with writer(path) as store:
+    with sweep_writer(path, layout(block_size=3)) as store:
         with pytest.raises(ValueError, match=r"impact_v has the shape \(2, 9\)"):
             store.write(block, {**results(2), "impact_v": np.zeros((2, 9))})
         with pytest.raises(ValueError, match="poincare_x has the shape"):
@@ -244,45 +256,36 @@ def test_a_block_that_does_not_fit_is_not_written(tmp_path):
             store.write(block, {**results(2), "speed": np.zeros(2)})
         with pytest.raises(KeyError, match="status"):
             store.write(block, {k: v for k, v in results(2).items() if k != "status"})
+        with pytest.raises(KeyError):
+            store.write((slice(0, 1), slice(0, 5)), results(5))
     with open_sweep(path) as dataset:
         assert status_counts(dataset)[Status.PENDING] == GRID.size
         assert np.isnan(dataset["poincare_x"].values).all()
 
 
-def test_a_file_that_cannot_grow_is_told(tmp_path):
-    path = tmp_path / "out.h5"
-    store = writer(path)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))  # stands for a full disk
-    try:
-        with pytest.raises(StoreError, match=r"out\.h5 cannot be written: File too large$"):
-            store.write((slice(0, 2), slice(0, 5)), results(10, samples=50_000))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        store.close()
-
-
 def test_an_existing_file_is_kept_unless_told(tmp_path):
     path = tmp_path / "out.h5"
-    writer(path).close()
+    lay_out(path)
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="exists; give --overwrite to replace it or -o"):
-        writer(path)
+    message = "exists; give --resume to go on with it, --overwrite to replace it, or -o"
+    with pytest.raises(StoreError, match=message), sweep_writer(path, layout()):
+        pass
     assert path.read_bytes() == before
-    writer(path, overwrite=True).close()
-    open_sweep(path).close()
+    lay_out(path, widths={**WIDTHS, "section": 7})
+    with open_sweep(path) as dataset:
+        assert dataset.sizes["section"] == 7
 
 
 def test_a_file_of_another_kind_is_never_replaced(tmp_path):
     path = tmp_path / "sweep.csv"
     path.write_bytes(b"precious")
     with pytest.raises(StoreError, match="not an HDF5 file and will not be replaced"):
-        writer(path, overwrite=True)
+        lay_out(path)
     assert path.read_bytes() == b"precious"
 
 
 def test_outputs_that_are_refused(tmp_path):
-    check_output(tmp_path / "new.h5", overwrite=False)
+    check_output(tmp_path / "new.h5")
     with pytest.raises(StoreError, match="is a directory"):
         check_output(tmp_path, overwrite=True)
     with pytest.raises(StoreError, match=r"the folder .*missing of the output new\.h5 does not"):
@@ -294,58 +297,66 @@ def test_outputs_that_are_refused(tmp_path):
 def test_the_ending_of_another_kind_of_file_is_refused(tmp_path, ending):
     with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
         check_output(tmp_path / f"z{ending}", overwrite=True)
-    check_output(tmp_path / "z.5", overwrite=False)
+    check_output(tmp_path / "z.5")
 
 
 def test_a_sweep_larger_than_the_disk_is_refused(tmp_path, monkeypatch):
     free = types.SimpleNamespace(free=100_000)
-    monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: free)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: free)
     path = tmp_path / "out.h5"
-    with pytest.raises(StoreError, match=r"takes about 50 MB, .* only 100 kB left"):
-        check_output(path, False, 50_000_000)
-    with pytest.raises(StoreError, match="only 100 kB left"):
-        writer(path, widths={**WIDTHS, "section": 2000})
-    assert not path.exists()
+    with pytest.raises(
+        StoreError, match=r"takes about 50 MB, .* only 100 kB left; record less, or"
+    ):
+        check_output(path, size=50_000_000)
     path.write_bytes(b"\x89HDF\r\n\x1a\n".ljust(1000))
-    check_output(path, True, 101_000)  # what is replaced makes room
+    # The old file stays until the new one is laid out, and makes no room.
+    with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
+        check_output(path, overwrite=True, size=100_001)
+    check_output(path, overwrite=True, size=100_000)
+    check_output(path, resume=True, size=100_001)  # which has its room already
 
 
-@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("existing", [False, True])
 @pytest.mark.parametrize(
     ("failure", "raised"),
     [
-        (ValueError("Unable to create dataset\nat line 3"), StoreError),
-        (OSError(28, "No space left on device"), StoreError),
+        (ValueError("Unable to create dataset\nat line 3"), StoreFailure),
+        (OSError(28, "No space left on device"), StoreFailure),
         (KeyboardInterrupt(), KeyboardInterrupt),
     ],
 )
-def test_a_file_that_cannot_be_laid_out_is_not_left_behind(
-    tmp_path, monkeypatch, failure, raised, overwrite
+@pytest.mark.parametrize("where", ["_add_variable", "_fill", "_seal"])
+def test_a_file_that_cannot_be_laid_out_leaves_nothing_and_loses_nothing(
+    tmp_path, monkeypatch, failure, raised, existing, where
 ):
-    def fail(*_):
+    path = tmp_path / "out.h5"
+    if existing:
+        lay_out(path)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+
+    def fail(*_, **__):
         raise failure
 
-    monkeypatch.setattr(SweepWriter, "_add_variable", fail)
+    monkeypatch.setattr(f"sweeps.layout.{where}", fail)
     with pytest.raises(raised) as caught:
-        writer(tmp_path / "out.h5", overwrite=overwrite)
-    assert list(tmp_path.iterdir()) == []
-    assert raised is not StoreError or "out.h5 cannot be created: " in str(caught.value)
+        lay_out(path)
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+    assert raised is not StoreFailure or "out.h5 cannot be created: " in str(caught.value)
     assert "line 3" not in str(caught.value)
 
 
 def test_a_grid_too_large_for_hdf5_is_refused(tmp_path, monkeypatch):
-    huge = types.SimpleNamespace(free=10**40)
-    monkeypatch.setattr(store_module.shutil, "disk_usage", lambda _: huge)
     axis = np.zeros(200_000)
-    with pytest.raises(StoreError, match=r"out\.h5 cannot be created"):
-        writer(tmp_path / "out.h5", Grid(dict.fromkeys(("h", "R", "f", "p"), axis), {}))
+    grid = Grid(dict.fromkeys(("h", "R", "f", "p"), axis), {})
+    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be created"):
+        lay_out(tmp_path / "out.h5", grid, block_size=grid.size)
     assert list(tmp_path.iterdir()) == []
 
 
 def sweep_with(path, **attributes):
-    writer(path).close()
-    with h5py.File(path, "r+") as file:
-        file.attrs.update(attributes)
+    changed = layout()
+    changed.attributes.update(attributes)
+    create(path, changed)
 
 
 def test_files_that_are_not_ours_are_refused(tmp_path):
@@ -360,25 +371,28 @@ def test_files_that_are_not_ours_are_refused(tmp_path):
     h5py.File(path, "w").close()
     with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
         open_sweep(path)
-    path.unlink()
-    sweep_with(path, format="another")
-    with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
-        open_sweep(path)
+    for name in ("another", 7, np.array([1.0, 2.0])):
+        with h5py.File(path, "w") as file:
+            file.attrs["format"] = name
+        with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
+            open_sweep(path)
 
 
 @pytest.mark.parametrize("version", [FORMAT_VERSION + 1, 0, "one"])
 def test_an_unknown_format_version_is_refused(tmp_path, version):
     path = tmp_path / "out.h5"
     sweep_with(path, format_version=version)
-    with pytest.raises(StoreError, match=f"format version {version}, .* reads only 1"):
+    with pytest.raises(
+        StoreError, match=f"format version {version}, .* reads only {FORMAT_VERSION}"
+    ):
         open_sweep(path)
 
 
 @pytest.mark.parametrize("kept", [0.02, 0.5, 0.99])
 def test_a_truncated_file_is_refused(tmp_path, kept):
     path = tmp_path / "out.h5"
-    write_blocks(path, GRID.blocks(10), whole(GRID))
+    write_blocks(path, whole(GRID))
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * kept)])
-    with pytest.raises(StoreError, match=r"out\.h5 cannot be read, it may be truncated"):
+    with pytest.raises(StoreError, match=r"out\.h5 .* truncated"):
         open_sweep(path)

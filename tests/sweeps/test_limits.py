@@ -1,0 +1,170 @@
+"""What a sweep takes is told, or refused, before a step of it is computed."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sweeps import limits
+from sweeps.background import in_background
+from sweeps.cli import app
+from sweeps.compute import compute
+from sweeps.errors import StoreError
+from sweeps.layout import Layout
+from sweeps.limits import block_size, estimate, expected_seconds, reserved_widths
+from sweeps.loading import load_config
+from sweeps.runner import run_sweep
+from vibroimpact.kernel import LANES
+
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}
+record: {transient: 100, periods: 100}
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text(CONFIG)
+    return tmp_path
+
+
+def config(*overrides):
+    return load_config("sweep.yaml", overrides)
+
+
+def with_memory(monkeypatch, size):
+    monkeypatch.setattr(limits, "_available_memory", lambda: size)
+
+
+def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
+    sweep = config("record.periods=1e5", "record.impacts=0")
+    sizes = []
+    for memory in (10**11, 10**9, 10**8, 10**7):
+        with_memory(monkeypatch, memory)
+        sizes.append(block_size(sweep))
+        assert estimate(sweep).memory <= memory
+    assert sizes[0] == 2 * LANES
+    assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
+
+
+def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
+    with_memory(monkeypatch, 10**7)
+    for options in (["--dry-run"], []):
+        changed = ["--set", "record.periods=1e6", *options]
+        result = CliRunner().invoke(app, ["run", "sweep.yaml", *changed])
+        assert result.exit_code == 2
+        assert "one point takes about 80 MB of memory, and only 10 MB" in result.stderr
+        assert "record fewer periods, impacts or samples" in result.stderr
+    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
+
+
+def test_the_memory_that_is_told_is_that_of_the_blocks_in_work():
+    sweep = config()
+    points = sweep.grid.points((slice(0, block_size(sweep)),))
+    arrays = sum(array.nbytes for array in compute(sweep, points, None).values())
+    assert estimate(sweep).memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
+
+
+def test_the_size_that_is_told_is_that_of_the_file():
+    sweep = config()
+    told = estimate(sweep)
+    size = run_sweep(sweep, "out.h5").stat().st_size
+    assert told.file <= size <= told.file + 100_000
+    assert told.disk == told.file
+    assert estimate(config("compression=gzip")).disk == 2 * told.file  # the copy at the end
+    sampled = config("record.trajectory={every: 1}")
+    assert reserved_widths(sampled)["sample"] > sampled.widths["sample"]
+    assert estimate(sampled).disk > 2 * estimate(sampled).file
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [],
+        ["record.transient=0", "record.trajectory={every: 8}", "oscillator.omega.num=100"],
+        ["oscillator.omega.num=3", "record.periods=20000", "record.impacts=20000"],
+    ],
+)
+def test_the_expected_time_is_about_the_time(changes):
+    """Within a factor of ten of the kernel's own, on a machine that does other things, too."""
+    sweep = config(*changes)
+    expected_seconds(sweep, None)  # compiles
+    expected = expected_seconds(sweep, None)
+    began = time.perf_counter()
+    for block in sweep.grid.blocks(block_size(sweep)):
+        compute(sweep, sweep.grid.points(block), None)
+    assert 0.1 < expected / (time.perf_counter() - began) < 10.0
+
+
+def test_an_hour_is_told_without_taking_one():
+    sweep = config("record.transient=1e9", "oscillator.omega.num=1e6")
+    began = time.perf_counter()
+    assert expected_seconds(sweep, None) > 1e6 * (time.perf_counter() - began)
+
+
+def test_items_from_the_background_come_in_order_and_so_do_errors():
+    def items():
+        yield from range(5)
+        raise ValueError("the end")
+
+    found = []
+    with pytest.raises(ValueError, match="the end"):
+        for item in in_background(items()):
+            found.append(item)
+    assert found == list(range(5))
+    assert list(in_background(())) == []
+
+
+def test_the_background_is_two_items_ahead_at_the_most():
+    begun = []
+
+    def items():
+        for number in range(10):
+            begun.append(number)
+            yield number
+
+    for item in in_background(items()):
+        time.sleep(0.02)
+        assert len(begun) <= item + 3
+    assert len(begun) == 10
+
+
+def test_a_background_that_is_left_ends():
+    begun = []
+
+    def items():
+        for number in range(1000):
+            begun.append(number)
+            yield np.zeros(1)
+
+    for _ in in_background(items()):
+        break
+    assert list(in_background([1])) == [1]  # which waits for the one before
+    assert len(begun) < 5
+
+
+def test_too_little_disk_is_refused_with_both_figures(monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1000}))
+    with pytest.raises(StoreError, match=r"takes about 5\.\d+ MB, .* has only 1 kB left"):
+        run_sweep(config(), "out.h5")
+    assert not Path("out.h5").exists()
+
+
+def test_the_layout_reserves_what_is_told():
+    sweep = config("record.trajectory={every: 1}")
+    layout = Layout.of(
+        sweep.grid,
+        name="",
+        configuration="",
+        widths=reserved_widths(sweep),
+        first_section=1,
+        block_size=100,
+    )
+    reserved = sum(
+        int(np.prod(layout.shape_of(name))) * (1 if name == "status" else 8)
+        for name in layout.variables
+    )
+    assert estimate(sweep).disk == reserved + estimate(sweep).file

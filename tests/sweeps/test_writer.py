@@ -1,0 +1,442 @@
+"""Blocks are in the file whole or not at all, through a kill, a full disk and a second writer."""
+
+import fcntl
+import os
+import resource
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sweeps
+from sweeps import ledger, writer
+from sweeps.errors import StoreError, StoreFailure
+from sweeps.grid import Grid
+from sweeps.layout import Layout
+from sweeps.locking import only_writer
+from sweeps.store import open_sweep
+from sweeps.variables import VARIABLES
+from sweeps.writer import sweep_writer
+from vibroimpact.status import Status
+
+ROOT = Path(sweeps.__file__).parents[1]
+GRID = Grid({"R": np.array([0.5, 0.8]), "omega": np.linspace(1.0, 4.0, 6)}, {})
+WIDTHS = {"section": 50, "impact": 3, "sample": 6}
+
+
+def layout(configuration="oscillator: {h: 0.1}\n", numerics="1", grid=GRID, block_size=2):
+    return Layout.of(
+        grid,
+        name="a test",
+        configuration=configuration,
+        widths=WIDTHS,
+        first_section=1,
+        diagnostics=("period", "lyapunov"),
+        block_size=block_size,
+        numerics=numerics,
+    )
+
+
+def results(block, samples=None):
+    """Results that depend on the block alone; its trajectories too have their own length."""
+    seed = [cut.start for cut in block]
+    points = int(np.prod([cut.stop - cut.start for cut in block]))
+    random = np.random.default_rng(seed)
+    samples = 4 + 3 * sum(seed) if samples is None else samples
+    arrays = {}
+    for name, variable in VARIABLES.items():
+        width = {**WIDTHS, "exponent": 2, "sample": samples, None: None}[variable.record]
+        shape = (points,) if width is None else (points, width)
+        arrays[name] = random.normal(scale=100.0, size=shape).astype(variable.dtype)
+    arrays["status"] = np.zeros(points, np.int8)
+    return arrays
+
+
+def fill(path, blocks=None, compressed=False, **kwargs):
+    """Write that many of the pending blocks; finish the file where it is complete."""
+    with sweep_writer(path, layout(), **kwargs) as store:
+        for block in store.pending()[:blocks]:
+            store.write(block, results(block))
+        if not store.pending():
+            store.finish(compressed=compressed)
+        return store.damage
+
+
+def data(path):
+    with open_sweep(path) as dataset:
+        dataset.load()
+    return dataset.drop_attrs(deep=False)
+
+
+@pytest.fixture
+def whole(tmp_path):
+    """Return the data of a file that was written in one go."""
+    fill(tmp_path / "whole.h5")
+    return data(tmp_path / "whole.h5")
+
+
+# Resuming
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_resumed_file_ends_with_the_same_data(tmp_path, whole, compressed):
+    path = tmp_path / "out.h5"
+    for blocks in (0, 1, 2, 0, None, None):  # the last finds nothing to do
+        fill(path, blocks, compressed, resume=True)
+        with open_sweep(path) as dataset, xr.open_dataset(path, engine="h5netcdf") as plain:
+            xr.testing.assert_identical(dataset, plain)
+    xr.testing.assert_identical(data(path), whole)
+
+
+def test_a_file_keeps_its_own_blocks(tmp_path, whole):
+    path = tmp_path / "out.h5"
+    fill(path, 2)
+    with sweep_writer(path, layout(block_size=5), resume=True) as store:
+        assert store.pending() == list(GRID.blocks(2))[2:]
+
+
+def test_the_duration_is_that_of_all_sessions(tmp_path, monkeypatch):
+    path = tmp_path / "out.h5"
+    now = iter(range(0, 10**6, 1000))
+    for session, blocks in enumerate((1, 1, None), 1):
+        # The clock is read at the start and the end of a session, and of each copy in between.
+        monkeypatch.setattr("time.monotonic", lambda: next(now))
+        fill(path, blocks, resume=True)
+        with open_sweep(path) as dataset:
+            assert dataset.attrs["duration"] >= 1000 * session
+
+
+def test_a_complete_file_is_left_alone(tmp_path):
+    path = tmp_path / "out.h5"
+    fill(path)
+    before = path.read_bytes()
+    fill(path, resume=True)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "parts"),
+    [
+        (
+            {"configuration": "oscillator: {h: 0.2, omega: {num: 6}}\nrecord: {impacts: 3}"},
+            ["oscillator.h was 0.1 and is 0.2", "oscillator.omega.num was not given and is 6",
+             "record.impacts was not given and is 3"],
+        ),
+        ({"numerics": "2"}, ["the code that computes is another version"]),
+        ({"grid": Grid(dict(reversed(GRID.axes.items())), {})}, ["values or another order"]),
+    ],
+)  # fmt: skip
+def test_another_sweep_is_not_resumed(tmp_path, changed, parts):
+    path = tmp_path / "out.h5"
+    fill(path, 2)
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match=r"out\.h5 cannot be resumed: ") as caught:
+        with sweep_writer(path, layout(**changed), resume=True):
+            pass
+    for part in (*parts, "--overwrite"):
+        assert part in str(caught.value)
+    assert path.read_bytes() == before
+
+
+def test_another_name_is_no_other_sweep(tmp_path):
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, layout("name: a\nh: 1\n")):
+        pass
+    with sweep_writer(path, layout("h: 1\nname: b\n"), resume=True):
+        pass
+
+
+# Commits
+
+
+class Killed(BaseException):
+    """Stands for a kill: nothing is written after it."""
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
+    tmp_path, monkeypatch, whole, compressed
+):
+    """Every 37th write is the last one, and is cut in half, in turn."""
+    path = tmp_path / "out.h5"
+    written = 0
+    real = ledger.write_all
+
+    def write_all(descriptor, part, start):
+        nonlocal written
+        written += 1
+        if written == last:
+            real(descriptor, memoryview(part)[: len(part) // 2], start)
+        if written >= last:
+            raise Killed
+        real(descriptor, part, start)
+
+    last = 0
+    for module in ("ledger", "layout", "writer"):
+        monkeypatch.setattr(f"sweeps.{module}.write_all", write_all)
+    ended = False
+    while not ended:
+        last, written = last + 37, 0
+        path.unlink(missing_ok=True)
+        try:
+            fill(path, 2, resume=True)
+            fill(path, None, compressed, resume=True)
+            ended = True
+        except Killed:
+            pass
+        written = -(10**9)
+        if path.exists():
+            with open_sweep(path) as dataset, xr.open_dataset(path, engine="h5netcdf") as plain:
+                xr.testing.assert_identical(dataset, plain)
+                done = dataset["status"].values != Status.PENDING
+                for name in ("poincare_x", "chatters", "lyapunov"):
+                    expected = whole[name].values[done]
+                    np.testing.assert_array_equal(dataset[name].values[done], expected)
+        fill(path, None, compressed, resume=True)
+        xr.testing.assert_identical(data(path), whole)
+        assert [file.name for file in tmp_path.iterdir() if "out" in file.name] == ["out.h5"]
+    assert last > 100
+
+
+def test_the_status_is_written_after_the_data_have_reached_the_disk(tmp_path, monkeypatch):
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, layout()) as store:
+        block = store.pending()[0]
+        places, events = store._places, []
+        monkeypatch.setattr(writer, "write_all", lambda _, data, start: events.append(start))
+        monkeypatch.setattr(ledger, "write_all", lambda _, data, start: events.append("row"))
+        monkeypatch.setattr(os, "fsync", lambda _: events.append("fsync"))
+        store.write(block, results(block, samples=6))
+        monkeypatch.undo()
+    before, after = events[: events.index("fsync")], events[events.index("fsync") + 1 :]
+    assert sorted(before) == sorted(at for name, at in places.items() if name != "status")
+    assert after == [places["status"], "row", "fsync"]
+
+
+def test_a_row_that_reached_the_disk_before_the_status_is_none(tmp_path, whole):
+    """After a loss of power between the two; the block is neither there nor damaged."""
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, layout()) as store:
+        first, second, *_ = store.pending()
+        store.write(first, results(first))
+        store.write(second, results(second))
+        status = store._places["status"]
+    bad = bytearray(path.read_bytes())
+    bad[status + 2 : status + 4] = np.full(2, Status.PENDING, np.int8).tobytes()
+    path.write_bytes(bad)
+    with open_sweep(path) as dataset:
+        assert int((dataset["status"] != Status.PENDING).sum()) == 2
+    with sweep_writer(path, layout(), resume=True) as store:
+        assert store.pending()[0] == second
+    fill(path, resume=True)
+    xr.testing.assert_identical(data(path), whole)
+
+
+def test_a_box_that_is_not_contiguous_is_written_to_its_places(tmp_path):
+    path = tmp_path / "out.h5"
+    grid = Grid({name: np.arange(n, dtype=float) for name, n in (("h", 3), ("R", 4), ("f", 5))}, {})
+    plan = layout(grid=grid, block_size=60)
+    boxes = [
+        (slice(h, h + 3), slice(r, r + 2), slice(f, min(f + 3, 5)))
+        for h in (0,) for r in (0, 2) for f in (0, 3)
+    ]  # fmt: skip
+    object.__setattr__(plan, "blocks", boxes)
+    with sweep_writer(path, plan) as store:
+        for box in boxes:
+            store.write(box, results(box, samples=6))
+    with open_sweep(path) as dataset:
+        for box in boxes:
+            for name, array in results(box, samples=6).items():
+                np.testing.assert_array_equal(
+                    dataset[name].values[box], array.reshape(dataset[name].values[box].shape)
+                )
+
+
+# Damage
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_changed_byte_is_found_or_harmless(tmp_path, whole, compressed):
+    """200 random bytes all over the file, and 100 where HDF5 keeps its own."""
+    path = tmp_path / "out.h5"
+    fill(path, compressed=compressed)
+    good = path.read_bytes()
+    random = np.random.default_rng(1)
+    where = np.concatenate([random.integers(len(good), size=200), random.integers(9000, size=100)])
+    found = 0
+    for at in where:
+        bad = bytearray(good)
+        bad[at] ^= random.integers(1, 256)
+        path.write_bytes(bad)
+        try:
+            xr.testing.assert_identical(data(path), whole)
+        except StoreError as error:
+            found += 1
+            assert "is damaged" in str(error) or "not one that vibroimpact" in str(error)
+    assert found > 200
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_damaged_blocks_are_named_and_computed_again(tmp_path, whole, compressed):
+    path = tmp_path / "out.h5"
+    fill(path, compressed=compressed)
+    with open_sweep(path) as dataset:
+        value = dataset["poincare_x"].values[1, 2, 30]
+    bad = bytearray(path.read_bytes())
+    if compressed:
+        import h5py
+
+        with h5py.File(path) as file:
+            chunk = file["poincare_x"].id.get_chunk_info(0)
+        bad[chunk.byte_offset + chunk.size // 2] ^= 1
+        named = r"block 0 \(R 0\.5 to 0\.5, omega 1 to 1\.6\), .* and 3 more of 6"
+    else:
+        bad[bytes(bad).index(value.tobytes())] ^= 1
+        named = r"block 4 \(R 0\.8 to 0\.8, omega 2\.2 to 2\.8\) of 6"
+    path.write_bytes(bad)
+    with pytest.raises(StoreError, match=rf"out\.h5 is damaged: {named}; .*--resume"):
+        open_sweep(path)
+    open_sweep(path, verify=False).close()
+    assert named.split(" ")[1] in fill(path, None, compressed, resume=True)
+    xr.testing.assert_identical(data(path), whole)
+
+
+def test_a_file_damaged_elsewhere_is_not_resumed(tmp_path):
+    path = tmp_path / "out.h5"
+    fill(path, 2)
+    bad = bytearray(path.read_bytes())
+    bad[bytes(bad).index(np.float64(2.2).tobytes())] ^= 1  # a coordinate
+    path.write_bytes(bad)
+    for use in (open_sweep, lambda path: fill(path, resume=True)):
+        with pytest.raises(StoreError, match=r"is damaged outside its results.* --overwrite"):
+            use(path)
+    fill(path, overwrite=True)
+
+
+# A full disk
+
+
+@pytest.fixture
+def small_disk():
+    """Return a function that limits the size of files."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path, small_disk):
+    path = tmp_path / "out.h5"
+    small_disk(12_000)
+    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be created: File too large$"):
+        fill(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, small_disk, whole, compressed):
+    path = tmp_path / "out.h5"
+    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be completed: File too large$"):
+        with sweep_writer(path, layout()) as store:
+            for block in store.pending():
+                store.write(block, results(block))
+            small_disk(12_000)
+            store.finish(compressed=compressed)
+    small_disk(resource.RLIM_INFINITY)
+    assert [file.name for file in tmp_path.iterdir() if file.suffix != ".h5"] == []
+    fill(path, compressed=compressed, resume=True)
+    xr.testing.assert_identical(data(path), whole)
+
+
+def test_a_disk_that_fills_up_loses_nothing(tmp_path, small_disk, whole):
+    """Only a longer trajectory, or a compressed copy, takes more room than there was."""
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, layout()) as store:
+        first, second, *_ = store.pending()
+        store.write(first, results(first))
+        small_disk(path.stat().st_size)
+        with pytest.raises(StoreFailure, match=r"out\.h5 cannot be written: File too large$"):
+            store.write(second, results(second, samples=10_000))
+    small_disk(resource.RLIM_INFINITY)
+    with open_sweep(path) as dataset:
+        assert int((dataset["status"] != Status.PENDING).sum()) == 2
+    fill(path, resume=True)
+    xr.testing.assert_identical(data(path), whole)
+
+
+# One writer
+
+
+def holder(path):
+    """Hold the lock of `path` in another process; it prints a line when it has it."""
+    code = (
+        "import sys, time; from pathlib import Path; from sweeps.locking import only_writer\n"
+        "with only_writer(Path(sys.argv[1])):\n"
+        "    print('held', flush=True); time.sleep(100)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)],
+        stdout=subprocess.PIPE,
+        env={"PYTHONPATH": str(ROOT)},
+    )
+    assert process.stdout.readline() == b"held\n"
+    return process
+
+
+def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not(tmp_path):
+    path = tmp_path / "out.h5"
+    (tmp_path / "link.h5").symlink_to(path)
+    with holder(path) as other:
+        for name in (path, tmp_path / "link.h5"):
+            with pytest.raises(StoreError, match=f"being written by process {other.pid};"):
+                with only_writer(name):
+                    pass
+        other.send_signal(signal.SIGKILL)
+    assert list(tmp_path.glob("*.lock"))
+    with only_writer(path):
+        pass
+    assert not list(tmp_path.glob("*.lock"))
+
+
+def test_a_lock_that_was_removed_while_it_was_waited_for_counts_for_nothing(tmp_path, monkeypatch):
+    """The second opens the file of the first, which then goes, and a third comes."""
+    path, flock = tmp_path / "out.h5", fcntl.flock
+    first, third = ExitStack(), ExitStack()
+    first.enter_context(only_writer(path))
+
+    def slow(*arguments):
+        monkeypatch.setattr(fcntl, "flock", flock)
+        first.close()
+        third.enter_context(only_writer(path))
+        flock(*arguments)
+
+    monkeypatch.setattr(fcntl, "flock", slow)
+    with third, pytest.raises(StoreError, match=f"being written by process {os.getpid()};"):
+        with only_writer(path):
+            pass
+
+
+def test_an_overwritten_file_stays_until_the_new_one_is_there(tmp_path, monkeypatch, whole):
+    path = tmp_path / "out.h5"
+    fill(path)
+
+    def kill(*_):
+        raise Killed
+
+    monkeypatch.setattr("sweeps.layout._seal", kill)
+    with pytest.raises(Killed):
+        fill(path, overwrite=True)
+    xr.testing.assert_identical(data(path), whole)
+
+
+def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, layout()) as store:
+        for count, block in enumerate(store.pending(), 1):
+            store.write(block, results(block, samples=6))
+            with open_sweep(path) as dataset:
+                assert int((dataset["status"] != Status.PENDING).sum()) == 2 * count
