@@ -11,7 +11,7 @@ size, and never has it open for writing again: blocks go to the known places of 
 first step is computed, and nothing has to be joined at the end. A file per block would be as safe,
 but needs the disk twice at the end, when a full one hurts most, and cannot be read in part.
 Chunks with HDF5's own checksums would be refused by every reader where a kill tore one. The price
-is that everything is filled with NaN first: 1 to 2 % of a run of 200 + 100 forcing periods, 10 %
+is that everything is filled with NaN first: 2 to 3 % of a run of 200 + 100 forcing periods, 10 %
 where there is no transient.
 
 A compressed chunk has no place before it is compressed, so a file is compressed when it is
