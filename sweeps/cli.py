@@ -229,9 +229,9 @@ def _targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) 
             f"-o {output} is not allowed here: it is for a single file, and {len(sources)} are "
             "given; without it each has an output of its own",
         )
-    first: dict[Path, Path] = {}
+    first: dict[str, Path] = {}
     for source, target in zip(sources, targets, strict=True):
-        other = first.setdefault(target.resolve(), source)
+        other = first.setdefault(os.path.abspath(target), source)
         if other is not source:
             stop(REFUSED, f"{other} and {source} would both write {target}; give them one by one")
     return targets

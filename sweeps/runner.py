@@ -85,9 +85,8 @@ def run_sweep(
         (cost,) = in_background(map(estimate, [config], [threads]))
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(plan(config, path, cost), markup=False)
-        with sweep_writer(
-            path, _layout(config, pilot), overwrite=overwrite, resume=resume
-        ) as writer:
+        layout = _layout(config, pilot)
+        with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
             if writer.damage:
                 console.print(f"damaged, and computed again: {writer.damage}", markup=False)
             with _Display(config, writer, console) as display:

@@ -260,7 +260,8 @@ def test_the_file_keeps_the_pilot_and_a_configuration_that_gives_the_same_data(l
     with h5py.File("scene.h5") as first, h5py.File("again.h5") as second:
         assert "pilot" not in second.attrs and len(first) > 10
         for name, data in first.items():
-            assert data[()].tobytes() == second[name][()].tobytes()
+            if isinstance(data, h5py.Dataset):
+                assert data[()].tobytes() == second[name][()].tobytes()
 
 
 def test_quiet_is_quiet_and_a_dry_run_runs_no_pilot(load, monkeypatch):
