@@ -23,7 +23,7 @@ def pytest_terminal_summary(terminalreporter, config):
     if ratios:
         terminalreporter.section("speed")
         width = max(len(name) for name, _, _ in ratios)
-        terminalreporter.write_line(f"{'':{width}}     now   limit  of it")
+        terminalreporter.write_line(f"{'':{width}}     now   limit  ratio")
         for name, ratio, limit in ratios:
             line = f"{name:{width}}{ratio:8.3g}{limit:8.3g}{ratio / limit:7.0%}"
             terminalreporter.write_line(line, red=ratio > limit)

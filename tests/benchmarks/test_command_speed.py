@@ -80,7 +80,7 @@ def test_whole_command(race, sweep):
         lambda: run(path),
         lambda: kernel(path),
         of_reference=1.0,
-        rounds=5,
+        rounds=4,
     )
     check(path)
 
@@ -130,7 +130,7 @@ def test_second_run(race, sweep):
         lambda: python("-m", "sweeps.cli", "run", path, "--overwrite"),
         lambda: python("-c", libraries),
         of_reference=1.0,
-        rounds=4,
+        rounds=3,
     )
     assert "8 points, all certified" in told
     check(path)
