@@ -5,9 +5,11 @@ import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 
-from sweeps import plotting, selection
+from sweeps import plotting, plotting_bifurcation, selection
 from sweeps.grid import Grid
-from sweeps.plotting import KINDS, PlotError, bifurcation, plot, section, trajectory
+from sweeps.plotting import KINDS, PlotError, plot
+from sweeps.plotting_bifurcation import bifurcation
+from sweeps.plotting_point import section, trajectory
 from sweeps.store import SweepWriter, open_sweep
 from sweeps.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
@@ -44,7 +46,7 @@ def sweep(tmp_path):
             "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
             "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
             "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
-            "record": {"transient": 10},
+            "record": {"transient": 10, "phase": 0.0},
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"
@@ -97,7 +99,7 @@ def test_a_bifurcation_takes_the_longest_axis_and_the_first_value_of_others(swee
     dataset = sweep({"omega": OMEGA, "R": R})
     values = dataset["poincare_x"].values
     assert drawn(bifurcation(dataset).axes[0]) == pairs(OMEGA[:, None], values[:, 0])
-    figure = bifurcation(dataset, axis="R")
+    figure = bifurcation(dataset, axes=["R"])
     assert drawn(figure.axes[0]) == pairs(R[:, None], values[0])
     assert figure.axes[0].get_xlabel() == "coefficient of restitution $R$"
 
@@ -151,7 +153,7 @@ def test_points_that_failed_are_marked_and_not_drawn(sweep, tmp_path):
 
 @pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 40), np.geomspace(0.5, 8.0, 40)])
 def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values):
-    monkeypatch.setattr(plotting, "DENSITY_FROM", 100)
+    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 100)
     dataset = sweep({"omega": values}, poincare_x=np.tile([1.0, 2.0, 2.0, 2.0, 3.0], (40, 1)))
     figure = bifurcation(dataset)
     (mesh,) = [c for c in figure.axes[0].collections if isinstance(c, QuadMesh)]
@@ -240,7 +242,7 @@ def test_a_title_says_more_only_where_there_is_more_to_say(sweep, status):
 
 
 def test_the_configuration_is_read_once_per_picture(sweep, tmp_path, monkeypatch):
-    dataset = sweep({"omega": OMEGA})
+    dataset = sweep({"R": R, "omega": OMEGA})
     read, calls = selection.yaml.safe_load, []
     monkeypatch.setattr(selection.yaml, "safe_load", lambda text: calls.append(1) or read(text))
     for kind in KINDS:
@@ -311,7 +313,7 @@ def test_a_point_that_failed_is_titled_so(sweep):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_every_kind_is_written_in_every_format(sweep, tmp_path, kind, ending, start):
     output = tmp_path / f"a.{ending}"
-    assert plot(sweep({"omega": OMEGA}), output, kind) == output
+    assert plot(sweep({"R": R, "omega": OMEGA}), output, kind) == output
     assert output.read_bytes().startswith(start)
 
 
@@ -327,7 +329,8 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
     called = []
 
     def spy(name):
-        return lambda *given, **options: called.append(name) or KINDS[name](*given, **options)
+        draw = KINDS[name].draw
+        return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
 
     monkeypatch.setattr(plotting, "KINDS", {name: spy(name) for name in KINDS})
     plot(sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
@@ -342,17 +345,19 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
         ({"output": "folder.png"}, r"folder\.png cannot be written"),
         ({"kind": ""}, "no picture ''; choose one of"),
-        ({"axis": ""}, "'' is not a swept axis"),
+        ({"axes": [""]}, "'' is not a swept axis"),
         ({"coordinate": ""}, "no '' to draw; it has"),
-        ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, section, trajectory"),
-        ({"axis": "h"}, "h is not a swept axis; the file has R, omega"),
+        ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, map, section"),
+        ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
         ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
         ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
         ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
         ({"coordinate": "status"}, "no status to draw; it has poincare_x, poincare_v"),
         ({"coordinate": "impact_v"}, "no impact_v to draw; it has poincare_x, poincare_v"),
-        ({"kind": "section", "axis": "R"}, "axis can be chosen for a bifurcation only"),
+        ({"kind": "section", "axes": ["R"]}, "axes can be chosen for a bifurcation or map only"),
+        ({"kind": "map", "exact": True}, "exact can be chosen for a bifurcation only, not a map"),
+        ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         ({"kind": "trajectory"}, "has no trajectory_t, trajectory_x, trajectory_v: record it"),
         ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
     ],
