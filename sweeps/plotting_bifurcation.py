@@ -100,7 +100,6 @@ def bifurcation(
     panel.set_xlabel(label(dataset[axis]))
     panel.set_ylabel(label(dataset[coordinate]))
     guard(panel.set_ylim, low, high)
-    panel.set_ylim(panel.get_ylim())  # the branches do not change it
     if branches is not None:
         _draw_branches(panel, branches)
     mark_status(panel, values, status)

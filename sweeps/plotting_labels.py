@@ -38,9 +38,14 @@ def set_scale(axis: Axis, values: np.ndarray) -> None:
     if log_spaced(values):
         panel = axis.axes
         (panel.set_xscale if axis is panel.xaxis else panel.set_yscale)("log")
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+        tick_in_decades(axis)
+
+
+def tick_in_decades(axis: Axis) -> None:
+    """Label 1, 2 and 5 of every decade, as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def entitle(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> None:

@@ -21,10 +21,9 @@ from matplotlib.colors import (
 )
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogFormatter
 
 from sweeps.classes import Motion, classify, frequent_periods
-from sweeps.plotting_labels import entitle, label, log_spaced, set_scale
+from sweeps.plotting_labels import entitle, label, log_spaced, set_scale, tick_in_decades
 from sweeps.plotting_marks import BLUE, STATUS_COLOURS, VERMILION, cell_edges
 from sweeps.selection import PlotError, Setting, chosen_axes, listed, select
 from vibroimpact.status import Status
@@ -39,7 +38,7 @@ _MOTIONS = {
     Motion.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
     Motion.NEUTRAL: (r"quasi-periodic or unsettled, $\lambda_1 \approx 0$", "#6A3D9A"),
     Motion.UNBOUNDED: ("unbounded", "#7A4A12"),
-    Motion.UNDECIDED: ("undecided", "#AAAAAA"),
+    Motion.UNDECIDED: ("undecided", "#CCCCCC"),
 }
 _STATUSES = {
     Status.COMPUTED: _PERIODIC[1],
@@ -103,7 +102,7 @@ def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
     norm = TwoSlopeNorm(0.0, min(low, -1e-12), max(high, 1e-12))
     name = label(cut["lyapunov"]).replace(r"\lambda", r"\lambda_1").replace("Lyap", "larger Lyap")
     _draw_values(figure, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
-    return [_Kind(r"with rest, $\lambda_1 = -\infty$", "#999999", np.isneginf(larger))]
+    return [_Kind(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]
 
 
 def rest_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
@@ -228,15 +227,16 @@ def _draw_values(
 ) -> None:
     """Draw values with their colour bar, which says if some are below it."""
     mesh = _draw_cells(figure, cut, values, norm, colours)
+    if values.count() == 0:
+        return
     low, high = mesh.get_clim()
-    below = values.count() > 0 and values.min() < low
+    below = values.min() < low
     bar = figure.colorbar(
         mesh, ax=figure.axes[0], pad=0.02, aspect=35, extend="min" if below else "neither"
     )
     bar.set_label(text)
     if isinstance(norm, LogNorm) and high < 100.0 * low:
-        bar.ax.yaxis.set_major_formatter("{x:g}")
-        bar.ax.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.8)))
+        tick_in_decades(bar.ax.yaxis)
 
 
 def _draw_cells(
@@ -291,7 +291,7 @@ def _columns(handles: Sequence[Patch]) -> int:
     for columns in (4, 3, 2):
         rows = math.ceil(len(lengths) / columns)
         widths = [max(lengths[i : i + rows]) + 4 for i in range(0, len(lengths), rows)]
-        if sum(widths) <= 72:
+        if sum(widths) <= 76:
             return columns
     return 1
 

@@ -32,7 +32,7 @@ def section(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Fi
     panel.set_ylabel(label(dataset["poincare_v"]))
     guard(panel.set_xlim, min(x.min(), clearance), max(x.max(), clearance))
     guard(panel.set_ylim, v.min(), v.max())
-    entitle(figure, setting, point, 64)
+    entitle(figure, setting, point, 72)
     figure.legend(loc="outside lower center", frameon=False)
     return figure
 
@@ -55,7 +55,7 @@ def impacts(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Fi
     panel.set_ylim(bottom=0.0)
     panel.set_xlabel(label(dataset["impact_phase"]))
     panel.set_ylabel(label(dataset["impact_v"]))
-    entitle(figure, Setting.of(dataset), point, 64)
+    entitle(figure, Setting.of(dataset), point, 72)
     return figure
 
 
