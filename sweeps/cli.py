@@ -256,7 +256,12 @@ def plot(
     from sweeps.store import StoreError, open_sweep
 
     cuts = _cuts(at or ())
-    options = {"axes": axis, "coordinate": coordinate, "quantity": quantity, "exact": exact}
+    options = {
+        "axes": tuple(axis or ()),
+        "coordinate": coordinate,
+        "quantity": quantity,
+        "exact": exact,
+    }
     figures = _targets(files, output, [file.with_suffix(".png") for file in files])
     try:
         for file in files:
@@ -282,7 +287,7 @@ def _plot(
         found = plotting.on_grid(dataset, cuts)
         written = plotting.plot(dataset, figure, kind, found, **options)
         told = (
-            plotting.compare(dataset, options["axes"] or (), found, options["coordinate"])
+            plotting.compare(dataset, options["axes"], found, options["coordinate"])
             if options["exact"]
             else []
         )

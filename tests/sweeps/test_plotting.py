@@ -5,11 +5,12 @@ import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 
-from sweeps import plotting, plotting_bifurcation, selection
+from sweeps import plotting, plotting_bifurcation, plotting_density, selection
 from sweeps.grid import Grid
 from sweeps.plotting import KINDS, PlotError, plot
 from sweeps.plotting_bifurcation import bifurcation
-from sweeps.plotting_point import section, trajectory
+from sweeps.plotting_marks import DPI
+from sweeps.plotting_point import impacts, section, trajectory
 from sweeps.store import SweepWriter, open_sweep
 from sweeps.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
@@ -163,6 +164,42 @@ def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values)
     rows = np.flatnonzero(share.sum(axis=1))
     np.testing.assert_allclose(share[rows], np.tile([[0.2], [0.6], [0.2]], 40))
     plot(dataset, tmp_path / "a.png")
+
+
+def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(sweep, monkeypatch):
+    """Against NumPy's histogram, with a point that failed and impacts that there were not."""
+    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 100)
+    monkeypatch.setattr(plotting_density, "_PART", 50)
+    values = np.linspace(1.0, 2.0, 3000)
+    status = np.zeros(3000, np.int8)
+    status[1234] = Status.UNRESOLVED
+    dataset = sweep({"omega": values}, status=status)
+    figure = bifurcation(dataset, coordinate="impact_v")
+    panel = figure.axes[0]
+    (mesh,) = [c for c in panel.collections if isinstance(c, QuadMesh)]
+    figure.draw_without_rendering()
+    box, scale = panel.get_window_extent(), DPI / figure.dpi
+    share = mesh.get_array().filled(0.0)
+    assert share.shape == pytest.approx((box.height * scale, box.width * scale), abs=1.0)
+    y = dataset["impact_v"].values
+    keep = np.isfinite(y) & (status != Status.UNRESOLVED)[:, None]
+    x = np.broadcast_to(values[:, None], y.shape)[keep]
+    corners = mesh.get_coordinates()
+    counts, *_ = np.histogram2d(y[keep], x, bins=(corners[:, 0, 1], corners[0, :, 0]))
+    expected = counts / np.maximum(counts.sum(axis=0), 1.0)
+    # A value on an edge of a cell may be rounded to either side.
+    assert np.count_nonzero(np.abs(share - expected) > 1e-12) <= 20
+    assert panel.get_ylim()[0] <= y[keep].min() and y[keep].max() <= panel.get_ylim()[1]
+
+
+def test_the_impact_section_shows_the_impacts_of_its_point(sweep):
+    dataset = sweep({"R": R, "omega": OMEGA})
+    panel = impacts(dataset, at={"R": 0.8, "omega": 1.6}).axes[0]
+    point = dataset.isel(R=1, omega=2)
+    assert drawn(panel) == pairs(point["impact_phase"].values, point["impact_v"].values)
+    assert len(drawn(panel)) == 2
+    assert panel.get_xlim() == (0.0, 2.0 * np.pi)
+    assert panel.get_xlabel() == r"forcing phase at the impact $\omega t\ \mathrm{mod}\ 2\pi$ [rad]"
 
 
 def test_a_constant_does_not_show_its_rounding_errors(sweep):
