@@ -129,20 +129,21 @@ class Deviation:
 def deviations(line: Line) -> Iterator[Deviation]:
     """Compare computed points with the stable branches that they follow.
 
-    A motion with one impact in n forcing periods, none of it at rest, can be on no other branch.
+    A motion with one impact in n forcing periods can be on no other branch; if it rests after the
+    impact, as with R = 0, there is no orbit.
 
     Yields
     ------
     Deviation
         For every n of which there is a point.
     """
-    needed = ["poincare_x", "poincare_v", "impacts_per_period", "rest_fraction", line.coordinate]
+    needed = ["poincare_x", "poincare_v", "impacts_per_period", line.coordinate]
     data = line.dataset[list(dict.fromkeys(needed))].load()
     x, v = data["poincare_x"].values, data["poincare_v"].values
     period, impacts = period_class(x, v, data["impacts_per_period"].values)
     transient = int(line.dataset["section"].values[0]) - 1
     for n in range(1, MOST_PERIODS + 1):
-        follow = (period == n) & (impacts == 1) & (data["rest_fraction"].values == 0.0)
+        follow = (period == n) & (impacts == 1)
         found = []
         for i in np.flatnonzero(follow):
             value = float(data[line.axis].values[i])

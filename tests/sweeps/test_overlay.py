@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.overlay import Line, deviations
+from sweeps.overlay import Line, _distance, deviations
 from sweeps.plotting import compare, plot
 from sweeps.plotting_bifurcation import COORDINATES, bifurcation
 from sweeps.selection import PlotError, select
@@ -71,6 +71,12 @@ def test_a_short_transient_is_told_apart(tmp_path):
         found = next(deviations(line_of(dataset)))
         assert not found.settled.any() and found.sizes.max() > 1e-13
         assert found.told("omega").endswith("died out at none of them")
+
+
+def test_phases_are_compared_around_the_circle():
+    record, orbit = np.array([1e-9]), np.array([2.0 * np.pi - 1e-9])
+    assert _distance(record, orbit, "impact_phase") == pytest.approx(2e-9, rel=1e-5)
+    assert _distance(record, orbit, "impact_v") > 6.0
 
 
 def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
