@@ -252,10 +252,14 @@ def plot(
         ),
     ] = None,
     kind: Annotated[
-        str | None, typer.Option(metavar="KIND", help="bifurcation, section or trajectory.")
+        str | None,
+        typer.Option(metavar="KIND", help="bifurcation, map, section, impacts or trajectory."),
     ] = None,
     axis: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The swept parameter along the abscissa.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="The swept parameter as abscissa; for a map, then the ordinate."
+        ),
     ] = None,
     at: Annotated[
         list[str] | None,
@@ -269,19 +273,41 @@ def plot(
             metavar="NAME", help="poincare_x, poincare_v, impact_v or impact_phase, as ordinate."
         ),
     ] = None,
+    quantity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
+            "slowest_impact, max_penetration or status.",
+        ),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="Draw the closed-form one-impact orbits over a bifurcation diagram, and show how "
+            "far the points are from them.",
+        ),
+    ] = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.errors import StoreError
     from sweeps.store import open_sweep
 
     cuts = _cuts(at or ())
+    options = {
+        "axes": tuple(axis or ()),
+        "coordinate": coordinate,
+        "quantity": quantity,
+        "exact": exact,
+    }
     figures = _targets(files, output, [file.with_suffix(".png") for file in files])
     try:
         for file in files:
             open_sweep(file).close()  # before any is drawn
         for file, figure in zip(files, figures, strict=True):
             with open_sweep(file) as dataset:
-                _plot(dataset, file, figure, kind, axis, cuts, coordinate)
+                _plot(dataset, file, figure, kind, cuts, options)
     except StoreError as error:
         stop(REFUSED, error)
 
@@ -291,21 +317,27 @@ def _plot(
     file: Path,
     figure: Path,
     kind: str | None,
-    axis: str | None,
     cuts: Mapping[str, float],
-    coordinate: str | None,
+    options: Mapping[str, Any],
 ) -> None:
     from sweeps import plotting
 
     try:
         found = plotting.on_grid(dataset, cuts)
-        written = plotting.plot(dataset, figure, kind, axis, found, coordinate)
+        written = plotting.plot(dataset, figure, kind, found, **options)
+        told = (
+            plotting.compare(dataset, options["axes"], found, options["coordinate"])
+            if options["exact"]
+            else []
+        )
     except plotting.PlotError as error:
         stop(REFUSED, f"{file}: {error}")
     for name, value in cuts.items():
         if value != found[name]:
             text = f"{name} = {value:g} is not on the grid; drawn at {name} = {found[name]:g}"
             typer.echo(text, err=True)
+    for line in told:
+        typer.echo(line)
     typer.echo(written)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -28,11 +28,14 @@ class Setting:
     fixed : mapping of str to object
         The parameters, of which those that were not swept are numbers.
     method : mapping of str to object
+    phase : float
+        Of the section [rad].
     """
 
     name: str
     fixed: Mapping[str, Any]
     method: Mapping[str, Any]
+    phase: float
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
@@ -40,7 +43,8 @@ class Setting:
         configuration = yaml.safe_load(dataset.attrs["configuration"])
         defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
         fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
-        return cls(str(dataset.attrs["name"]), fixed, configuration["method"])
+        phase = float(configuration["record"].get("phase", 0.0))
+        return cls(str(dataset.attrs["name"]), fixed, configuration["method"], phase)
 
     def value(self, name: str, point: xr.Dataset) -> float:
         """Return a parameter's value at a point of the sweep."""
@@ -80,16 +84,43 @@ def on_grid(dataset: xr.Dataset, at: Mapping[str, float]) -> dict[str, float]:
 
 
 def select(
-    dataset: xr.Dataset, at: Mapping[str, float] | None, free: str | None = None
+    dataset: xr.Dataset, at: Mapping[str, float] | None, free: Collection[str] = ()
 ) -> xr.Dataset:
-    """Fix every swept axis but `free` at the grid value nearest to `at`, or at its first."""
-    axes = [name for name in swept_axes(dataset) if name != free]
-    if free is not None and free in (at or {}):
-        raise PlotError(f"{free} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+    """Fix every swept axis but those `free` at the grid value nearest to `at`, or at its first."""
+    axes = [name for name in swept_axes(dataset) if name not in free]
+    for name in at or {}:
+        if name in free:
+            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
     index = {name: 0 for name in axes}
     for name, value in on_grid(dataset, at or {}).items():
         index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
     return dataset.isel(index)
+
+
+def chosen_axes(dataset: xr.Dataset, asked: Sequence[str], count: int, kind: str) -> list[str]:
+    """Return the swept axes that a picture shows, by default the longest; of equals, the first.
+
+    Raises
+    ------
+    PlotError
+        If the file has not so many, or not the ones asked for.
+    """
+    axes = swept_axes(dataset)
+    if not axes:
+        raise PlotError(f"the file holds a single point: a {kind} needs a swept axis")
+    for name in asked:
+        if name not in axes:
+            raise PlotError(
+                f"{name or repr(name)} is not a swept axis; the file has {listed(axes)}"
+            )
+    needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
+    if len(axes) < count:
+        raise PlotError(f"{needed}; the file has only {listed(axes)}")
+    longest = sorted(axes, key=lambda name: -dataset.sizes[name])
+    chosen = [*dict.fromkeys(asked), *(name for name in longest if name not in asked)]
+    if len(asked) > count or len(set(asked)) < len(asked):
+        raise PlotError(f"{needed}, not {listed(asked)}")
+    return chosen[:count]
 
 
 def recorded(

@@ -107,6 +107,20 @@ def test_run_info_and_plot():
     assert Path("b.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_a_map_and_the_exact_orbits():
+    done("run", "small.yaml", "--quiet", "--set", "record.diagnostics=[period]")
+    assert done("plot", "small.h5", "--kind", "map") == "small.png\n"
+    axes = ("--axis", "clearance", "--axis", "omega", "--quantity", "slowest_impact")
+    assert done("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
+    assert b"forcing frequency" in Path("map.svg").read_bytes()
+    assert done("plot", "small.h5", "--kind", "impacts", "--at", "omega=1.5") == "small.png\n"
+    cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
+    done("run", "small.yaml", "--quiet", "--overwrite", *cut)
+    told, picture = done("plot", "small.h5", "--exact").splitlines()
+    assert re.match(r"n = 1: \d points follow the stable branch; largest deviation \d", told)
+    assert picture == "small.png"
+
+
 def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))

@@ -5,10 +5,13 @@ import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 
-from sweeps import plotting, selection
+from sweeps import plotting, plotting_bifurcation, plotting_density, selection
 from sweeps.grid import Grid
 from sweeps.layout import Layout
-from sweeps.plotting import KINDS, PlotError, bifurcation, plot, section, trajectory
+from sweeps.plotting import KINDS, PlotError, plot
+from sweeps.plotting_bifurcation import bifurcation
+from sweeps.plotting_marks import DPI
+from sweeps.plotting_point import impacts, section, trajectory
 from sweeps.store import open_sweep
 from sweeps.variables import VARIABLES
 from sweeps.writer import sweep_writer
@@ -46,7 +49,7 @@ def sweep(tmp_path):
             "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
             "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
             "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
-            "record": {"transient": 10},
+            "record": {"transient": 10, "phase": 0.0},
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"
@@ -99,7 +102,7 @@ def test_a_bifurcation_takes_the_longest_axis_and_the_first_value_of_others(swee
     dataset = sweep({"omega": OMEGA, "R": R})
     values = dataset["poincare_x"].values
     assert drawn(bifurcation(dataset).axes[0]) == pairs(OMEGA[:, None], values[:, 0])
-    figure = bifurcation(dataset, axis="R")
+    figure = bifurcation(dataset, axes=["R"])
     assert drawn(figure.axes[0]) == pairs(R[:, None], values[0])
     assert figure.axes[0].get_xlabel() == "coefficient of restitution $R$"
 
@@ -153,7 +156,7 @@ def test_points_that_failed_are_marked_and_not_drawn(sweep, tmp_path):
 
 @pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 40), np.geomspace(0.5, 8.0, 40)])
 def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values):
-    monkeypatch.setattr(plotting, "DENSITY_FROM", 100)
+    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 100)
     dataset = sweep({"omega": values}, poincare_x=np.tile([1.0, 2.0, 2.0, 2.0, 3.0], (40, 1)))
     figure = bifurcation(dataset)
     (mesh,) = [c for c in figure.axes[0].collections if isinstance(c, QuadMesh)]
@@ -163,6 +166,42 @@ def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values)
     rows = np.flatnonzero(share.sum(axis=1))
     np.testing.assert_allclose(share[rows], np.tile([[0.2], [0.6], [0.2]], 40))
     plot(dataset, tmp_path / "a.png")
+
+
+def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(sweep, monkeypatch):
+    """Against NumPy's histogram, with a point that failed and impacts that there were not."""
+    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 100)
+    monkeypatch.setattr(plotting_density, "_PART", 50)
+    values = np.linspace(1.0, 2.0, 3000)
+    status = np.zeros(3000, np.int8)
+    status[1234] = Status.UNRESOLVED
+    dataset = sweep({"omega": values}, status=status)
+    figure = bifurcation(dataset, coordinate="impact_v")
+    panel = figure.axes[0]
+    (mesh,) = [c for c in panel.collections if isinstance(c, QuadMesh)]
+    figure.draw_without_rendering()
+    box, scale = panel.get_window_extent(), DPI / figure.dpi
+    share = mesh.get_array().filled(0.0)
+    assert share.shape == pytest.approx((box.height * scale, box.width * scale), abs=1.0)
+    y = dataset["impact_v"].values
+    keep = np.isfinite(y) & (status != Status.UNRESOLVED)[:, None]
+    x = np.broadcast_to(values[:, None], y.shape)[keep]
+    corners = mesh.get_coordinates()
+    counts, *_ = np.histogram2d(y[keep], x, bins=(corners[:, 0, 1], corners[0, :, 0]))
+    expected = counts / np.maximum(counts.sum(axis=0), 1.0)
+    # A value on an edge of a cell may be rounded to either side.
+    assert np.count_nonzero(np.abs(share - expected) > 1e-12) <= 20
+    assert panel.get_ylim()[0] <= y[keep].min() and y[keep].max() <= panel.get_ylim()[1]
+
+
+def test_the_impact_section_shows_the_impacts_of_its_point(sweep):
+    dataset = sweep({"R": R, "omega": OMEGA})
+    panel = impacts(dataset, at={"R": 0.8, "omega": 1.6}).axes[0]
+    point = dataset.isel(R=1, omega=2)
+    assert drawn(panel) == pairs(point["impact_phase"].values, point["impact_v"].values)
+    assert len(drawn(panel)) == 2
+    assert panel.get_xlim() == (0.0, 2.0 * np.pi)
+    assert panel.get_xlabel() == r"forcing phase at the impact $\omega t\ \mathrm{mod}\ 2\pi$ [rad]"
 
 
 def test_a_constant_does_not_show_its_rounding_errors(sweep):
@@ -242,7 +281,7 @@ def test_a_title_says_more_only_where_there_is_more_to_say(sweep, status):
 
 
 def test_the_configuration_is_read_once_per_picture(sweep, tmp_path, monkeypatch):
-    dataset = sweep({"omega": OMEGA})
+    dataset = sweep({"R": R, "omega": OMEGA})
     read, calls = selection.yaml.safe_load, []
     monkeypatch.setattr(selection.yaml, "safe_load", lambda text: calls.append(1) or read(text))
     for kind in KINDS:
@@ -313,7 +352,7 @@ def test_a_point_that_failed_is_titled_so(sweep):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_every_kind_is_written_in_every_format(sweep, tmp_path, kind, ending, start):
     output = tmp_path / f"a.{ending}"
-    assert plot(sweep({"omega": OMEGA}), output, kind) == output
+    assert plot(sweep({"R": R, "omega": OMEGA}), output, kind) == output
     assert output.read_bytes().startswith(start)
 
 
@@ -329,7 +368,8 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
     called = []
 
     def spy(name):
-        return lambda *given, **options: called.append(name) or KINDS[name](*given, **options)
+        draw = KINDS[name].draw
+        return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
 
     monkeypatch.setattr(plotting, "KINDS", {name: spy(name) for name in KINDS})
     plot(sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
@@ -344,17 +384,19 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
         ({"output": "folder.png"}, r"folder\.png cannot be written"),
         ({"kind": ""}, "no picture ''; choose one of"),
-        ({"axis": ""}, "'' is not a swept axis"),
+        ({"axes": [""]}, "'' is not a swept axis"),
         ({"coordinate": ""}, "no '' to draw; it has"),
-        ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, section, trajectory"),
-        ({"axis": "h"}, "h is not a swept axis; the file has R, omega"),
+        ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, map, section"),
+        ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
         ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
         ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
         ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
         ({"coordinate": "status"}, "no status to draw; it has poincare_x, poincare_v"),
         ({"coordinate": "impact_v"}, "no impact_v to draw; it has poincare_x, poincare_v"),
-        ({"kind": "section", "axis": "R"}, "axis can be chosen for a bifurcation only"),
+        ({"kind": "section", "axes": ["R"]}, "axes can be chosen for a bifurcation or map only"),
+        ({"kind": "map", "exact": True}, "exact can be chosen for a bifurcation only, not a map"),
+        ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         ({"kind": "trajectory"}, "has no trajectory_t, trajectory_x, trajectory_v: record it"),
         ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
     ],

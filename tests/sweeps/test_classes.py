@@ -1,0 +1,141 @@
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+
+from sweeps.classes import Motion, classify, frequent_periods
+from vibroimpact.attractors import integrate
+from vibroimpact.diagnostics import period_class
+from vibroimpact.orbits import one_impact_orbit
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.status import Status
+
+PERIODS = 100
+OMEGA = 2.0
+DURATION = PERIODS * 2 * np.pi / OMEGA
+CONFIGURATION = yaml.safe_dump(
+    {"oscillator": {"omega": OMEGA}, "method": {}, "record": {"phase": 0.0}}
+)
+
+
+def hand_made(status, period, rest=0.0, growth=None):
+    """Return points along R with this growth of tangent vectors over the record."""
+    n = len(np.atleast_1d(status))
+    fill = {"status": status, "period": period, "rest_fraction": rest}
+    values = {name: ("R", np.broadcast_to(value, n)) for name, value in fill.items()}
+    values["poincare_x"] = (("R", "section"), np.zeros((n, PERIODS)))
+    if growth is not None:
+        exponents = np.stack([np.asarray(growth) / DURATION, np.full(n, -5.0)], axis=1)
+        values["lyapunov"] = (("R", "exponent"), exponents)
+    attrs = {"name": "by hand", "configuration": CONFIGURATION}
+    return xr.Dataset(values, {"R": np.linspace(0, 1, n)}, attrs)
+
+
+def test_the_status_decides_first():
+    """Even where what is left of the numbers would say something else."""
+    dataset = hand_made(list(Status), period=1, rest=0.5)
+    assert classify(dataset).tolist() == [
+        Motion.PENDING,
+        Motion.REST,
+        Motion.REST,
+        Motion.REST,
+        Motion.UNBOUNDED,
+        Motion.FAILED,
+        Motion.FAILED,
+    ]
+
+
+def test_a_repetition_decides_before_the_exponent():
+    assert classify(hand_made([1, 1], [3, 0], growth=[50.0, 50.0])).tolist() == [
+        Motion.PERIODIC,
+        Motion.CHAOTIC,
+    ]
+
+
+def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
+    """Linear growth over the record is the factor 100."""
+    growth = [-np.inf, np.log(0.0099), np.log(0.0101), 0.0, np.log(99.0), np.log(101.0)]
+    motion = [Motion.UNDECIDED] * 2 + [Motion.NEUTRAL] * 3 + [Motion.CHAOTIC]
+    assert classify(hand_made(np.ones(6), 0, growth=growth)).tolist() == motion
+
+
+def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
+    assert classify(hand_made([1, 0, 2], 0)).tolist() == [Motion.UNDECIDED] * 3
+
+
+def test_the_shape_is_that_of_the_grid_in_any_order():
+    omega = np.array([1.0, 2.0, 4.0])
+    one = hand_made([1, 1], 0, growth=[0.0, 0.0]).drop_vars("lyapunov")
+    both = one.expand_dims(omega=omega).transpose("R", "omega", ...)
+    # The same exponent is a growth that falls with omega: 2 pi k / omega of time.
+    rate = np.full((2, 3, 2), 1.5 * np.log(PERIODS) / DURATION)
+    both["lyapunov"] = (("R", "omega", "exponent"), rate)
+    expected = [Motion.CHAOTIC, Motion.CHAOTIC, Motion.NEUTRAL]
+    assert classify(both).tolist() == [expected, expected]
+    turned = both.transpose("omega", "R", ...)
+    assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
+
+
+def computed(h, R, omega, **start):
+    """Return one point, run from a start, as a sweep over R would hold it."""
+    points = Oscillator(h=h, R=R, omega=omega, f=1.0).at(**start)
+    results = integrate(points, transient=400, periods=PERIODS, lyapunov=True)
+    period, impacts = period_class(
+        results["poincare_x"], results["poincare_v"], results["impacts_per_period"]
+    )
+    results |= {"period": period, "period_impacts": impacts}
+    records = {"poincare_x": "section", "lyapunov": "exponent"}
+    wanted = ("status", "period", "period_impacts", "rest_fraction", *records)
+    values = {
+        name: (("R", records.get(name))[: results[name].ndim], results[name]) for name in wanted
+    }
+    configuration = yaml.safe_dump(
+        {"oscillator": {"omega": omega}, "method": {}, "record": {"phase": 0.0}}
+    )
+    return xr.Dataset(values, {"R": [R]}, {"name": "computed", "configuration": configuration})
+
+
+def beside(h, R, omega):
+    """Return a start beside the closed-form orbit: after a rebound, at the phase 0 next to it."""
+    from vibroimpact.branches import sections
+
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
+    x, v = sections(osc, one_impact_orbit(osc), 0.0)[0]
+    return {"x0": x - 1e-4, "v0": v}
+
+
+@pytest.mark.parametrize(
+    ("omega", "m", "q"),
+    [(2.64, 1, 1), (2.66, 2, 2), (2.70, 2, 2)],
+)
+def test_the_known_flip_without_damping(omega, m, q):
+    """The orbit flips at omega = 2.653348."""
+    dataset = computed(0.0, 0.8, omega, **beside(0.0, 0.8, omega))
+    assert classify(dataset).tolist() == [Motion.PERIODIC]
+    assert (dataset["period"].item(), dataset["period_impacts"].item()) == (m, q)
+
+
+@pytest.mark.parametrize(("h", "R", "omega"), [(0, 0.5, 0.5), (0.05, 0.6, 0.4), (0.05, 0.8, 0.3)])
+def test_the_known_rests(h, R, omega):
+    assert classify(computed(h, R, omega)).tolist() == [Motion.REST]
+
+
+def test_the_known_chaos():
+    assert classify(computed(0.1, 0.8, 2.95)).tolist() == [Motion.CHAOTIC]
+
+
+def test_a_free_oscillation_of_two_frequencies_is_neutral():
+    """Without damping and far from the stop: exponents 0, and no repetition at an irrational."""
+    osc = Oscillator(h=0.0, R=0.8, omega=np.sqrt(2.0), f=1.0, clearance=10.0)
+    results = integrate(osc.at(), transient=0, periods=PERIODS, lyapunov=True)
+    assert results["impacts_per_period"].item() == 0.0
+    dataset = hand_made([results["status"].item()], 0, growth=results["lyapunov"][:, 0] * DURATION)
+    assert classify(dataset).tolist() == [Motion.NEUTRAL]
+
+
+def test_the_most_frequent_periods_in_order():
+    m = np.array([2, 1, 2, 4, 1, 1, 2, 3])
+    q = np.array([1, 1, 1, 4, 2, 1, 1, 1])
+    assert frequent_periods(m, q, 2) == [(1, 1), (2, 1)]
+    assert frequent_periods(m, q, 9) == [(1, 1), (1, 2), (2, 1), (3, 1), (4, 4)]
+    assert frequent_periods(m[:0], q[:0], 3) == []

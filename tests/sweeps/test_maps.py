@@ -1,0 +1,279 @@
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+from matplotlib.colors import to_hex
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.plotting import PlotError, plot
+from sweeps.plotting_maps import QUANTITIES, parameter_map
+from sweeps.plotting_marks import cell_edges
+from sweeps.variables import VARIABLES
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+R = np.array([0.3, 0.5, 0.9])
+OMEGA = np.array([1.0, 2.0, 3.0, 4.0])
+PERIODS = 50
+CONFIGURATION = {
+    "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "clearance": 0.25},
+    "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
+    "record": {"transient": 10, "phase": 0.0},
+}
+#: Values of a point of period 1 with one impact.
+PLAIN = {
+    "status": Status.CERTIFIED,
+    "period": 1,
+    "period_impacts": 1,
+    "rest_fraction": 0.0,
+    "impacts_per_period": 1.0,
+    "slowest_impact": 0.5,
+    "max_penetration": 0.0,
+    "lyapunov": -0.3,
+}
+
+
+def hand_made(omit=(), axes=None, **changed):
+    """Return plain points over (R, omega), some of them changed: {name: {(row, column): value}}."""
+    axes = {"R": R, "omega": OMEGA} if axes is None else axes
+    shape = tuple(len(values) for values in axes.values())
+    data = xr.Dataset(
+        coords={name: (name, values) for name, values in axes.items()},
+        attrs={"name": "by hand", "configuration": yaml.safe_dump(CONFIGURATION)},
+    )
+    for name, value in PLAIN.items():
+        if name not in omit:
+            values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))
+            for at, other in changed.get(name, {}).items():
+                values[at] = other
+            data[name] = (tuple(axes), values)
+    if "lyapunov" in data:
+        data["lyapunov"] = data["lyapunov"].expand_dims(exponent=2, axis=-1).copy()
+    data["poincare_x"] = ((*axes, "section"), np.zeros((*shape, PERIODS)))
+    for name in axes:
+        about = PARAMETERS[name]
+        data[name].attrs = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
+    for name in data.data_vars:
+        about = VARIABLES[name]
+        data[name].attrs = {
+            "long_name": about.long_name, "units": about.unit, "symbol": about.symbol
+        }  # fmt: skip
+    return data
+
+
+def colours(figure):
+    """Return the colour of every cell, as drawn last; None where none was drawn."""
+    meshes = figure.axes[0].collections
+    shape = meshes[0].get_array().shape
+    found = np.full(shape, None)
+    for mesh in meshes:
+        array = mesh.get_array()
+        rgba = mesh.to_rgba(array)
+        for at in np.ndindex(shape):
+            if not np.ma.getmaskarray(array)[at]:
+                found[at] = to_hex(rgba[at])
+    return found
+
+
+def legend(figure):
+    """Return the colours by the labels."""
+    if not figure.legends:
+        return {}
+    (one,) = figure.legends
+    handles = zip(one.get_texts(), one.get_patches(), strict=True)
+    return {text.get_text(): to_hex(patch.get_facecolor()) for text, patch in handles}
+
+
+def texts(figure):
+    """Return the label of every cell, through its colour."""
+    names = {colour: text for text, colour in legend(figure).items()}
+    return np.vectorize(lambda colour: names.get(colour))(colours(figure))
+
+
+def test_every_class_has_its_colour_and_its_label():
+    growth = 100.0
+    figure = parameter_map(
+        hand_made(
+            period={(0, 1): 2, (0, 2): 2, (1, 0): 0, (1, 1): 0, (1, 2): 0},
+            period_impacts={(0, 2): 3, (2, 3): 0},
+            lyapunov={(1, 0): growth, (1, 1): 0.0, (1, 2): -0.3},
+            rest_fraction={(1, 3): 0.2},
+            status={(2, 0): Status.UNBOUNDED, (2, 1): Status.NON_FINITE, (2, 2): Status.PENDING},
+        )
+    )
+    assert texts(figure)[:2].tolist() == [
+        ["1/1", "2/1", "2/3", "1/1"],
+        [
+            r"chaotic, $\lambda_1 > 0$",
+            r"quasi-periodic or unsettled, $\lambda_1 \approx 0$",
+            "undecided",
+            "with rest on the stop",
+        ],
+    ]
+    assert texts(figure)[2, [0, 1, 3]].tolist() == ["unbounded", "non-finite", "1/0, no impact"]
+    assert colours(figure)[2, 2] is None  # the hatched ground is seen
+    assert figure.axes[0].patch.get_hatch()
+    assert "not computed yet (1 of 12)" in legend(figure)
+    assert len(set(legend(figure).values())) == len(legend(figure))
+    assert figure.legends[0].get_title().get_text().startswith("periodic m/q")
+
+
+def test_the_legend_has_only_what_there_is():
+    assert list(legend(parameter_map(hand_made()))) == ["1/1"]
+    assert not parameter_map(hand_made()).axes[0].patch.get_hatch()
+
+
+def test_rare_periods_share_a_colour():
+    many = {(i // 4, i % 4): i + 1 for i in range(12)}
+    found = texts(parameter_map(hand_made(period=many)))
+    assert np.count_nonzero(found == "other m/q") == 6
+    assert found[0, :2].tolist() == ["1/1", "2/1"]
+
+
+def test_without_an_exponent_the_legend_says_what_is_not_known():
+    figure = parameter_map(hand_made(omit=["lyapunov"], period={(0, 0): 0}))
+    assert texts(figure)[0, 0] == "no repetition found"
+
+
+@pytest.mark.parametrize("quantity", sorted(QUANTITIES))
+def test_every_quantity_draws_failed_and_missing_points(quantity, tmp_path):
+    dataset = hand_made(
+        status={(0, 0): Status.PENDING, (1, 1): Status.UNRESOLVED},
+        **{
+            name: {(0, 0): np.nan, (1, 1): np.nan}
+            for name, value in PLAIN.items()
+            if isinstance(value, float)
+        },
+    )
+    figure = parameter_map(dataset, quantity=quantity)
+    found = colours(figure)
+    assert found[0, 0] is None
+    assert found[1, 1] == legend(figure)["unresolved"]
+    assert np.count_nonzero(found == found[1, 1]) == 1
+    assert sum(colour is None for colour in found.ravel()) == 1
+    for ending in ("png", "svg", "pdf"):
+        plot(dataset, tmp_path / f"{quantity}.{ending}", quantity=quantity)
+
+
+def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
+    speeds = {(0, 0): 1e-3, (0, 1): 1e-2, (0, 2): 1e-1, (1, 0): np.nan, (1, 1): 1e-12}
+    dataset = hand_made(slowest_impact=speeds, rest_fraction={(1, 1): 0.1})
+    figure = parameter_map(dataset, quantity="slowest_impact")
+    mesh = figure.axes[0].collections[0]
+    red, green, blue, _ = mesh.to_rgba(mesh.get_array())[0].T
+    assert (np.diff((red + green + blue)[:4]) > 0).all()
+    steps = np.diff(mesh.norm([1e-2, 1e-1, 1.0]).data)
+    assert steps[0] == pytest.approx(steps[1])  # a logarithmic scale
+    assert texts(figure)[1, :2].tolist() == ["no impact", "with rest on the stop"]
+
+
+def test_zero_divides_the_colours_of_the_exponent():
+    values = {(0, 0): 0.2, (0, 1): 0.1, (0, 2): 0.0, (0, 3): -1.0, (1, 0): -np.inf}
+    figure = parameter_map(hand_made(lyapunov=values), quantity="lyapunov")
+    mesh = figure.axes[0].collections[0]
+    assert mesh.norm([0.0]) == 0.5
+    red, _, blue, _ = mesh.to_rgba(mesh.get_array())[0].T
+    assert (red - blue > 0.1).tolist() == [True, True, False, False]
+    assert blue[3] - red[3] > 0.1
+    assert texts(figure)[1, 0] == r"with rest, $\lambda_1 = -\infty$"
+    assert "larger Lyapunov exponent $\\lambda_1$ [1/time]" in figure.axes[1].get_ylabel()
+
+
+def test_a_cell_reaches_halfway_to_its_neighbours():
+    np.testing.assert_allclose(cell_edges(R, False), [0.2, 0.4, 0.7, 1.1])
+    np.testing.assert_allclose(cell_edges(np.array([1.0, 4.0, 16.0]), True), [0.5, 2.0, 8.0, 32.0])
+    figure = parameter_map(hand_made())
+    assert figure.axes[0].get_xlim() == (0.5, 4.5)
+    np.testing.assert_allclose(figure.axes[0].get_ylim(), (0.2, 1.1))
+    figure = parameter_map(hand_made(axes={"R": R, "omega": np.geomspace(1.0, 64.0, 4)}))
+    assert figure.axes[0].get_xscale() == "log" and figure.axes[0].get_yscale() == "linear"
+
+
+def test_the_axes_are_the_two_longest_or_those_asked_for():
+    axes = {"h": [0.1, 0.2], "R": R, "omega": OMEGA}
+    dataset = hand_made(axes=axes, period={(1, 0, 3): 2, (0, 2, 0): 3})
+
+    def shown(**options):
+        panel = (figure := parameter_map(dataset, **options)).axes[0]
+        return panel.get_xlabel()[-20:], panel.get_ylabel()[-20:], texts(figure)
+
+    def ends(name):
+        about = dataset[name].attrs
+        unit = "" if about["units"] == "1" else f" [{about['units']}]"
+        return f"{about['long_name']} ${about['symbol']}${unit}"[-20:]
+
+    x, y, first = shown()
+    assert (x, y) == (ends("omega"), ends("R")) and first[2, 0] == "3/1"
+    x, y, second = shown(at={"h": 0.2})
+    assert second[0, 3] == "2/1" and second[2, 0] == "1/1"
+    x, y, turned = shown(axes=["R", "omega"], at={"h": 0.2})
+    assert (x, y) == (ends("R"), ends("omega"))
+    assert turned.tolist() == second.T.tolist()
+    x, y, _ = shown(axes=["h"])
+    assert (x, y) == (ends("h"), ends("omega"))
+
+
+def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_drawn():
+    dataset = hand_made(axes={"R": R[::-1], "h": [0.1, 0.2, 0.3]}, period={(0, 2): 2})
+    figure = parameter_map(dataset)
+    assert "damping" in figure.axes[0].get_xlabel()
+    assert texts(figure)[2, 2] == "2/1"  # R = 0.9 is at the top
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"quantity": "pie"}, "the file has no pie to draw; it has impacts_per_period, rest_frac"),
+        ({"quantity": "period"}, "the file has no period to draw"),
+        ({"axes": ["f"]}, "f is not a swept axis; the file has R, omega"),
+        ({"axes": ["R", "R"]}, "a map has 2 swept axes, not R, R"),
+        ({"axes": ["R", "omega", "R"]}, "a map has 2 swept axes, not R, omega, R"),
+        ({"at": {"R": 0.5}}, "R cannot be fixed here; choose from: none"),
+        ({"coordinate": "impact_v"}, "coordinate can be chosen for a bifurcation only, not a map"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(tmp_path, options, message):
+    dataset = hand_made(omit=["period", "period_impacts", "lyapunov"])
+    with pytest.raises(PlotError, match=message):
+        plot(dataset, tmp_path / "a.png", "map", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_one_axis_makes_no_map():
+    with pytest.raises(PlotError, match="a map has 2 swept axes; the file has only omega"):
+        parameter_map(hand_made(axes={"omega": OMEGA}))
+
+
+def test_the_tongue_ends_at_the_exact_flip(tmp_path):
+    """h = 0: cos^2(pi / omega) (omega^2 - ((1-R)/(1+R))^2) = 1, on the file of a run."""
+    (tmp_path / "c.yaml").write_text(
+        "name: tongue\n"
+        "oscillator: {h: 0.0, R: [0.5, 0.6, 0.7], omega: {start: 2.6, stop: 2.7, num: 41}, f: 1}\n"
+        "start: {x0: -0.35, v0: 0.5}\n"
+        "record: {transient: 2000, periods: 16, diagnostics: [period]}\n"
+    )
+    path = run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")
+    with open_sweep(path) as dataset:
+        found = texts(parameter_map(dataset))
+        omega, R = np.meshgrid(dataset["omega"].values, dataset["R"].values)
+        curve = np.cos(np.pi / omega) ** 2 * (omega**2 - ((1 - R) / (1 + R)) ** 2)
+        # Along a row the curve's function falls below 1 on the stable side of the upper flip.
+        edges = np.abs(curve - 1.0).argmin(axis=1)
+    for row, edge in zip(found, edges, strict=True):
+        assert (row[: edge - 1] == "1/1").all()
+        assert (row[edge + 2 :] != "1/1").all()
+
+
+def test_a_partial_file_is_drawn(tmp_path):
+    (tmp_path / "c.yaml").write_text(
+        "name: partial\noscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.5, 3.0], f: 1.0}\n"
+        "record: {transient: 50, periods: 8, diagnostics: [period, lyapunov]}\n"
+    )
+    path = run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")
+    with h5py.File(path, "a") as file:
+        file["status"][1] = Status.PENDING
+    with open_sweep(path) as dataset:
+        figure = parameter_map(dataset)
+    assert [colour is None for colour in colours(figure)[1]] == [True] * 3
+    assert "not computed yet (3 of 6)" in legend(figure)

@@ -1,0 +1,141 @@
+import numpy as np
+import pytest
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.overlay import Line, _distance, deviations
+from sweeps.plotting import compare, plot
+from sweeps.plotting_bifurcation import COORDINATES, bifurcation
+from sweeps.selection import PlotError, select
+from vibroimpact.orbits import one_impact_orbit
+from vibroimpact.oscillator import Oscillator
+
+CONFIG = """
+name: beside the exact orbits
+oscillator: {h: 0.05, R: [0.5, 0.8], omega: {start: 2.4, stop: 3.5, num: 45}, f: 1.0}
+method: {integrator: exact, impact: exact}
+record: {transient: 300, periods: 40, phase: 1.0, impacts: 20}
+"""
+FLIPS = {1: 2.65888454668484, 2: 3.33809052026845}
+
+
+def computed(folder, *overrides):
+    source = folder / "c.yaml"
+    source.write_text(CONFIG)
+    config = load_config(source, overrides)
+    return open_sweep(run_sweep(config, folder / f"{len(list(folder.iterdir()))}.h5"))
+
+
+@pytest.fixture(scope="module")
+def exact(tmp_path_factory):
+    with computed(tmp_path_factory.mktemp("exact")) as dataset:
+        yield dataset
+
+
+def line_of(dataset, coordinate="poincare_x", axis="omega", **at):
+    return Line.of(select(dataset, at or {"R": 0.8}, free=[axis]), axis, coordinate)
+
+
+@pytest.mark.parametrize("coordinate", COORDINATES)
+def test_computed_points_are_on_the_stable_branches_to_rounding(exact, coordinate):
+    first, second = deviations(line_of(exact, coordinate))
+    assert (first.n, second.n) == (1, 2)
+    assert first.values.max() < FLIPS[1] and second.values.min() > FLIPS[2]
+    for found in (first, second):
+        assert 5 <= found.settled.sum()
+        assert found.sizes[found.settled].max() < 1e-13
+
+
+def test_a_point_off_the_branch_by_so_much_is_told(exact):
+    line = line_of(exact)
+    line.dataset.load()
+    line.dataset["poincare_x"][3] += 1e-9
+    (found, _) = deviations(line)
+    assert found.sizes[3] == pytest.approx(1e-9, rel=1e-3)
+    assert f"1.0e-09 at omega = {found.values[3]:g}" in found.told("omega")
+
+
+def test_a_coarse_method_is_off_by_its_error(tmp_path):
+    """Of second order: a quarter at twice the steps."""
+    method = "method={integrator: newmark, impact: reduced-step, steps_per_period: %d}"
+    worst = []
+    for steps in (100, 200):
+        with computed(tmp_path, method % steps, "oscillator.omega=[2.45, 2.5]") as dataset:
+            (found,) = deviations(line_of(dataset))
+            worst.append(found.sizes.max())
+    assert 1e-5 < worst[1] < worst[0]
+    assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.5)
+
+
+def test_a_short_transient_is_told_apart(tmp_path):
+    with computed(tmp_path, "record.transient=80") as dataset:
+        found = next(deviations(line_of(dataset)))
+        assert not found.settled.any() and found.sizes.max() > 1e-13
+        assert found.told("omega").endswith("died out at none of them")
+
+
+def test_phases_are_compared_around_the_circle():
+    record, orbit = np.array([1e-9]), np.array([2.0 * np.pi - 1e-9])
+    assert _distance(record, orbit, "impact_phase") == pytest.approx(2e-9, rel=1e-5)
+    assert _distance(record, orbit, "impact_v") > 6.0
+
+
+def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
+    with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
+        line = Line.of(select(dataset, None, free=["R"]), "R", "impact_v")
+        (found,) = deviations(line)
+        assert found.values.tolist() == [0.6, 0.7, 0.8] and found.sizes.max() < 1e-13
+        (branches, *_) = line.branches()
+        expected = [
+            one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v for R in (0.6, 0.7, 0.8)
+        ]
+        assert [orbit.v for orbit in branches.pieces[0].orbits] == expected
+
+
+def curves(figure, dashed):
+    """Return the points of the exact branches in a diagram."""
+    lines = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
+    return np.concatenate(
+        [line.get_xydata() for line in lines if (line.get_linestyle() == "--") == dashed]
+    )
+
+
+@pytest.mark.parametrize("coordinate", COORDINATES)
+def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
+    figure = bifurcation(exact, at={"R": 0.8}, coordinate=coordinate, exact=True)
+    x = curves(figure, dashed=False)[:, 0]
+    assert x.min() == 2.4 and x.max() == 3.5
+    assert not ((x > FLIPS[1] + 1e-12) & (x < FLIPS[2] - 1e-12)).any()
+    x = curves(figure, dashed=True)[:, 0]
+    assert x.min() == pytest.approx(FLIPS[1], abs=1e-12)
+    marks = {line.get_label(): line for line in figure.axes[0].lines if line.get_marker() == "o"}
+    assert FLIPS[1] == pytest.approx(marks["flip"].get_xdata()[0], abs=1e-12)
+    (legend,) = figure.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts[:2] == ["exact orbit, $n = 1, 2$, stable", "exact orbit, $n = 1, 2$, unstable"]
+
+
+def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
+    """At phase 1 of the section, the impact passes it within the range; x does not jump across."""
+    with computed(tmp_path, "record.phase=1.3", "oscillator.R=0.8") as dataset:
+        figure = bifurcation(dataset, coordinate="poincare_v", exact=True)
+        drawn = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
+        broken = [line for line in drawn if np.isnan(line.get_ydata()).any()]
+        assert broken
+        for line in drawn:
+            steps = np.abs(np.diff(line.get_ydata()))
+            assert np.nanmax(steps) < 0.2
+
+
+def test_the_check_and_the_picture_refuse_what_has_no_exact_orbit(tmp_path):
+    with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
+        for call in (
+            lambda: compare(dataset, ["x0"]),
+            lambda: plot(dataset, tmp_path / "a.png", axes=["x0"], exact=True),
+        ):
+            with pytest.raises(PlotError, match="the exact orbits do not depend on x0"):
+                call()
+
+
+def test_where_no_point_is_on_a_branch_that_is_said(tmp_path):
+    with computed(tmp_path, "oscillator.omega=[2.8, 2.85]", "oscillator.R=0.8") as dataset:
+        assert compare(dataset) == ["no point follows a stable one-impact orbit"]
