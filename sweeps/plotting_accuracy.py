@@ -61,9 +61,6 @@ _LABELLED = (
 )
 _THIN = {"linewidth": 0.7, "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.6}
 _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
-# Ranges of the abscissa: with SciPy, which is a thousand times slower, and without it [s].
-_WIDE, _NARROW = (1.5e-8, 3e-2), (1.5e-8, 1.5e-4)
-
 _Drawn = Mapping[Method, Sequence[Measurement]]
 
 
@@ -101,7 +98,8 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
             if (of, what) == (scene, kind)
         }
         found = {method: orders[scene, kind, method] for method in drawn}
-        panel.set(title=title, xlim=_WIDE if panel is wide else _NARROW)
+        panel.set_title(title)
+        panel.set_xlim(_seconds(measurements, peers=panel is wide))
         if kind == EXPONENT:
             _draw_floor(panel, [one.error for one in drawn.get(EXACT, ())])
         _draw_panel(panel, drawn, found)
@@ -113,6 +111,12 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
         panel.set_xlabel("seconds per forcing period")
     figure.legend(handles=_handles(groups), loc="outside lower center", ncols=3, frameon=False)
     return figure
+
+
+def _seconds(measurements: Sequence[Measurement], peers: bool) -> tuple[float, float]:
+    """Return a range of the abscissa: with the peers, which may be far slower, or without."""
+    seconds = [one.seconds for one in measurements if peers or one.steps is not None]
+    return 0.7 * min(seconds), 3.0 * max(seconds)
 
 
 def _draw_panel(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) -> None:
@@ -174,13 +178,18 @@ def _label_orders(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) ->
 
 
 def _name_missing(panel: Axes, drawn: _Drawn) -> None:
-    """Name the rules of which there is no error to draw, and SciPy where it is too slow."""
+    """Name the rules of which there is no error to draw, and the peers that are too slow."""
     there = {method.impact for method, group in drawn.items() if group}
     for k, rule in enumerate(rule for rule in RULES if rule not in there):
         _note(panel, 0.88 - 0.1 * k, f"{rule}: none", RULES[rule])
-    beyond = [group for group in drawn.values() if group and group[0].seconds > panel.get_xlim()[1]]
+    slowest = panel.get_xlim()[1]
+    beyond = {
+        method.integrator.split()[0]: None
+        for method, group in drawn.items()
+        if any(one.seconds > slowest for one in group)
+    }
     if beyond:
-        _note(panel, 0.4, "SciPy \N{RIGHTWARDS ARROW}", "#555555")
+        _note(panel, 0.4, f"{', '.join(beyond)} \N{RIGHTWARDS ARROW}", "#555555")
 
 
 def _note(panel: Axes, height: float, text: str, colour: str) -> None:

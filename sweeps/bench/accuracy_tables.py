@@ -55,8 +55,9 @@ def _methods(measurements: Sequence[Measurement], orders: dict[Line, float]) -> 
     table = Table(
         box=box.SIMPLE_HEAD,
         caption=(
-            "No order: fewer than three errors below 0.1 and above rounding, as where a step is "
-            "unstable, or a value that the method does not have."
+            "No order: fewer than three errors below 0.1 and above rounding, or no such value. "
+            "Steps beyond a limit of stability are run like the others; their impacts may bound "
+            "what they let grow."
         ),
         caption_justify="left",
     )
