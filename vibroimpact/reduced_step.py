@@ -57,6 +57,9 @@ _MAX_CUTS = 100
 # A speed v_Tr below this share of that at the start is rounding.
 _SLOWEST = 1e-6
 
+# The rounding of a phase. Past it a release is certain: the force there no longer presses.
+_ROUNDING = 2e-14
+
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
 
@@ -177,7 +180,6 @@ def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, 
     n = 0
     rested = 0.0
     for _ in range(MAX_FLIGHTS):
-        released = False
         if resting:
             wait = time_to_release(theta + pt.omega * tau, pt)
             if pt.omega * (T - tau - wait) <= RELEASE_MARGIN:
@@ -185,14 +187,11 @@ def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, 
             tau += wait
             rested += wait
             n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
-            s, c = sin_cos(theta + pt.omega * tau)
-            x, v, resting, released = pt.clearance, 0.0, False, True
+            s, c = sin_cos(theta + pt.omega * tau + _ROUNDING)
+            x, v, resting = pt.clearance, 0.0, False
         if tau > 0.0:
             x_T, v_T = step(integrator, x, v, s, c, T - tau, pt)
         dt, x, v, hit = fly(rule, integrator, x, v, s, c, x_T, v_T, T - tau, pt, coefficients)
-        if released and hit and dt == 0.0:
-            # The force at the release, zero to rounding, is all that moves x in this step.
-            return min(x_T, x), min(v_T, 0.0), False, n, rested, _COMPUTED
         if not hit:
             if dt == T - tau:
                 return x, v, False, n, rested, _COMPUTED
