@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.config import SweepConfig
+from sweeps.scaling import computed_once, scales_with_f
 from vibroimpact.attractors import integrate
 from vibroimpact.diagnostics import period_class
 from vibroimpact.trajectory import trajectories
@@ -25,8 +26,14 @@ def compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dic
     Returns
     -------
     dict of str to ndarray
-        Arrays of shape (n, ...).
+        Arrays of shape (n, ...). Where they scale with f, one f is computed.
     """
+    if scales_with_f(config):
+        return computed_once(points, lambda different: _compute(config, different, threads))
+    return _compute(config, points, threads)
+
+
+def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
     method, record = config.method, config.record
     common: dict[str, Any] = {
         "integrator": method.integrator,

@@ -44,14 +44,26 @@ class Grid:
         """Number of parameter points."""
         return math.prod(self.shape)
 
-    def blocks(self, size: int) -> Iterator[Block]:
+    def blocks(self, size: int, whole: str | None = None) -> Iterator[Block]:
         """Split the grid into boxes of at most `size` points, in C order.
+
+        Parameters
+        ----------
+        size : int
+        whole : str, optional
+            An axis that is not to be split, unless it alone is longer than `size`.
 
         Yields
         ------
         tuple of slice
             One slice per axis. Together the boxes cover every point once.
         """
+        if whole is not None and len(self.axes[whole]) <= size:
+            at, n = list(self.axes).index(whole), len(self.axes[whole])
+            others = {name: values for name, values in self.axes.items() if name != whole}
+            for block in Grid(others, self.fixed).blocks(size // n):
+                yield (*block[:at], slice(0, n), *block[at:])
+            return
         trailing = 1
         split = len(self.shape)
         while split > 0 and trailing * self.shape[split - 1] <= size:

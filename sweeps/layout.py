@@ -96,6 +96,7 @@ class Layout:
         first_section: int,
         diagnostics: Collection[str] = (),
         block_size: int,
+        scaled_along: str | None = None,
         numerics: str = "",
     ) -> Self:
         """Lay out a new sweep.
@@ -118,6 +119,8 @@ class Layout:
             The diagnostics whose variables there are.
         block_size : int
             Points per block, at most.
+        scaled_along : str, optional
+            The axis along which one value is computed and the others are scaled.
         numerics : str
             What names the code that computes the data.
         """
@@ -142,7 +145,9 @@ class Layout:
             "platform": platform.platform(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
-        blocks = tuple(grid.blocks(block_size))
+        if scaled_along is not None:
+            attributes["scaled_along"] = scaled_along
+        blocks = tuple(grid.blocks(block_size, whole=scaled_along))
         return cls(grid.axes, records, tuple(held), blocks, attributes)
 
     @classmethod

@@ -13,6 +13,7 @@ from sweeps.compute import compute
 from sweeps.config import SweepConfig
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
+from sweeps.scaling import scales_with_f
 from sweeps.variables import bytes_per_point, shown_bytes
 from vibroimpact.lanes import LANES
 from vibroimpact.oscillator import POINT
@@ -116,7 +117,10 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return how long a sweep will take, from trials of few points and ever more periods."""
     # No more than a block holds: a few points take as long as a full set of lanes.
     count = min(2 * LANES * (threads or get_num_threads()), block_size(config))
-    points = _chosen(config.grid, count)
+    points, size = _chosen(config.grid, count), config.grid.size
+    if scales_with_f(config):
+        points["f"] = 1.0
+        points, size = np.unique(points), size // len(config.grid.axes["f"])
     compute(_shortened(config, 1), points[:1], threads)  # compiles, if need be
     whole = config.record.transient + config.record.periods
     total = 1
@@ -126,7 +130,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
         compute(trial, points, threads)
         elapsed = time.perf_counter() - began
         if elapsed > _TRIAL or total == whole:
-            return elapsed * whole / total * config.grid.size / points.size
+            return elapsed * whole / total * size / points.size
         total = min(2 * total, whole)
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep before it is run."""
+    from sweeps.scaling import scales_with_f
     from sweeps.variables import shown_bytes
 
     periods = sweep.grid.size * (sweep.record.transient + sweep.record.periods)
@@ -34,6 +35,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     if sweep.method.accuracy is not None:
         asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
         steps = [("method", asked)]
+    scaled = [("f", "one value is computed, the others are scaled")] * scales_with_f(sweep)
     compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
     return _table(
         [
@@ -42,6 +44,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
             ("points", f"{sweep.grid.size:,}"),
             ("forcing periods", f"{periods:,}"),
             *steps,
+            *scaled,
             ("expected time", f"about {_duration(cost.seconds)}"),
             ("size of the file", shown_bytes(cost.file) + compressed),
             ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),

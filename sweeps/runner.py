@@ -26,6 +26,7 @@ from sweeps.limits import block_size, estimate, reserved_widths
 from sweeps.locking import only_writer
 from sweeps.pilot import Pilot, choose
 from sweeps.reports import plan
+from sweeps.scaling import scales_with_f
 from sweeps.store import check_output
 from sweeps.writer import SweepWriter, sweep_writer
 from vibroimpact.jit import NUMERICS
@@ -110,6 +111,7 @@ def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
         first_section=config.record.transient + 1,
         diagnostics=config.record.diagnostics,
         block_size=block_size(config),
+        scaled_along="f" if scales_with_f(config) else None,
         numerics=NUMERICS,
     )
 
@@ -129,6 +131,7 @@ class _Display:
         self._size = config.grid.size
         self._there = self._size - sum(map(block_points, writer.pending()))
         self._name = config.name
+        self._scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -145,7 +148,7 @@ class _Display:
     def __enter__(self) -> _Display:
         self._bar.start()
         self._task = self._bar.add_task(
-            self._name, total=self._size, completed=self._there, speed=""
+            self._name + self._scaled, total=self._size, completed=self._there, speed=""
         )
         self._began = time.monotonic()
         return self

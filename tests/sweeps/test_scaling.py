@@ -1,0 +1,116 @@
+"""A sweep along f: one computation and a scaling, where the motion is proportional to f."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from sweeps import compute, load_config, open_sweep, run_sweep
+from sweeps.cli import app
+from sweeps.grid import Grid
+from sweeps.scaling import scales_with_f
+from sweeps.variables import VARIABLES
+
+SWEEP = {
+    "oscillator": {"h": 0.1, "R": 0.7, "f": [0.25, 1.0, 3.0, 8.0], "omega": [0.4, 1.9, 2.3]},
+    "record": {
+        "transient": 40,
+        "periods": 6,
+        "impacts": 30,
+        "diagnostics": ["period", "lyapunov"],
+        "trajectory": {"every": 5},
+    },
+}
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch):
+    """Work in an empty folder, and load the sweep with changes from there."""
+    monkeypatch.chdir(tmp_path)
+    Path("scaled.yaml").write_text(yaml.safe_dump(SWEEP, sort_keys=False))
+    return lambda *changes: load_config("scaled.yaml", changes)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Count the points that the kernel is given."""
+    given = []
+    kernel = compute.integrate
+
+    def integrate(points, **arguments):
+        given.append(points)
+        return kernel(points, **arguments)
+
+    monkeypatch.setattr(compute, "integrate", integrate)
+    return given
+
+
+def lone(load, f, method):
+    """Return the results at one f, which is computed as it is."""
+    config = load(f"oscillator.f={f}", *method)
+    assert not scales_with_f(config)
+    return compute.compute(config, config.grid.points((slice(0, 3),)), None)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [(), ("method={integrator: rk4, impact: reduced-step}", "record.diagnostics=[period]")],
+)
+def test_the_scaled_results_are_the_computed_ones(load, counted, method):
+    """To the bit for powers of two, to rounding otherwise; every f of a point from one run."""
+    config = load(*method)
+    assert scales_with_f(config)
+    run_sweep(config, "scaled.h5")
+    assert all((points["f"] == 1.0).all() for points in counted)
+    assert max(points.size for points in counted) == 3
+    with open_sweep("scaled.h5") as dataset:
+        assert dataset.attrs["scaled_along"] == "f"
+        for f in config.grid.axes["f"]:
+            for name, true in lone(load, f, method).items():
+                found = dataset[name].sel(f=f).values
+                true = true[:, : found.shape[1]] if name.startswith("trajectory") else true
+                if f == 3.0 and name in VARIABLES:
+                    np.testing.assert_allclose(found, true, rtol=1e-9, atol=1e-9)
+                else:
+                    np.testing.assert_array_equal(found, true)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "oscillator.clearance=0.1",
+        "oscillator.clearance=[0, 0.1]",
+        "start.x0=-0.1",
+        "start.v0=1",
+        "oscillator.f=1",
+        "oscillator.f=[0, 1]",
+        "oscillator.f=[1, 1e200]",
+    ],
+)
+def test_what_breaks_the_symmetry_is_computed(load, change):
+    assert not scales_with_f(load(change))
+
+
+def test_the_axis_is_not_split():
+    """Whatever its place; unless it is longer than a block."""
+    axes = {"h": np.arange(3.0), "f": np.arange(4.0), "omega": np.arange(5.0)}
+    for order in (["h", "f", "omega"], ["f", "h", "omega"], ["omega", "h", "f"], ["f"]):
+        grid = Grid({name: axes[name] for name in order}, {})
+        for size in (4, 7, 16, 60):
+            seen = np.zeros(grid.shape, int)
+            for block in grid.blocks(size, whole="f"):
+                assert block[order.index("f")] == slice(0, 4)
+                assert seen[block].size <= size
+                seen[block] += 1
+            assert (seen == 1).all()
+        assert all(grid.points(block).size <= 3 for block in grid.blocks(3, whole="f"))
+
+
+def test_the_run_says_so(load):
+    load()
+    result = CliRunner().invoke(app, ["run", "scaled.yaml"])
+    assert result.exit_code == 0
+    assert "one value is computed, the others are scaled" in result.stderr
+    assert "scaled_along" in CliRunner().invoke(app, ["info", "scaled.h5"]).stdout
