@@ -33,13 +33,14 @@ def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
 
     try:
         check_picture(output)
-        if csv is not None and not (csv.suffix == ".csv" and csv.absolute().parent.is_dir()):
-            allowed = "a .csv file in an existing folder"
-            stop(REFUSED, f"--csv {csv} is not allowed; expected: {allowed}")
-        yield
     except PlotError as error:
         stop(REFUSED, error)
-    except OSError as error:
+    if csv is not None and not (csv.suffix == ".csv" and csv.absolute().parent.is_dir()):
+        allowed = "a .csv file in an existing folder"
+        stop(REFUSED, f"--csv {csv} is not allowed; expected: {allowed}")
+    try:
+        yield
+    except (PlotError, OSError) as error:
         stop(FAILED, error)
     for path in (output, csv):
         if path is not None:

@@ -169,7 +169,7 @@ def _label_orders(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) ->
         panel.annotate(
             text,
             (last.seconds, 10.0**above),
-            xytext=(5, 0),
+            xytext=(5, 5),
             textcoords="offset points",
             va="center",
             fontsize=7.5,

@@ -6,7 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -324,47 +324,48 @@ def test_a_file_damaged_elsewhere_is_not_resumed(tmp_path):
 # A full disk
 
 
-@pytest.fixture
-def small_disk():
-    """Return a function that limits the size of files."""
+@contextmanager
+def small_disk(size):
+    """Limit the size of files, but of none that the tests themselves write."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path, small_disk):
+def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
     path = tmp_path / "out.h5"
-    small_disk(12_000)
     with pytest.raises(StoreFailure, match=r"out\.h5 cannot be created: File too large$"):
-        fill(path)
+        with small_disk(12_000):
+            fill(path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, small_disk, whole, compressed):
+def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"
     with pytest.raises(StoreFailure, match=r"out\.h5 cannot be completed: File too large$"):
         with sweep_writer(path, layout()) as store:
             for block in store.pending():
                 store.write(block, results(block))
-            small_disk(12_000)
-            store.finish(compressed=compressed)
-    small_disk(resource.RLIM_INFINITY)
+            with small_disk(12_000):
+                store.finish(compressed=compressed)
     assert [file.name for file in tmp_path.iterdir() if file.suffix != ".h5"] == []
     fill(path, compressed=compressed, resume=True)
     xr.testing.assert_identical(data(path), whole)
 
 
-def test_a_disk_that_fills_up_loses_nothing(tmp_path, small_disk, whole):
+def test_a_disk_that_fills_up_loses_nothing(tmp_path, whole):
     """Only a longer trajectory, or a compressed copy, takes more room than there was."""
     path = tmp_path / "out.h5"
     with sweep_writer(path, layout()) as store:
         first, second, *_ = store.pending()
         store.write(first, results(first))
-        small_disk(path.stat().st_size)
         with pytest.raises(StoreFailure, match=r"out\.h5 cannot be written: File too large$"):
-            store.write(second, results(second, samples=10_000))
-    small_disk(resource.RLIM_INFINITY)
+            with small_disk(path.stat().st_size):
+                store.write(second, results(second, samples=10_000))
     with open_sweep(path) as dataset:
         assert int((dataset["status"] != Status.PENDING).sum()) == 2
     fill(path, resume=True)
