@@ -25,7 +25,6 @@ from vibroimpact.lanes import (
     LANES,
     LEVEL,
     SAFE,
-    SIZE,
     STRIDE,
     TANGENTS,
     WAKE,
@@ -35,6 +34,7 @@ from vibroimpact.lanes import (
     glide_stride,
     glide_tangents,
     map_of,
+    new_workspace,
     set_maps,
     set_start,
 )
@@ -276,6 +276,6 @@ def run_blocks(points, rule, integrator, lead, grid, transient, periods, lyapuno
     for b in prange((points.size + LANES - 1) // LANES):
         lo, hi = b * LANES, min((b + 1) * LANES, points.size)
         run_block(
-            np.empty(SIZE), np.empty((LANES, 4, TERMS)), new_scratch(), lo,
+            new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch(), lo,
             points[lo:hi], rule, integrator, lead, grid, transient, periods, lyapunov, tally,
         )  # fmt: skip

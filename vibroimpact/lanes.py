@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vibroimpact.exact_impacts import guard, reach
 from vibroimpact.flight import fill_rows
 from vibroimpact.impacts import EXACT, PLAIN
@@ -44,6 +46,17 @@ STRIDE = 4
     SPEEDS,
 ) = range(0, 27 * LANES, LANES)  # fmt: skip
 SIZE = SPEEDS + STRIDE * LANES
+
+
+@jit
+def new_workspace():
+    """Return the workspace of a block, shape (SIZE,).
+
+    It begins at a line of the cache: a vector of 512 bits across two lines is read twice.
+    """
+    memory = np.empty(SIZE + 7)
+    skipped = -(memory.ctypes.data // 8) % 8
+    return memory[skipped : skipped + SIZE]
 
 
 @jit(inline=True)
