@@ -78,12 +78,13 @@ def run_sweep(
     console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
     with no_interrupt_lost() as check, only_writer(path):
         check_output(path, overwrite=overwrite, resume=resume)
-        pilot = None
-        if config.method.accuracy is not None:
-            (pilot,) = in_background(map(choose, [config], [threads]))
-            config = config.with_method(pilot.method)
-            console.print(pilot.summary, markup=False)
-        (cost,) = in_background(map(estimate, [config], [threads]))
+        with console.status("preparing (the first run compiles, and keeps it for the next)"):
+            pilot = None
+            if config.method.accuracy is not None:
+                (pilot,) = in_background(map(choose, [config], [threads]))
+                config = config.with_method(pilot.method)
+                console.print(pilot.summary, markup=False)
+            (cost,) = in_background(map(estimate, [config], [threads]))
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(plan(config, path, cost), markup=False)
         layout = _layout(config, pilot)
