@@ -9,15 +9,12 @@ from typing import Any
 import numpy as np
 
 from vibroimpact.attractors import resolve
-from vibroimpact.exact_impacts import Lane, guard
-from vibroimpact.flight import TERMS, fill_rows
 from vibroimpact.impacts import EXACT, PLAIN
-from vibroimpact.integrators import affine_map
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
+from vibroimpact.phases import THETA, lead_in, one_period
 from vibroimpact.status import Status
-from vibroimpact.stepping import take_step
+from vibroimpact.stepping import advance, prepare
 from vibroimpact.stop import (
     DISPLACEMENT,
     IMPACT,
@@ -98,27 +95,6 @@ def _put_start(log, pt, resting):
 
 
 @jit
-def _prepare(integrator, steps, pt):
-    """Return the affine map of a step, and the Taylor rows and guard of the rule ``exact``."""
-    T = steps.step / pt.omega
-    rows = np.empty((4, TERMS))
-    fill_rows(rows, T, pt)
-    along_x, along_v, along_f = guard(T, pt)
-    m = affine_map(integrator, T, pt)
-    return (m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), Lane(rows, along_x, along_v, along_f)
-
-
-@jit
-def _advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
-    """Step `n` of a run of steps; returns as ``take_step`` does."""
-    to_x, to_v, lane = prepared
-    theta, s, c = steps.table[THETA, n], steps.table[SIN, n], steps.table[COS, n]
-    return take_step(
-        rule, integrator, to_x, to_v, x, v, resting, theta, s, c, steps.step, pt, lane, scratch
-    )
-
-
-@jit
 def _approach(rule, integrator, lead, grid, transient, pt, scratch):
     """Run from t = 0 to the start of the record: state, whether at rest, and status."""
     x, v, resting = start(pt)
@@ -126,9 +102,9 @@ def _approach(rule, integrator, lead, grid, transient, pt, scratch):
     status = 0
     for k in range(-1, transient):
         steps = lead if k < 0 else grid
-        prepared = _prepare(integrator, steps, pt)
+        prepared = prepare(integrator, steps, pt)
         for n in range(steps.table.shape[1]):
-            x, v, resting, _, _, outcome, _ = _advance(
+            x, v, resting, _, _, outcome, _ = advance(
                 rule, integrator, prepared, x, v, resting, steps, n, pt, scratch
             )
             status = max(status, outcome)
@@ -148,7 +124,7 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
     scratch = new_scratch()
     x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, scratch)
     size, T = grid.table.shape[1], grid.step / pt.omega
-    prepared = _prepare(integrator, grid, pt)
+    prepared = prepare(integrator, grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
     if t == 0.0:
         rows = _put_start(log, pt, resting)
@@ -159,7 +135,7 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
             last = n + 1 == size
             theta_T = 2.0 * math.pi + grid.table[THETA, 0] if last else grid.table[THETA, n + 1]
             t_T = (2.0 * math.pi * k + theta_T) / pt.omega
-            x, v, resting, n_events, _, outcome, _ = _advance(
+            x, v, resting, n_events, _, outcome, _ = advance(
                 rule, integrator, prepared, x, v, resting, grid, n, pt, scratch
             )
             status = max(status, outcome)
