@@ -13,7 +13,9 @@ from vibroimpact.diagnostics import period_class
 from vibroimpact.trajectory import trajectories
 
 
-def compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
+def compute(
+    config: SweepConfig, points: np.ndarray, threads: int | None, *, at_section: bool = False
+) -> dict[str, np.ndarray]:
     """Run parameter points as a configuration says; the names of the results are the store's.
 
     Parameters
@@ -22,6 +24,8 @@ def compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dic
     points : ndarray of dtype ``POINT``, shape (n,)
     threads : int or None
         Threads to use, None for all. The results do not depend on it.
+    at_section : bool
+        Whether x0 and v0 are the state at the section's phase, not at t = 0.
 
     Returns
     -------
@@ -30,10 +34,12 @@ def compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dic
     """
     if scales_with_f(config):
         return computed_once(points, lambda different: _compute(config, different, threads))
-    return _compute(config, points, threads)
+    return _compute(config, points, threads, at_section)
 
 
-def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:
+def _compute(
+    config: SweepConfig, points: np.ndarray, threads: int | None, at_section: bool = False
+) -> dict[str, np.ndarray]:
     method, record = config.method, config.record
     common: dict[str, Any] = {
         "integrator": method.integrator,
@@ -42,6 +48,7 @@ def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> di
         "transient": record.transient,
         "periods": record.periods,
         "phase": record.phase,
+        "at_section": at_section,
     }
     results = integrate(
         points,

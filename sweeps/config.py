@@ -207,6 +207,19 @@ class RecordSection(Section):
         return names
 
 
+class RefineSection(Section):
+    """Where points are added."""
+
+    axis: Annotated[str, known(PARAMETERS)] = Field(
+        description="the only swept axis, with its values in increasing order: one of "
+        f"{', '.join(PARAMETERS)}"
+    )
+    around: Literal["changes"] = Field(
+        "changes", description="where the class of the motion changes between neighbours: changes"
+    )
+    levels: Whole = integer("how often the interval of a change is halved", 1, 52)
+
+
 def key_list(section: type[Section]) -> str:
     """Say which keys a section has."""
     return f"a mapping with keys among {', '.join(section.model_fields)}"
@@ -239,6 +252,9 @@ class SweepConfig(Section):
         validate_default=True,
     )
     record: RecordSection = _section("what to keep", RecordSection, default_factory=RecordSection)
+    refine: RefineSection | None = Field(
+        None, description=f"points to add: {key_list(RefineSection)}"
+    )
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
     )
@@ -330,6 +346,12 @@ class SweepConfig(Section):
             )
         return record
 
+    @model_validator(mode="after")
+    def _can_be_refined(self) -> Self:
+        if self.refine is not None:
+            refuse_refinement(self)
+        return self
+
     @cached_property
     def steps(self) -> int:
         """Steps per forcing period, the same all over the grid."""
@@ -375,12 +397,55 @@ class SweepConfig(Section):
         """
         plain = _plain(self)
         del plain["output"], plain["compression"]
+        if self.refine is None:
+            del plain["refine"]
         if self.method.accuracy is not None:
             plain["method"] = {"accuracy": self.method.accuracy}
         else:
             del plain["method"]["accuracy"]
             plain["method"]["steps_per_period"] = self.steps
         return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
+def refuse_refinement(config: SweepConfig) -> None:
+    """Refuse to refine where that is not possible.
+
+    Raises
+    ------
+    MisplacedError
+        Says what is missing.
+    """
+    assert config.refine is not None
+    axis, axes, record = config.refine.axis, config.grid.axes, config.record
+    if list(axes) != [axis]:
+        swept = ", ".join(axes) or "none"
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} must be the only swept axis; swept here: {swept}; expected: "
+            f"one axis, and refine.axis naming it",
+        )
+    if not (np.diff(axes[axis]) > 0.0).all() or len(axes[axis]) < 2:
+        raise MisplacedError(
+            ("refine", "axis"), f"{axis} must have two or more values, in increasing order"
+        )
+    if config.method.impact != "exact" or config.method.accuracy is not None:
+        raise MisplacedError(
+            ("refine",),
+            "orbits are followed with exact impacts only; expected: method.impact: exact, or no "
+            "refine",
+        )
+    if "period" not in record.diagnostics:
+        raise MisplacedError(
+            ("refine",),
+            "the class of the motion is needed; expected: record.diagnostics: [period] or "
+            "[period, lyapunov], or no refine",
+        )
+    if record.trajectory:
+        raise MisplacedError(
+            ("record", "trajectory"),
+            "trajectories are not kept of the points that refine adds; expected: false, or no "
+            "refine",
+        )
 
 
 def _worst_points(oscillator: OscillatorSection, method: MethodSection) -> np.ndarray:

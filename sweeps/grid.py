@@ -93,6 +93,16 @@ class Grid:
         mesh = np.meshgrid(*values, indexing="ij")
         return self._assembled([coordinate.ravel() for coordinate in mesh])
 
+    def with_values(self, axis: str, values: np.ndarray) -> np.ndarray:
+        """Return the points with these values of the only axis.
+
+        Returns
+        -------
+        ndarray of dtype POINT, shape (n,)
+        """
+        assert list(self.axes) == [axis]
+        return self._assembled([values])
+
     def spread(self, count: int) -> np.ndarray:
         """Return about `count` points spread evenly over the grid, the same in every call.
 
