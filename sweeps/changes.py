@@ -73,7 +73,9 @@ def labels(line: xr.Dataset) -> list[Label | None]:
     line : Dataset
         A cut through an opened sweep with one swept axis left, with ``period``.
     """
-    counts = zip(line["period"].values.tolist(), line["period_impacts"].values.tolist(), strict=True)
+    counts = zip(
+        line["period"].values.tolist(), line["period_impacts"].values.tolist(), strict=True
+    )
     return [
         label_of(Motion(motion), *mq)
         for motion, mq in zip(classify(line).tolist(), counts, strict=True)
@@ -98,17 +100,22 @@ def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Cha
 
 def cascades(found: Sequence[Change]) -> Iterator[list[Change]]:
     """Yield the runs of three flips and more, each of the orbit that the one before has made."""
-    for backwards in (False, True):
+    flips = [change for change in found if change.kind == "flip"]
+    for upwards in (True, False):
         run: list[Change] = []
         reached = None
-        for flip in [change for change in found if change.kind == "flip"][:: -1 if backwards else 1]:
-            first, last = (flip.after, flip.before) if backwards else (flip.before, flip.after)
-            if first.m > last.m:
+        for flip in flips if upwards else reversed(flips):
+            ends = (flip.before, flip.after) if upwards else (flip.after, flip.before)
+            if ends[0].m > ends[1].m:
                 continue
-            if first != reached:
-                if len(run) >= 3:
-                    yield run
+            if ends[0] != reached:
+                yield from [run] * (len(run) >= 3)
                 run = []
-            run, reached = [*run, flip], last
-        if len(run) >= 3:
-            yield run
+            run, reached = [*run, flip], ends[1]
+        yield from [run] * (len(run) >= 3)
+
+
+def ratio(one: Change, two: Change, three: Change) -> float:
+    """Return how many times closer the third change is to the second than that to the first."""
+    first, second, third = (0.5 * (change.low + change.high) for change in (one, two, three))
+    return (second - first) / (third - second)

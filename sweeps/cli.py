@@ -360,17 +360,41 @@ def _cut(text: str) -> tuple[str, float]:
 
 
 @app.command()
-def info(file: SweepFile) -> None:
+def info(
+    file: SweepFile,
+    bifurcations: Annotated[
+        bool,
+        typer.Option("--bifurcations", help="List where the class of the motion changes instead."),
+    ] = False,
+    axis: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
+    ] = None,
+) -> None:
     """Show what the file of a sweep holds, with its configuration."""
+    from sweeps import reports
     from sweeps.errors import StoreError
-    from sweeps.reports import contents
     from sweeps.store import open_sweep
 
+    if axis is not None and not bifurcations:
+        stop(REFUSED, f"--axis {axis} is not allowed here; expected: with --bifurcations")
     try:
         with open_sweep(file) as dataset:
-            typer.echo(contents(dataset), nl=False)
+            if bifurcations:
+                typer.echo(_bifurcations(dataset, file, axis))
+            else:
+                typer.echo(reports.contents(dataset), nl=False)
     except StoreError as error:
         stop(REFUSED, error)
+
+
+def _bifurcations(dataset: xr.Dataset, file: Path, axis: str | None) -> str:
+    from sweeps.reports import bifurcations
+    from sweeps.selection import PlotError
+
+    try:
+        return bifurcations(dataset, axis)
+    except PlotError as error:
+        stop(REFUSED, f"{file}: {error}")
 
 
 @app.command()

@@ -37,7 +37,7 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from sweeps.grid import Block, Grid
+from sweeps.grid import Block, Grid, block_points
 from sweeps.ledger import ROW, Ledger, Span, checksum, ledger_size, row_of, write_all
 from sweeps.variables import FIXED_WIDTHS, RECORDS, VARIABLES, held_variables
 from vibroimpact.oscillator import PARAMETERS
@@ -45,6 +45,9 @@ from vibroimpact.status import Status
 
 FORMAT = "vibroimpact-sweep"
 FORMAT_VERSION = 2
+
+#: The attribute of a refined sweep that counts the points added to its grid.
+ADDED = "points_added"
 
 #: Where the file says how it is written; not at the root, so that xarray does not see it.
 _BLOCKS, _LEDGER = "store/blocks", "store/ledger"
@@ -188,6 +191,17 @@ class Layout:
         # Incompressible data grow by less than 1 %; HDF5 takes about 20 kB, and more for chunks.
         return (
             data * 102 // 100 + coordinates + 2 * texts + each_block * len(self.blocks) + (1 << 17)
+        )
+
+    def with_points(self, axis: str, values: np.ndarray) -> Self:
+        """Return the same with further values of its only axis, which are told in an attribute."""
+        everywhere = np.union1d(self.axes[axis], values)
+        size = max(block_points(block) for block in self.blocks)
+        return replace(
+            self,
+            axes={axis: everywhere},
+            blocks=tuple(Grid({axis: everywhere}, {}).blocks(size)),
+            attributes={**self.attributes, ADDED: len(everywhere) - len(self.axes[axis])},
         )
 
     def with_samples(self, width: int) -> Self:

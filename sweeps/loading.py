@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import yaml
 from pydantic import ValidationError
@@ -197,9 +197,16 @@ def _located(loc: Key) -> tuple[Key, type[Section], str]:
             section = inner
             field = section.model_fields.get(part)
             expected = field.description or "" if field else ""
-            kind = field.annotation if field else None
-            inner = kind if isinstance(kind, type) and issubclass(kind, Section) else None
+            inner = _section_of(field.annotation) if field else None
     return tuple(key), section, expected
+
+
+def _section_of(annotation: Any) -> type[Section] | None:
+    """Return the section that a field is, or may be."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, Section):
+            return kind
+    return None
 
 
 def _typed(data: Any, key: Key, otherwise: object) -> object:

@@ -1,4 +1,4 @@
-"""Further points where the class of the motion changes along an axis, so that the change is bracketed.
+"""Further points where the class of the motion changes along an axis, to bracket the change.
 
 The interval between two neighbours of different classes is halved, `levels` times, and the half
 goes on whose ends still differ; both do where the class in the middle is a third one. Beside a
@@ -11,7 +11,7 @@ left as it is. What is recorded of such a point is the orbit itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -81,10 +81,10 @@ class Refinement:
             self.level += 1
             yield self.level
 
-    def points(self) -> list[Point]:
-        """Return the points to put into the file, in increasing order."""
-        added = [point for point in self._added.values() if point.results is not None]
-        return sorted(added, key=lambda point: point.value)
+    def points(self) -> dict[float, Results]:
+        """Return the results to put into the file, by increasing values of the axis."""
+        added = (self._added[value] for value in sorted(self._added))
+        return {point.value: point.results for point in added if point.results is not None}
 
     def _certified(self, line: xr.Dataset) -> list[Point]:
         """Return the points of the grid, with the true classes where these change."""
@@ -155,8 +155,9 @@ class Refinement:
         osc = self._oscillator(value)
         sections = np.stack([row["poincare_x"], row["poincare_v"]], axis=1)
         periods = _nearly_repeats(sections) if shown is None else [shown.m]
+        x, v = sections[-1].tolist()
         for m in periods:
-            orbit = periodic_orbit(osc, *sections[-1], m, self._config.record.phase)
+            orbit = periodic_orbit(osc, x, v, m, self._config.record.phase)
             if orbit is None or not orbit.stable or orbit.rests:
                 continue
             size = np.abs(sections).max(axis=0)
@@ -208,12 +209,3 @@ def _nearly_repeats(sections: np.ndarray) -> list[int]:
     ]
     best = np.argsort(missed, kind="stable")[:_TRIED]
     return sorted(int(i) + 1 for i in best if missed[i] < _NEAR)
-
-
-def run_refinement(
-    refinement: Refinement, tell: Callable[[str], None] = lambda text: None
-) -> list[Point]:
-    """Halve the intervals to the end, telling of each level, and return the points to add."""
-    for level in refinement:
-        tell(f"refining: level {level}, {len(refinement.intervals)} changes")
-    return refinement.points()

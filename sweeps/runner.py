@@ -25,9 +25,10 @@ from sweeps.layout import Layout
 from sweeps.limits import block_size, estimate, reserved_widths
 from sweeps.locking import only_writer
 from sweeps.pilot import Pilot, choose
+from sweeps.refinement import Refinement
 from sweeps.reports import plan
 from sweeps.scaling import scales_with_f
-from sweeps.store import check_output
+from sweeps.store import check_output, open_sweep
 from sweeps.writer import SweepWriter, sweep_writer
 from vibroimpact.jit import NUMERICS
 
@@ -98,8 +99,25 @@ def run_sweep(
                     writer.write(block, results)
                     display.advance(block)
                     check()
+            if config.refine is not None and not writer.refined:
+                _refine(config, writer, path, threads, console)
             writer.finish(compressed=config.compression != "none")
     return path
+
+
+def _refine(
+    config: SweepConfig, writer: SweepWriter, path: Path, threads: int | None, console: Console
+) -> None:
+    """Put further points into a complete file, where its classes change."""
+    assert config.refine is not None
+    with console.status("refining") as status, open_sweep(path, verify=False) as line:
+        refinement = Refinement(config, line, threads)
+        for level in in_background(refinement):
+            found = f"{len(refinement.intervals):,} changes of class"
+            status.update(f"refining: level {level} of {config.refine.levels}, {found}")
+        points = refinement.points()
+    writer.insert(config.refine.axis, points)
+    console.print(f"refined: {len(points):,} points put beside the changes of class", markup=False)
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
