@@ -115,9 +115,10 @@ def _refine(
         for level in in_background(refinement):
             found = f"{len(refinement.intervals):,} changes of class"
             status.update(f"refining: level {level} of {config.refine.levels}, {found}")
-        points = refinement.points()
-    writer.insert(config.refine.axis, points)
-    console.print(f"refined: {len(points):,} points put beside the changes of class", markup=False)
+    writer.insert(config.refine.axis, refinement.points)
+    console.print(
+        f"refined: {len(refinement.points):,} points put beside the changes of class", markup=False
+    )
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
