@@ -15,7 +15,7 @@ from vibroimpact.impacts import EXACT, PLAIN
 from vibroimpact.integrators import affine_map
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
+from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period, sine_at_start
 from vibroimpact.status import Status
 from vibroimpact.stepping import take_step
 from vibroimpact.stop import (
@@ -89,12 +89,12 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
 
 
 @jit
-def _put_start(log, pt, resting):
-    """Write the rows at t = 0: the state, or both sides of an impact at once."""
+def _put_start(log, t, pt, resting):
+    """Write the rows at the start, at time `t`: the state, or both sides of an impact at once."""
     if pt.x0 >= pt.clearance and pt.v0 > 0.0:
-        n = _put(log, 0, IMPACT, 0.0, pt.x0, pt.v0)
-        return _put(log, n, _STATE, 0.0, pt.x0, -pt.R * pt.v0)
-    return _put(log, 0, REST if resting else _STATE, 0.0, pt.x0, pt.v0)
+        n = _put(log, 0, IMPACT, t, pt.x0, pt.v0)
+        return _put(log, n, _STATE, t, pt.x0, -pt.R * pt.v0)
+    return _put(log, 0, REST if resting else _STATE, t, pt.x0, pt.v0)
 
 
 @jit
@@ -120,8 +120,8 @@ def _advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
 
 @jit
 def _approach(rule, integrator, lead, grid, transient, pt, scratch):
-    """Run from t = 0 to the start of the record: state, whether at rest, and status."""
-    x, v, resting = start(pt)
+    """Run from the start to the start of the record: state, whether at rest, and status."""
+    x, v, resting = start(pt, sine_at_start(lead, grid))
     resting = resting and rule != PLAIN
     status = 0
     for k in range(-1, transient):
@@ -150,8 +150,8 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
     size, T = grid.table.shape[1], grid.step / pt.omega
     prepared = _prepare(integrator, grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
-    if t == 0.0:
-        rows = _put_start(log, pt, resting)
+    if transient == 0 and lead.table.shape[1] == 0:
+        rows = _put_start(log, t, pt, resting)
     else:
         rows = _put(log, 0, REST if resting else _STATE, t, x, v)
     for k in range(transient, transient + periods):
@@ -182,9 +182,10 @@ def trace(
     transient: int = 0,
     periods: int,
     phase: float = 0.0,
+    at_section: bool = False,
     every: int = 1,
 ) -> tuple[np.ndarray, Status]:
-    """Log the motion of one parameter point; arguments as for ``kernel.integrate``.
+    """Log the motion of one parameter point; arguments as for ``attractors.integrate``.
 
     Parameters
     ----------
@@ -199,7 +200,7 @@ def trace(
     status : Status
     """
     rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
-    lead, grid = lead_in(phase, n_steps), one_period(phase, n_steps)
+    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):
