@@ -48,8 +48,7 @@ class Refinement:
     def __init__(self, config: SweepConfig, line: xr.Dataset, threads: int | None = None) -> None:
         assert config.refine is not None
         self._levels, self._axis = config.refine.levels, config.refine.axis
-        follow = getattr(config, "follow", None)
-        self._followed = follow.direction if follow else None
+        self._followed = config.follow.direction if config.follow else None
         self._settling = Settling(config, self._axis, threads)
         self.points: dict[float, Results] = {}
         self.intervals = list(_intervals(list(self._grid(line))))

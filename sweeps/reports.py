@@ -28,7 +28,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     from sweeps.scaling import scales_with_f
     from sweeps.variables import shown_bytes
 
-    periods = sweep.grid.size * (sweep.record.transient + sweep.record.periods)
+    periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
     steps = [
         ("steps per period", f"{sweep.steps:,}"),
@@ -38,12 +38,19 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
         asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
         steps = [("method", asked)]
     scaled = [("f", "one value is computed, the others are scaled")] * scales_with_f(sweep)
+    followed = []
+    if sweep.follow:
+        followed = [("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}")]
+    if sweep.refine is not None:
+        halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"
+        scaled.append(("further points", halved))
     compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
     return _table(
         [
             ("name", sweep.name),
             *(("axis", axis) for axis in axes or ["none, a single point"]),
-            ("points", f"{sweep.grid.size:,}"),
+            *followed,
+            ("points", f"{sweep.size:,}"),
             ("forcing periods", f"{periods:,}"),
             *steps,
             *scaled,
@@ -195,8 +202,11 @@ def _table(rows: list[tuple[str, str]]) -> str:
 
 
 def _axis(name: str, values: np.ndarray) -> str:
+    from sweeps.variables import DIRECTION
     from vibroimpact.oscillator import PARAMETERS
 
+    if name == DIRECTION:
+        return f"{name} = {', '.join(values)}"
     unit = PARAMETERS[name].unit
     ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
     return f"{name} = {ends}, {_count(len(values), 'value')}"

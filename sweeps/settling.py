@@ -22,7 +22,7 @@ from sweeps.config import SweepConfig
 from sweeps.variables import VARIABLES
 from vibroimpact.diagnostics import LONGEST_PERIOD
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.periodic import periodic_orbit
+from vibroimpact.periodic import doubled, periodic_orbit
 
 #: How often a motion that does not show its class is followed four times as long.
 LONGER = 3
@@ -118,7 +118,10 @@ class Settling:
             return point
         oscillator, size = self._oscillator(point.value), np.abs(record).max(axis=0)
         for m in _nearly_repeats(record) if shown is None else [shown.m]:
-            orbit = periodic_orbit(oscillator, *point.state, m, self._config.record.phase)
+            phase = self._config.record.phase
+            orbit = periodic_orbit(oscillator, *point.state, m, phase)
+            if orbit is not None and not orbit.stable:  # the motion may not have left it yet
+                orbit = doubled(oscillator, orbit, phase)
             if orbit is None or not orbit.stable or orbit.rests > 0:
                 continue
             if (np.abs(orbit.sections[0] - record[-1]) > _NEAR * size).any():

@@ -99,6 +99,11 @@ class SweepWriter:
             damaged = sweep.damaged()
             if damaged.any():
                 self.damage = sweep.named(np.flatnonzero(damaged))
+                if ADDED in sweep.layout.attributes:
+                    raise StoreError(
+                        f"{given} is damaged: {self.damage}; points that were added to its grid "
+                        "cannot be computed again one by one: give --overwrite to begin anew"
+                    )
         if damaged.any():
             self._present &= ~damaged
             with _failure(given, "mended"):
@@ -336,7 +341,8 @@ def _refuse_other(sweep: SweepFile, layout: Layout) -> None:
     ]
     if old.attributes["numerics"] != new.attributes["numerics"]:
         differing.append("the code that computes is another version")
-    if not differing and not _same_grid(old.axes, new.axes):
+    same_grid = _same_grid(old.axes, new.axes) or ADDED in old.attributes
+    if not differing and not same_grid:
         differing.append("the axes have other values or another order")
     if differing:
         raise StoreError(

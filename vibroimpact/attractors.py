@@ -9,6 +9,7 @@ from vibroimpact.exact_impacts import steps_needed
 from vibroimpact.impacts import EXACT, IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.kernel import SUMS, Tally, run_blocks
+from vibroimpact.lanes import LANES
 from vibroimpact.phases import lead_in, one_period
 from vibroimpact.stability import least_stable_steps
 from vibroimpact.status import Status
@@ -150,7 +151,8 @@ def integrate(
     tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     threads_before = get_num_threads()
-    set_num_threads(threads or threads_before)
+    # A thread without lanes of its own costs time to wake, more than a few lanes take.
+    set_num_threads(min(threads or threads_before, max(1, -(-n // LANES))))
     try:
         run_blocks(points, rule, code, lead, grid, transient, periods, lyapunov, tally)
     finally:

@@ -29,6 +29,9 @@ SAME = 1e-6
 #: Newton's method: the most steps, many because beside a flip the first ones gain a third each, and
 #: the share of the orbit's size by which a fixed point may miss itself.
 _MOST_STEPS, _RESIDUAL = 80, 1e-11
+#: How far beside a flipped orbit that of twice the period is sought, as shares of its size: from
+#: beyond it, Newton's method comes down to it.
+_FIRST_DISTANCES = (1e-1, 1e-2, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,38 @@ def periodic_orbit(
     if least < m:
         found = _newton(map_, y, least)
     return None if found is None else map_.orbit(found[0], least)
+
+
+def doubled(osc: Oscillator, orbit: PeriodicOrbit, phase: float = 0.0) -> PeriodicOrbit | None:
+    """Find the orbit of twice the period that motions go to beyond the flip of an orbit.
+
+    Parameters
+    ----------
+    osc : Oscillator
+    orbit : PeriodicOrbit
+        One that is unstable with a multiplier below -1, so that motions leave it alternating.
+    phase : float
+        As of `periodic_orbit`.
+
+    Returns
+    -------
+    PeriodicOrbit or None
+        None where no stable one is found.
+    """
+    values, vectors = np.linalg.eig(orbit.monodromy)
+    least = int(np.argmin(values.real))
+    if np.iscomplex(values).any() or values[least].real >= -1.0:
+        return None
+    along = vectors[:, least].real
+    along *= np.abs(orbit.sections).max() / np.abs(along).max()
+    if along[0] > 0.0:
+        along = -along  # away from the stop
+    for distance in _FIRST_DISTANCES:
+        x, v = (orbit.sections[0] + distance * along).tolist()
+        found = periodic_orbit(osc, min(x, osc.clearance), v, 2 * orbit.m, phase)
+        if found is not None and found.m == 2 * orbit.m and found.stable:
+            return found
+    return None
 
 
 class _Map:
