@@ -27,8 +27,8 @@ from vibroimpact.stop import IMPACT, KIND, REST, new_scratch, pressing
 #: Sections are the same where they differ by less than this share of the orbit's size.
 SAME = 1e-6
 #: Newton's method: the most steps, many because beside a flip the first ones gain a third each, and
-#: the share of the orbit's size by which a fixed point may miss itself.
-_MOST_STEPS, _RESIDUAL = 80, 1e-11
+#: the shares of the orbit's size by which a fixed point may miss itself, and be off.
+_MOST_STEPS, _RESIDUAL, _LEFT = 80, 1e-11, 1e-4
 #: How far beside a flipped orbit that of twice the period is sought, as shares of its size: from
 #: beyond it, Newton's method comes down to it.
 _FIRST_DISTANCES = (1e-1, 1e-2, 1e-3)
@@ -181,28 +181,29 @@ class _Map:
 
 def _newton(map_: _Map, y: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a fixed point of the `m`-th iterate, and the sections after it."""
-    best, smallest = None, np.inf
+    best, smallest, left = None, np.inf, np.inf
     for _ in range(_MOST_STEPS):
         sections, derivative, (_, _, status) = map_(y, m)
         if status >= Status.UNRESOLVED or not np.isfinite(derivative).all():
             break
         residual = sections[-1] - y
         missed = map_.size(residual)
-        if missed < smallest:
-            best, smallest = (y, sections), missed
-        elif smallest <= _RESIDUAL * map_.size(sections):
+        if missed >= smallest <= _RESIDUAL * map_.size(sections):
             break  # at rounding
-        if missed == 0.0:
-            break
         try:
             step = np.linalg.solve(derivative - np.eye(2), residual)
         except np.linalg.LinAlgError:
             break
+        if missed < smallest:
+            best, smallest, left = (y, sections), missed, map_.size(step)
+        if missed == 0.0:
+            break
         y = y - step
         y[0] = min(y[0], map_.stop)
-    if best is None or not smallest <= _RESIDUAL * map_.size(best[1]):
+    if best is None or smallest > _RESIDUAL * map_.size(best[1]):
         return None
-    return best
+    # Where the motion grows without bound, the residual is small beside it, but not what is left.
+    return best if left <= _LEFT * map_.size(best[1]) else None
 
 
 @jit
