@@ -88,11 +88,8 @@ def test_the_edges_of_the_windows_are_found_from_a_followed_sweep(
 
 @pytest.fixture(scope="module")
 def cascade(tmp_path_factory):
-    return refined(
-        tmp_path_factory.mktemp("cascade"),
-        "oscillator.omega={start: 2.64, stop: 2.732, num: 47}",
-        "follow={axis: omega, direction: up}",
-    )
+    config = load_config(Path(__file__).parents[2] / "configs/feigenbaum.yaml")
+    return run_sweep(config, tmp_path_factory.mktemp("cascade") / "out.h5")
 
 
 def test_further_flips_of_a_cascade(cascade):
