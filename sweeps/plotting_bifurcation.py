@@ -133,7 +133,7 @@ def bifurcation(
     mark_status(panel, values, line["status"].values)
     handles, _ = panel.get_legend_handles_labels()
     if handles:
-        columns = 2 if exact or len(drawn) > 1 else 1
+        columns = 2 if exact else 3 if dense else len(drawn)
         figure.legend(loc="outside lower center", ncols=columns, frameon=False)
     entitle(figure, Setting.of(dataset), line, 76)
     if dense:

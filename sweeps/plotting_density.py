@@ -17,15 +17,17 @@ from sweeps.plotting_marks import BLUE, ORANGE, cell_edges
 #: The colours of the directions in which an axis was followed, the first that of every sweep, and
 #: of what is met in both.
 DIRECTION_COLOURS = (BLUE, ORANGE)
-BOTH_COLOUR = "#6E6E6E"
+BOTH_COLOUR = "#222222"
 
-# They start well away from white, so that a pixel met once is still seen.
+# All start well away from white, so that a pixel met once is still seen. Of two directions, the
+# ramps end at full colours: darker ones could not be told apart where the motion is periodic.
+_RAMP = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
 _RAMPS = [
     LinearSegmentedColormap.from_list("density", colours)
     for colours in (
-        ["#A6CBE3", BLUE, "#00263D"],
-        ["#F7D48C", ORANGE, "#553A00"],
-        ["#C9C9C9", BOTH_COLOUR, "#000000"],
+        ["#A6CBE3", DIRECTION_COLOURS[0]],
+        ["#F5D79A", DIRECTION_COLOURS[1]],
+        ["#CCCCCC", BOTH_COLOUR],
     )
 ]
 
@@ -74,9 +76,9 @@ def extent(drawn: Sequence[Drawn]) -> tuple[float, float]:
 def add_bar(figure: Figure, panel: Axes, directions: int) -> None:
     """Put the colour bar of a density beside a panel: of two directions, that of what is in both.
 
-    The ramps of either direction are as light and as dark.
+    The ramps of either direction run alike.
     """
-    ramp = _RAMPS[0 if directions == 1 else 2]
+    ramp = _RAMP if directions == 1 else _RAMPS[2]
     bar = figure.colorbar(ScalarMappable(NORM, ramp), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")
 
@@ -111,7 +113,7 @@ def draw_density(
         met = (shares[0] > 0.0) & (shares[1] > 0.0)
         both = np.where(met, 0.5 * (shares[0] + shares[1]), 0.0)
         shares = [*(np.where(met, 0.0, share) for share in shares), both]
-    for share, ramp in zip(shares, _RAMPS, strict=False):
+    for share, ramp in zip(shares, _RAMPS if len(shares) > 1 else [_RAMP], strict=True):
         cells = np.ma.masked_equal(share, 0.0).T
         panel.pcolormesh(across, up, cells, norm=NORM, cmap=ramp, rasterized=True)
 
