@@ -131,10 +131,7 @@ def bifurcation(
     if orbits is not None:
         _draw_branches(panel, orbits, _OVER_BOTH if len(drawn) > 1 else _OVER_ONE)
     mark_status(panel, values, line["status"].values)
-    handles, _ = panel.get_legend_handles_labels()
-    if handles:
-        columns = 2 if exact else 3 if dense else len(drawn)
-        figure.legend(loc="outside lower center", ncols=columns, frameon=False)
+    _add_legend(figure, panel, exact)
     entitle(figure, Setting.of(dataset), line, 76)
     if dense:
         add_bar(figure, panel, len(drawn))
@@ -159,6 +156,14 @@ def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
         panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
     if dense:
         panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
+
+
+def _add_legend(figure: Figure, panel: Axes, exact: bool) -> None:
+    """Say below the panel what is in it; what became of the points is long."""
+    _, texts = panel.get_legend_handles_labels()
+    if texts:
+        columns = 2 if exact else len(texts) if max(map(len, texts)) < 25 else 1
+        figure.legend(loc="outside lower center", ncols=columns, frameon=False)
 
 
 def _draw_branches(panel: Axes, line: Line, look: dict[str, Any]) -> None:
