@@ -264,7 +264,9 @@ def plot(
     at: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=VALUE", help="Where to cut another swept parameter; repeatable."
+            metavar="NAME=VALUE",
+            help="Where to cut another swept parameter; of a sweep that was followed up and down, "
+            "direction=up or down; repeatable.",
         ),
     ] = None,
     coordinate: Annotated[
@@ -317,7 +319,7 @@ def _plot(
     file: Path,
     figure: Path,
     kind: str | None,
-    cuts: Mapping[str, float],
+    cuts: Mapping[str, float | str],
     options: Mapping[str, Any],
 ) -> None:
     from sweeps import plotting
@@ -341,8 +343,8 @@ def _plot(
     typer.echo(written)
 
 
-def _cuts(texts: Sequence[str]) -> dict[str, float]:
-    cuts: dict[str, float] = {}
+def _cuts(texts: Sequence[str]) -> dict[str, float | str]:
+    cuts: dict[str, float | str] = {}
     for text in texts:
         name, value = _cut(text)
         if name in cuts:
@@ -351,8 +353,10 @@ def _cuts(texts: Sequence[str]) -> dict[str, float]:
     return cuts
 
 
-def _cut(text: str) -> tuple[str, float]:
+def _cut(text: str) -> tuple[str, float | str]:
     name, _, value = text.partition("=")
+    if name.strip() == "direction":
+        return "direction", value.strip()
     try:
         return name.strip(), float(value)
     except ValueError:

@@ -25,7 +25,7 @@ from matplotlib.patches import Patch
 from sweeps.classes import Motion, classify, frequent_periods
 from sweeps.plotting_labels import entitle, label, log_spaced, set_scale, tick_in_decades
 from sweeps.plotting_marks import BLUE, STATUS_COLOURS, VERMILION, cell_edges
-from sweeps.selection import PlotError, Setting, chosen_axes, listed, select
+from sweeps.selection import Cut, PlotError, Setting, chosen_axes, listed, select
 from vibroimpact.status import Status
 
 #: Colours of the most frequent period classes: Okabe and Ito's, without vermilion and black.
@@ -149,7 +149,7 @@ def parameter_map(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     quantity: str | None = None,
 ) -> Figure:
     """Draw a quantity over two swept axes, one cell per point.
