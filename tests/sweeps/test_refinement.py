@@ -217,7 +217,12 @@ def told(*arguments):
 
 def test_info_lists_the_brackets(cascade):
     lines = told("info", cascade, "--bifurcations").splitlines()
-    assert lines[0].startswith("omega = 2.65334") and lines[0].split()[-4:] == ["1/1", "->", "2/2", "flip"]
+    assert lines[0].startswith("omega = 2.65334") and lines[0].split()[-4:] == [
+        "1/1",
+        "->",
+        "2/2",
+        "flip",
+    ]
     assert lines[-1].startswith("cascade: omega = 2.653347")
     assert "ratios of the distances 4." in lines[-1]
 
