@@ -238,6 +238,8 @@ def test_the_rule_on_the_start():
     assert start(point(), 0.0) == (0.0, 0.0, False)
     assert start(point(x0=-0.5, clearance=-0.5), 0.0) == (-0.5, 0.0, True)
     assert start(point(x0=0.5, clearance=0.5), 0.0) == (0.5, 0.0, False)
+    assert start(point(), 1.0) == (0.0, 0.0, False)  # later in the period the force pulls
+    assert start(point(), -1.0) == (0.0, 0.0, True)  # or presses
 
 
 @pytest.mark.parametrize("level", [-0.9, -0.3, 0.0, 0.3, 0.9, 0.999999])
