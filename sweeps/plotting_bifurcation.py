@@ -162,7 +162,7 @@ def _add_legend(figure: Figure, panel: Axes, exact: bool) -> None:
     """Say below the panel what is in it; what became of the points is long."""
     _, texts = panel.get_legend_handles_labels()
     if texts:
-        columns = 2 if exact else len(texts) if max(map(len, texts)) < 25 else 1
+        columns = 2 if exact else len(texts) if max(map(len, texts)) < 40 else 1
         figure.legend(loc="outside lower center", ncols=columns, frameon=False)
 
 
