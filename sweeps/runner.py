@@ -90,6 +90,7 @@ def run_sweep(
         console.print(plan(config, path, cost), markup=False)
         layout = _layout(config, pilot)
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
+            check()  # the first block may take long
             if writer.damage:
                 console.print(f"damaged, and computed again: {writer.damage}", markup=False)
             with _Display(config, writer, console) as display:
