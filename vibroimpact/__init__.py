@@ -3,6 +3,7 @@
 from vibroimpact.orbits import OneImpactOrbit, bifurcation, one_impact_orbit, one_impact_orbits
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.paper import PaperRun, paper_procedure
+from vibroimpact.periodic import PeriodicOrbit, periodic_orbit
 from vibroimpact.status import Status
 from vibroimpact.trajectory import Trajectory, simulate
 
@@ -10,11 +11,13 @@ __all__ = [
     "OneImpactOrbit",
     "Oscillator",
     "PaperRun",
+    "PeriodicOrbit",
     "Status",
     "Trajectory",
     "bifurcation",
     "one_impact_orbit",
     "one_impact_orbits",
     "paper_procedure",
+    "periodic_orbit",
     "simulate",
 ]
