@@ -146,9 +146,10 @@ def integrate(
     tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     lead, grid = lead_in(phase, n_steps), one_period(phase, n_steps)
     threads_before = get_num_threads()
-    set_num_threads(threads or threads_before)
+    threads = threads or threads_before
+    set_num_threads(threads)
     try:
-        run_blocks(points, rule, code, lead, grid, transient, periods, lyapunov, tally)
+        run_blocks(points, rule, code, lead, grid, transient, periods, lyapunov, tally, threads)
     finally:
         set_num_threads(threads_before)
     results = _results(points, periods, tally)

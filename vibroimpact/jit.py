@@ -126,3 +126,15 @@ def widest_vectors(context):
         return context.get_dummy_value()
 
     return types.void(), generate
+
+
+@intrinsic
+def claim(context, counter):
+    """Count up the first element of an array of int64 for all threads; return what it was."""
+
+    def generate(context, builder, signature, arguments):
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        one = context.get_constant(types.int64, 1)
+        return builder.atomic_rmw("add", array.data, one, "monotonic")
+
+    return types.int64(counter), generate

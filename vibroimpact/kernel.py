@@ -17,7 +17,7 @@ from numba import prange
 from vibroimpact.exact_impacts import Lane
 from vibroimpact.flight import TERMS
 from vibroimpact.impacts import EXACT, PLAIN
-from vibroimpact.jit import jit, widest_vectors
+from vibroimpact.jit import claim, jit, widest_vectors
 from vibroimpact.lanes import (
     ALONG_F,
     ALONG_V,
@@ -271,11 +271,17 @@ def run_block(
 
 
 @jit(parallel=True)
-def run_blocks(points, rule, integrator, lead, grid, transient, periods, lyapunov, tally):
-    """Run every point, block by block over the threads."""
-    for b in prange((points.size + LANES - 1) // LANES):
-        lo, hi = b * LANES, min((b + 1) * LANES, points.size)
-        run_block(
-            new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch(), lo,
-            points[lo:hi], rule, integrator, lead, grid, transient, periods, lyapunov, tally,
-        )  # fmt: skip
+def run_blocks(points, rule, integrator, lead, grid, transient, periods, lyapunov, tally, threads):
+    """Run every point: each thread takes block after block, as some blocks have more impacts."""
+    blocks = (points.size + LANES - 1) // LANES
+    claimed = np.zeros(1, np.int64)
+    for _ in prange(threads):
+        w, taylor, scratch = new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch()
+        b = claim(claimed)
+        while b < blocks:
+            lo, hi = b * LANES, min((b + 1) * LANES, points.size)
+            run_block(
+                w, taylor, scratch, lo, points[lo:hi], rule, integrator, lead, grid, transient,
+                periods, lyapunov, tally,
+            )  # fmt: skip
+            b = claim(claimed)
