@@ -8,10 +8,11 @@ from numba import get_num_threads, set_num_threads
 from vibroimpact.exact_impacts import steps_needed
 from vibroimpact.impacts import EXACT, IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import SUMS, Tally, run_blocks
+from vibroimpact.kernel import run_blocks
 from vibroimpact.phases import lead_in, one_period
 from vibroimpact.stability import least_stable_steps
 from vibroimpact.status import Status
+from vibroimpact.tally import SUMS, Tally
 
 #: More steps per forcing period are not chosen, and the rule ``exact`` is refused where it needs
 #: more.
@@ -149,7 +150,10 @@ def integrate(
     threads = threads or threads_before
     set_num_threads(threads)
     try:
-        run_blocks(points, rule, code, lead, grid, transient, periods, lyapunov, tally, threads)
+        run_blocks(
+            threads, np.zeros(1, np.int64), points, rule, code, lead, grid, transient, periods,
+            lyapunov, tally,
+        )  # fmt: skip
     finally:
         set_num_threads(threads_before)
     results = _results(points, periods, tally)

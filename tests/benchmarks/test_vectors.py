@@ -12,11 +12,12 @@ from vibroimpact.attractors import default_steps
 from vibroimpact.flight import TERMS
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import SUMS, Tally, advance
+from vibroimpact.kernel import advance
 from vibroimpact.lanes import LANES, SIZE, STRIDE
 from vibroimpact.phases import one_period
 from vibroimpact.plain_lanes import advance_plain
 from vibroimpact.stop import new_scratch
+from vibroimpact.tally import SUMS, Tally
 
 #: A step of a lane has eight multiply-adds, of which two begin with a product.
 FUSED = 6 * STRIDE
