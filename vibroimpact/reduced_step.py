@@ -149,7 +149,7 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
 
 @jit(inline=True)
 def single_impact(x, v, x_T, v_T, theta, T, pt):
-    """The first impact of a step off the stop, eqs (6)-(9), and if it surely is as in ``fly``.
+    """The impact of a step that starts off the stop, eqs (6)-(9), and if it surely is one.
 
     Without a branch, for the lanes of ``impact_lanes.py``: what is not sure goes through
     ``reduced_step``, whose arithmetic this is.
@@ -166,9 +166,9 @@ def single_impact(x, v, x_T, v_T, theta, T, pt):
     """
     T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
     s, c = sin_cos(theta + pt.omega * T_r)
-    sure = (x < pt.clearance) & crossed(x_T, v_T, pt.clearance)
+    sure = crossed(x_T, v_T, pt.clearance)
     sure &= (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf
-    sure &= v_Tr > _SLOWEST * abs(v)
+    sure &= v_Tr > _SLOWEST * abs(v)  # never from the stop: v_Tr is the speed of the launch there
     a = pressing(s, pt)
     twice = 2.0 * (pt.R * v_Tr)
     in_time = twice <= 1.000001 * (T - T_r) * a * (1.0 - pt.R)  # rounding may decide: not sure
