@@ -8,11 +8,12 @@ from numba import get_num_threads, set_num_threads
 from vibroimpact.exact_impacts import steps_needed
 from vibroimpact.impacts import EXACT, IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import SUMS, Tally, run_blocks
+from vibroimpact.kernel import run_blocks
 from vibroimpact.lanes import LANES
 from vibroimpact.phases import lead_in, one_period
 from vibroimpact.stability import least_stable_steps
 from vibroimpact.status import Status
+from vibroimpact.tally import SUMS, Tally
 
 #: More steps per forcing period are not chosen, and the rule ``exact`` is refused where it needs
 #: more.
@@ -152,9 +153,13 @@ def integrate(
     lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     threads_before = get_num_threads()
     # A thread without lanes of its own costs time to wake, more than a few lanes take.
-    set_num_threads(min(threads or threads_before, max(1, -(-n // LANES))))
+    threads = min(threads or threads_before, max(1, -(-n // LANES)))
+    set_num_threads(threads)
     try:
-        run_blocks(points, rule, code, lead, grid, transient, periods, lyapunov, tally)
+        run_blocks(
+            threads, np.zeros(1, np.int64), points, rule, code, lead, grid, transient, periods,
+            lyapunov, tally,
+        )  # fmt: skip
     finally:
         set_num_threads(threads_before)
     results = _results(points, periods, tally)

@@ -55,6 +55,7 @@ def jit(
     parallel: bool = False,
     inline: bool = False,
     leaf: bool = False,
+    dissolve: bool = False,
 ) -> Any:
     """Compile `function` with the options of this project, cached on disk.
 
@@ -73,7 +74,7 @@ def jit(
         caller holds. An impact costs half as much without them.
     """
     if function is None:
-        return lambda f: jit(f, parallel=parallel, inline=inline, leaf=leaf)
+        return lambda f: jit(f, parallel=parallel, inline=inline, leaf=leaf, dissolve=dissolve)
     options: dict[str, Any] = {
         "error_model": "numpy",
         "cache": True,
@@ -81,6 +82,7 @@ def jit(
         "nogil": True,  # so that a main thread hears signals while another one computes
         "inline": "always" if inline else "never",
         "_nrt": not leaf,
+        "forceinline": dissolve,
     }
     users_folder = _config.CACHE_DIR
     _config.CACHE_DIR = _CACHE_FOLDER
@@ -126,3 +128,38 @@ def widest_vectors(context):
         return context.get_dummy_value()
 
     return types.void(), generate
+
+
+@intrinsic
+def claim(context, counter):
+    """Count up the first element of an array of int64 for all threads; return what it was."""
+
+    def generate(context, builder, signature, arguments):
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        one = context.get_constant(types.int64, 1)
+        return builder.atomic_rmw("add", array.data, one, "monotonic")
+
+    return types.int64(counter), generate
+
+
+@intrinsic
+def bit(context, condition, place):
+    """An integer with the bit at `place` set where the condition holds, else 0; no branch."""
+
+    def generate(context, builder, signature, arguments):
+        condition, place = arguments
+        as_bit = context.cast(builder, condition, types.boolean, types.boolean)
+        one = context.get_constant(types.int64, 1)
+        return builder.select(as_bit, builder.shl(one, place), context.get_constant(types.int64, 0))
+
+    return types.int64(types.boolean, types.int64), generate
+
+
+@intrinsic
+def lowest_bit(context, bits):
+    """The place of the lowest bit set in an integer that is not 0."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.cttz(arguments[0], context.get_constant(types.boolean, 1))
+
+    return types.int64(types.int64), generate

@@ -1,30 +1,31 @@
 """The stepping kernel: blocks of lanes over the threads.
 
 Every lane is advanced by its affine map, a stride of steps at a time, as if there were no stop.
-A lane that may have met it stays at the step before, and is taken through the rest of the stride
-alone, step by step and with the impact rule, as a single orbit is. Only the rule ``plain`` has a
-loop of its own, in ``plain_lanes.py``. ``prange`` runs over the blocks.
+A lane that may have met it stays at the start of the stride, and is taken through it alone, step by
+step and with the impact rule, as a single orbit is; with the rule ``reduced-step`` this is left for
+what ``impact_lanes.py`` does not mend. Only the rule ``plain`` has a loop of its own, in
+``plain_lanes.py``. ``prange`` runs over the threads, each of which takes block after block.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
 from vibroimpact.exact_impacts import Lane
 from vibroimpact.flight import TERMS
+from vibroimpact.impact_lanes import mend_side_by_side
 from vibroimpact.impacts import EXACT, PLAIN
-from vibroimpact.jit import jit, widest_vectors
+from vibroimpact.jit import claim, jit, widest_vectors
 from vibroimpact.lanes import (
     ALONG_F,
     ALONG_V,
     ALONG_X,
     LANES,
     LEVEL,
-    SAFE,
+    MET,
     STRIDE,
     TANGENTS,
     WAKE,
@@ -33,6 +34,7 @@ from vibroimpact.lanes import (
     glide_step,
     glide_stride,
     glide_tangents,
+    list_met,
     map_of,
     new_workspace,
     set_maps,
@@ -41,80 +43,13 @@ from vibroimpact.lanes import (
 from vibroimpact.lyapunov import carry_tangents, orthonormalise
 from vibroimpact.phases import COS, SIN, THETA, sine_at_start
 from vibroimpact.plain_lanes import advance_plain, sum_up_plain
+from vibroimpact.reduced_step import REDUCED_STEP
 from vibroimpact.status import Status
 from vibroimpact.stepping import take_step
-from vibroimpact.stop import (
-    DISPLACEMENT,
-    IMPACT,
-    KIND,
-    REST,
-    SPEED,
-    TIME,
-    new_scratch,
-    time_to_release,
-)
+from vibroimpact.stop import new_scratch, time_to_release
+from vibroimpact.tally import put_in_order, record_step
 
 _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
-
-
-#: What is summed up over the recorded periods of a point, beside its last status.
-SUMS = np.dtype(
-    [
-        ("impacts", np.int64),
-        ("slowest_impact", float),
-        ("max_penetration", float),
-        ("rested", float),
-        ("chatters", np.int64),
-        ("near_grazes", np.int64),
-        ("growth_1", float),
-        ("growth_2", float),
-        ("status", np.int64),
-    ]
-)
-
-
-class Tally(NamedTuple):
-    """What is kept of the recorded periods, one row per point.
-
-    Attributes
-    ----------
-    sections : ndarray, shape (n, periods, 2)
-        x and v at the end of each period.
-    impacts : ndarray, shape (n, capacity, 2)
-        Phase and speed of the last impacts: a ring, put into time order at the end.
-    sums : ndarray of dtype ``SUMS``, shape (n,)
-    """
-
-    sections: np.ndarray
-    impacts: np.ndarray
-    sums: np.ndarray
-
-
-@jit(inline=True)
-def record_step(events, n, x_T, rested, grazes, theta, pt, row, tally):
-    """Add the events of one mended step to the tally of the lane in that row."""
-    sums = tally.sums[row]
-    depth = x_T - pt.clearance
-    capacity = tally.impacts.shape[1]
-    for k in range(n):
-        kind = events[k, KIND]
-        if kind == IMPACT:
-            depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
-            speed = events[k, SPEED]
-            sums.slowest_impact = min(sums.slowest_impact, speed)
-            if capacity > 0:
-                slot = sums.impacts % capacity
-                at = theta + pt.omega * events[k, TIME]
-                while at >= 2.0 * math.pi:  # twice at the most
-                    at -= 2.0 * math.pi
-                tally.impacts[row, slot, 0] = at
-                tally.impacts[row, slot, 1] = speed
-            sums.impacts += 1
-        elif kind == REST:
-            sums.chatters += 1
-    sums.rested += rested
-    sums.near_grazes += grazes
-    sums.max_penetration = max(sums.max_penetration, depth)
 
 
 @jit(leaf=True)
@@ -174,29 +109,35 @@ def finish(
     w[LEVEL + i] = -math.inf if resting else pt.clearance
 
 
+@jit(inline=True)
+def glide_on(w, n, steps, guarded, table):
+    """Take the lanes over one step or a stride; return the bits of those that may meet the stop."""
+    if steps == 1:
+        return glide_step(w, table, n, guarded)
+    if guarded:
+        return glide_stride(w, table, n, True)
+    return glide_stride(w, table, n, False)
+
+
 @jit(leaf=True)
 def advance(w, taylor, first, points, rule, integrator, grid, recording, lyapunov, tally, scratch):
     """Steps over `grid`, stride by stride, and the rest of them singly."""
     widest_vectors()
     size = grid.table.shape[1]
-    whole = size // STRIDE * STRIDE
     n = 0
     while n < size:
-        steps = STRIDE if n < whole else 1
-        if steps == STRIDE:
-            met = glide_stride(w, grid.table, n, rule == EXACT)
-        else:
-            met = glide_step(w, grid.table, n, rule == EXACT)
+        steps = STRIDE if n + STRIDE <= size else 1
+        met = list_met(w, points.size, glide_on(w, n, steps, rule == EXACT, grid.table))
         if recording and lyapunov:
             glide_tangents(w, steps)
-        if met:
-            for i in range(points.size):
-                taken = int(w[SAFE + i])
-                if taken < steps:
-                    finish(
-                        w, i, taylor[i], rule, integrator, n + taken, n + steps, grid, points[i],
-                        first + i, recording, lyapunov, tally, scratch,
-                    )  # fmt: skip
+        if rule == REDUCED_STEP and steps == STRIDE and met > 0:
+            met = mend_side_by_side(w, met, first, points, integrator, grid, n, recording, tally)
+        for j in range(met):
+            i = int(w[MET + j])
+            finish(
+                w, i, taylor[i], rule, integrator, n, n + steps, grid, points[i], first + i,
+                recording, lyapunov, tally, scratch,
+            )  # fmt: skip
         if recording and lyapunov:
             for i in range(points.size):
                 stretch(tangents_of(w, i), tally.sums[first + i], False)
@@ -215,31 +156,10 @@ def record_section(w, first, n, k, tally):
             sums.status = _NON_FINITE
 
 
-@jit(inline=True)
-def reverse(ring, lo, hi):
-    """Turn the rows of `ring` from `lo` to before `hi` around."""
-    while hi - lo > 1:
-        hi -= 1
-        for k in range(2):
-            ring[lo, k], ring[hi, k] = ring[hi, k], ring[lo, k]
-        lo += 1
-
-
-@jit(leaf=True)
-def put_in_order(ring, count):
-    """Unroll a ring that received `count` impacts into time order."""
-    size = ring.shape[0]
-    if count > size > 0:
-        oldest = count % size
-        reverse(ring, 0, oldest)
-        reverse(ring, oldest, size)
-        reverse(ring, 0, size)
-
-
 @jit(leaf=True)
 def run_block(
-    w, taylor, scratch, first, points, rule, integrator, lead, grid, transient, periods, lyapunov,
-    tally,
+    w, taylor, scratch, first, points, rule, integrator, lead, grid, transient, periods,
+    lyapunov, tally,
 ):  # fmt: skip
     """Run one block of at most ``LANES`` points from its start to the end of the record."""
     widest_vectors()
@@ -254,8 +174,8 @@ def run_block(
             advance_plain(w, first, points.size, steps, True, tally)
         else:
             advance(
-                w, taylor, first, points, rule, integrator, steps, k >= transient, lyapunov, tally,
-                scratch,
+                w, taylor, first, points, rule, integrator, steps, k >= transient, lyapunov,
+                tally, scratch,
             )  # fmt: skip
         if k >= transient:
             record_section(w, first, points.size, k - transient, tally)
@@ -270,12 +190,27 @@ def run_block(
         put_in_order(tally.impacts[i], tally.sums[i].impacts)
 
 
-@jit(parallel=True)
-def run_blocks(points, rule, integrator, lead, grid, transient, periods, lyapunov, tally):
-    """Run every point, block by block over the threads."""
-    for b in prange((points.size + LANES - 1) // LANES):
-        lo, hi = b * LANES, min((b + 1) * LANES, points.size)
+@jit
+def take_blocks(
+    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+):  # fmt: skip
+    """Run block after block, as long as there are any that no thread has taken yet."""
+    w, taylor, scratch = new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch()
+    lo = LANES * claim(claimed)
+    while lo < points.size:
         run_block(
-            new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch(), lo,
-            points[lo:hi], rule, integrator, lead, grid, transient, periods, lyapunov, tally,
+            w, taylor, scratch, lo, points[lo : lo + LANES], rule, integrator, lead, grid,
+            transient, periods, lyapunov, tally,
         )  # fmt: skip
+        lo = LANES * claim(claimed)
+
+
+@jit(parallel=True)
+def run_blocks(
+    threads, claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+):
+    """Run every point on that many threads; `claimed` is a counter at 0, shape (1,), int64."""
+    for _ in prange(threads):
+        take_blocks(
+            claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+        )

@@ -16,12 +16,12 @@ from vibroimpact.exact_impacts import guard, reach
 from vibroimpact.flight import fill_rows
 from vibroimpact.impacts import EXACT, PLAIN
 from vibroimpact.integrators import affine_map, apply_map
-from vibroimpact.jit import jit, select
+from vibroimpact.jit import bit, jit, lowest_bit, select
 from vibroimpact.lyapunov import glide_tangent
 from vibroimpact.phases import COS, SIN
 from vibroimpact.stop import start
 
-#: Points per block.
+#: Points per block; no more than an integer has bits.
 LANES = 32
 #: Steps taken at a time.
 STRIDE = 4
@@ -32,7 +32,7 @@ STRIDE = 4
     # The state, the affine map, and the stop. A lane at rest watches a stop at -inf, so that it is
     # looked at in every stride.
     X, V, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION,
-    # Steps taken of the stride, those before the lane may have met its stop.
+    # 1 where the lane has taken the stride, 0 where it may meet its stop in it.
     SAFE,
     # The phase before which a lane at rest is not released.
     WAKE,
@@ -42,9 +42,15 @@ STRIDE = 4
     IMPACTS, LISTED, SLOWEST, HIGHEST,
     # Two tangent vectors, four rows.
     TANGENTS, _, _, _,
+    # Which lanes may meet their stops in a stride, side by side.
+    MET,
+    # With the rule ``reduced-step``, of each of these: the parameters of eq. (1); the step in which
+    # it meets the stop, its ends, the impact in it, what is left of it, and whether that is all.
+    OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
+    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T, T_R, V_TR, S_TR, C_TR, LEFT, ONCE,
     # With the rule ``plain``: the speeds of the impacts of a stride.
     SPEEDS,
-) = range(0, 27 * LANES, LANES)  # fmt: skip
+) = range(0, 48 * LANES, LANES)  # fmt: skip
 SIZE = SPEEDS + STRIDE * LANES
 
 
@@ -96,37 +102,34 @@ def map_of(w, i):
 
 
 @jit(leaf=True)
-def glide(w, i, x, v, safe, s, c, guarded):
-    """Take lane `i` from (x, v) over a step, if it is `safe`, that is, cannot have met its stop.
-
-    Returns the state, and whether it was; once a lane was not, it stays where it is.
-    """
+def glide(w, i, x, v, s, c, guarded):
+    """Take lane `i` from (x, v) over a step; return also if it surely has not met its stop."""
     to_x, to_v = map_of(w, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
-    safe &= x_T < w[LEVEL + i]  # a NaN is not
+    safe = x_T < w[LEVEL + i]  # a NaN is not
     if guarded:
         safe &= reach(x, v, x_T, w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i]) < w[LEVEL + i]
-    return select(safe, x_T, x), select(safe, v_T, v), safe
+    return x_T, v_T, safe
 
 
 @jit(inline=True)
 def glide_stride(w, table, n, guarded):
-    """Take every lane from step `n` over a stride, up to the step in which it may meet its stop.
+    """Take every lane from step `n` over a stride, but those that may meet their stops in it.
 
-    Returns whether there is such a lane; row SAFE keeps the number of steps taken.
+    Returns the bits of these.
     """
     s0, s1, s2, s3 = table[SIN, n], table[SIN, n + 1], table[SIN, n + 2], table[SIN, n + 3]
     c0, c1, c2, c3 = table[COS, n], table[COS, n + 1], table[COS, n + 2], table[COS, n + 3]
-    met = False
+    met = 0
     for i in range(LANES):
-        x, v, safe_0 = glide(w, i, w[X + i], w[V + i], True, s0, c0, guarded)
-        x, v, safe_1 = glide(w, i, x, v, safe_0, s1, c1, guarded)
-        x, v, safe_2 = glide(w, i, x, v, safe_1, s2, c2, guarded)
-        w[X + i], w[V + i], safe_3 = glide(w, i, x, v, safe_2, s3, c3, guarded)
-        first, second = select(safe_0, 1.0, 0.0), select(safe_1, 1.0, 0.0)
-        third, fourth = select(safe_2, 1.0, 0.0), select(safe_3, 1.0, 0.0)
-        w[SAFE + i] = (first + second) + (third + fourth)
-        met |= not safe_3
+        x, v, safe = glide(w, i, w[X + i], w[V + i], s0, c0, guarded)
+        x, v, safe_1 = glide(w, i, x, v, s1, c1, guarded)
+        x, v, safe_2 = glide(w, i, x, v, s2, c2, guarded)
+        x, v, safe_3 = glide(w, i, x, v, s3, c3, guarded)
+        safe &= safe_1 & safe_2 & safe_3
+        w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
+        w[SAFE + i] = select(safe, 1.0, 0.0)
+        met |= bit(not safe, i)
     return met
 
 
@@ -134,23 +137,35 @@ def glide_stride(w, table, n, guarded):
 def glide_step(w, table, n, guarded):
     """As ``glide_stride`` over the one step `n`."""
     s, c = table[SIN, n], table[COS, n]
-    met = False
+    met = 0
     for i in range(LANES):
-        w[X + i], w[V + i], safe = glide(w, i, w[X + i], w[V + i], True, s, c, guarded)
+        x, v, safe = glide(w, i, w[X + i], w[V + i], s, c, guarded)
+        w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
         w[SAFE + i] = select(safe, 1.0, 0.0)
-        met |= not safe
+        met |= bit(not safe, i)
     return met
 
 
 @jit(inline=True)
 def glide_tangents(w, steps):
-    """Take the tangent vectors of every lane over as many of that many steps as it has taken."""
+    """Take the tangent vectors over that many steps, where the lane has taken them."""
     for i in range(LANES):
         to_x, to_v = map_of(w, i)
+        taken = w[SAFE + i] > 0.0
         for k in range(TANGENTS + i, TANGENTS + 4 * LANES + i, 2 * LANES):
             x, v = w[k], w[k + LANES]
-            for n in range(steps):
-                x_T, v_T = glide_tangent(x, v, to_x, to_v)
-                taken = n < w[SAFE + i]
-                x, v = select(taken, x_T, x), select(taken, v_T, v)
-            w[k], w[k + LANES] = x, v
+            for _ in range(steps):
+                x, v = glide_tangent(x, v, to_x, to_v)
+            w[k], w[k + LANES] = select(taken, x, w[k]), select(taken, v, w[k + LANES])
+
+
+@jit(inline=True)
+def list_met(w, n_points, bits):
+    """Write the lanes whose bits are set to row MET, but those without a point; return how many."""
+    bits &= (1 << n_points) - 1
+    n = 0
+    while bits != 0:
+        w[MET + n] = lowest_bit(bits)
+        bits &= bits - 1
+        n += 1
+    return n

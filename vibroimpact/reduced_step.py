@@ -74,17 +74,21 @@ def plain(x_T, v_T, T, pt, scratch):
 @jit(inline=True)
 def crossed(x, v, clearance):
     """Whether a step that ended at (x, v) must be shortened."""
-    return x > clearance or (x == clearance and v > 0.0)
+    return (x > clearance) | ((x == clearance) & (v > 0.0))
 
 
 @jit(inline=True)
 def linear_impact(x, v, x_T, v_T, T, clearance):
     """Time and speed of the impact by linear interpolation of a step, eqs (6), (7) and (9)."""
-    if x == clearance:
-        T_r = T * (0.0 - v) / ((x_T - clearance) / T - v)  # (7) on (x - clearance) / t
-    else:
-        T_r = T * (clearance - x) / (x_T - x)  # (6), (7)
-    return T_r, v + (v_T - v) * T_r / T  # (9)
+    share = (clearance - x) / (x_T - x)  # (6)
+    return T * share, v + (v_T - v) * share  # (7), (9)
+
+
+@jit(inline=True)
+def linear_impact_after_launch(v, x_T, v_T, T, clearance):
+    """As ``linear_impact``, of a step that starts on the stop: of (x - clearance) / t."""
+    share = (0.0 - v) / ((x_T - clearance) / T - v)
+    return T * share, v + (v_T - v) * share
 
 
 @jit(inline=True)
@@ -128,6 +132,8 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
             return T, math.nan, math.nan, False
         if rule == CUBIC:
             T_r, v_Tr = cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients)
+        elif launched:
+            T_r, v_Tr = linear_impact_after_launch(v, x_T, v_T, T, pt.clearance)
         else:
             T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
         short = launched and T_r < 0.25 * T
@@ -139,6 +145,35 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
         else:
             return T_r, pt.clearance, v_Tr, True  # (8)
     return 0.0, pt.clearance, 0.0, True  # no speed that could take it off the stop
+
+
+@jit(inline=True)
+def single_impact(x, v, x_T, v_T, theta, T, pt):
+    """The impact of a step that starts off the stop, eqs (6)-(9), and if it surely is one.
+
+    Without a branch, for the lanes of ``impact_lanes.py``: what is not sure goes through
+    ``reduced_step``, whose arithmetic this is.
+
+    Returns
+    -------
+    T_r, v_Tr : float
+        Time of the impact, and speed before it.
+    s, c : float
+        Sine and cosine of the phase there.
+    sure : bool
+        Whether the step crosses the stop, has an impact there and goes on with a rebound, not
+        with a chatter that is complete before its end.
+    """
+    T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
+    s, c = sin_cos(theta + pt.omega * T_r)
+    sure = crossed(x_T, v_T, pt.clearance)
+    sure &= (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf
+    sure &= v_Tr > _SLOWEST * abs(v)  # never from the stop: v_Tr is the speed of the launch there
+    a = pressing(s, pt)
+    twice = 2.0 * (pt.R * v_Tr)
+    in_time = twice <= 1.000001 * (T - T_r) * a * (1.0 - pt.R)  # rounding may decide: not sure
+    sure &= (a <= 0.0) | ((twice > SHORTEST_FLIGHT * T * a) & (not in_time))
+    return T_r, v_Tr, s, c, sure
 
 
 @jit

@@ -115,7 +115,10 @@ def test_lyapunov(race):
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
 def test_threads(race, benchmark):
-    """Two threads share the work evenly, as their CPU times show, and change no bit of it."""
+    """Two threads share the work, as their CPU times show, and change no bit of it.
+
+    Each takes what it can: beside other processes not half each.
+    """
     shares = []
 
     def ours(threads=2):

@@ -10,16 +10,20 @@ from limits import cpu_features
 from vibroimpact import Oscillator
 from vibroimpact.attractors import default_steps
 from vibroimpact.flight import TERMS
+from vibroimpact.impact_lanes import shorten_steps, take_remainders
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import SUMS, Tally, advance
+from vibroimpact.kernel import advance
 from vibroimpact.lanes import LANES, SIZE, STRIDE
 from vibroimpact.phases import one_period
 from vibroimpact.plain_lanes import advance_plain
 from vibroimpact.stop import new_scratch
+from vibroimpact.tally import SUMS, Tally
 
 #: A step of a lane has eight multiply-adds, of which two begin with a product.
 FUSED = 6 * STRIDE
+#: A sine and a cosine; rk4 takes two of them, at the half and at the whole step.
+FUSED_IN_SIN_COS = 17
 
 
 def packed_instructions():
@@ -33,9 +37,19 @@ def packed_instructions():
     pytest.skip("a processor without fused multiply-adds")
 
 
+def packed(loop, arguments):
+    """Count the packed fused multiply-adds of a compiled function.
+
+    Compiled anew, since of what comes from the disk cache numba shows no assembly.
+    """
+    options = {k: v for k, v in loop.targetoptions.items() if k not in ("cache", "nopython")}
+    anew = numba.njit(loop.py_func, **options)
+    anew.compile(tuple(map(numba.typeof, arguments)))
+    return len(re.findall(packed_instructions(), "\n".join(anew.inspect_asm().values())))
+
+
 @pytest.mark.parametrize("rule", ["plain", "exact"])
 def test_the_hot_loop_is_packed_and_fused(rule):
-    """Compiled anew, since of what comes from the disk cache numba shows no assembly."""
     points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), LANES)
     grid = one_period(0.0, default_steps(points, rule))
     tally = Tally(np.empty((LANES, 1, 2)), np.empty((LANES, 1, 2)), np.zeros(LANES, SUMS))
@@ -47,8 +61,11 @@ def test_the_hot_loop_is_packed_and_fused(rule):
         taylor, scratch = np.zeros((LANES, 4, TERMS)), new_scratch()
         loop = advance
         arguments = (w, taylor, 0, points, *codes, grid, False, False, tally, scratch)
-    options = {k: v for k, v in loop.targetoptions.items() if k not in ("cache", "nopython")}
-    anew = numba.njit(loop.py_func, **options)
-    anew.compile(tuple(map(numba.typeof, arguments)))
-    assembly = "\n".join(anew.inspect_asm().values())
-    assert len(re.findall(packed_instructions(), assembly)) >= FUSED
+    assert packed(loop, arguments) >= FUSED
+
+
+def test_impacts_side_by_side_are_packed_and_fused():
+    """Of the reduced step: the impacts, and the remainders of verlet, newmark and rk4."""
+    w = np.zeros(SIZE)
+    assert packed(shorten_steps, (w, LANES, 0.1)) >= FUSED_IN_SIN_COS
+    assert packed(take_remainders, (w, LANES, 2)) >= 4 * FUSED_IN_SIN_COS

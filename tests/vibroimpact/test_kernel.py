@@ -9,6 +9,7 @@ import pytest
 from vibroimpact import Oscillator, Status, simulate
 from vibroimpact.attractors import default_steps, integrate
 from vibroimpact.impacts import IMPACT_RULES
+from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.trajectory import trajectories
@@ -93,6 +94,24 @@ def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
         rested += len(tr.rests) > 0
     assert met > 150
     assert (rested > 30) == (rule != "plain")  # Euler, which keeps bouncing, at 39
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_rest_after_the_first_impact_of_a_stride_is_the_single_orbits(integrator):
+    """A small R: the chatter is complete within the step in which it begins, or not quite."""
+    omegas = np.linspace(0.5, 2.0, 30)
+    points = np.concatenate([one(0.1, R, omega) for R in (0.0, 0.01) for omega in omegas])
+    arguments = {"integrator": integrator, "impact": "reduced-step", "steps_per_period": 50}
+    out = integrate(points, transient=0, periods=3, **arguments)
+    for i, point in enumerate(points):
+        osc = Oscillator(**{name: float(point[name]) for name in ("h", "R", "omega", "f")})
+        tr = simulate(osc, 3, integrator, "reduced-step", 50)
+        np.testing.assert_array_equal(out["poincare_x"][i], tr.section_x)
+        np.testing.assert_array_equal(out["poincare_v"][i], tr.section_v)
+        assert out["impacts_per_period"][i] * 3 == pytest.approx(len(tr.impact_t), rel=1e-14)
+        rested = (np.minimum(tr.rests[:, 1], tr.t[-1]) - tr.rests[:, 0]).sum()
+        assert out["rest_fraction"][i] * tr.t[-1] == pytest.approx(rested, abs=1e-11)
+    assert (out["chatters"] > 0).sum() > 20
 
 
 @METHODS
