@@ -18,9 +18,10 @@ def period_class(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the least number of forcing periods after which the sections repeat.
 
-    A motion has period m if every section of the record equals the one m periods before it, in x
-    and in v, to within `tolerance` times the greatest |x| and |v| of the record. m is at most
-    ``LONGEST_PERIOD`` and half the record.
+    A motion has period m if the record repeats its first m sections to its end, in x and in v, to
+    within `tolerance` times the greatest |x| and |v| of the record. (That each section equals the
+    one m periods before it is not enough: beside a flip a motion of period m settles alternately,
+    so slowly that it seems to have period 2 m.) m is at most ``LONGEST_PERIOD`` and half the record.
 
     Parameters
     ----------
@@ -37,12 +38,14 @@ def period_class(
         Impacts per repetition. In a complete chatter it counts the impacts that were followed.
     """
     n, periods = poincare_x.shape
-    scales = [np.abs(q).max(axis=1, initial=0.0)[:, None] for q in (poincare_x, poincare_v)]
+    sections = np.stack([poincare_x, poincare_v])
+    allowed = tolerance * np.abs(sections).max(axis=2, initial=0.0)
     found = np.zeros(n, dtype=np.int64)
     for m in range(1, min(LONGEST_PERIOD, periods // 2) + 1):
-        repeats = np.ones(n, dtype=bool)
-        for q, scale in zip((poincare_x, poincare_v), scales, strict=True):
-            repeats &= (np.abs(q[:, m:] - q[:, :-m]) <= tolerance * scale).all(axis=1)
-        found[(found == 0) & repeats] = m
+        once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= allowed).all(axis=0)
+        rows = np.flatnonzero((found == 0) & once)
+        again = sections[:, rows][:, :, np.arange(periods) % m]
+        apart = np.abs(sections[:, rows] - again).max(axis=2)
+        found[rows[(apart <= allowed[:, rows]).all(axis=0)]] = m
     counted = np.nan_to_num(impacts_per_period) * found
     return found, np.rint(counted).astype(np.int64)

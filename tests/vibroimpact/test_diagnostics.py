@@ -50,6 +50,15 @@ def test_the_tolerance_is_a_share_of_the_greatest():
     assert period_class(zero, zero, np.array([0.0])) == (1, 0)
 
 
+@pytest.mark.parametrize("multiplier", [-0.9999, 0.9999, -1.0001])
+def test_a_motion_that_still_settles_repeats_nothing(multiplier):
+    """Each section equals the one two periods before it to 2e-7; over the record it does not."""
+    n = np.arange(100)
+    x = (1.0 + 1e-3 * multiplier**n)[None]
+    assert np.abs(x[:, 2:] - x[:, :-2]).max() < TOLERANCE
+    assert period_class(x, np.ones((1, 100)), np.array([1.0]))[0] == 0
+
+
 def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
     """Period class, and the last four impact speeds."""
     out = integrate(osc.at(x0, v0), transient=transient, periods=periods, impacts=4)
