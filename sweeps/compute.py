@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.config import SweepConfig
+from sweeps.grid import Block
 from sweeps.scaling import computed_once, scales_with_f
 from vibroimpact.attractors import integrate
 from vibroimpact.diagnostics import period_class
@@ -31,6 +32,11 @@ def compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dic
     if scales_with_f(config):
         return computed_once(points, lambda different: _compute(config, different, threads))
     return _compute(config, points, threads)
+
+
+def compute_block(config: SweepConfig, block: Block, threads: int | None) -> dict[str, np.ndarray]:
+    """Run the points of a block of the grid; as `compute` otherwise."""
+    return compute(config, config.grid.points(block), threads)
 
 
 def _compute(config: SweepConfig, points: np.ndarray, threads: int | None) -> dict[str, np.ndarray]:

@@ -51,8 +51,8 @@ class Cost:
     memory: int
 
 
-def estimate(config: SweepConfig, threads: int | None = None) -> Cost:
-    """Return what a sweep takes.
+def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Cost:
+    """Return what a sweep takes, with so many threads or `cores` times as many.
 
     Raises
     ------
@@ -64,7 +64,8 @@ def estimate(config: SweepConfig, threads: int | None = None) -> Cost:
     file = size * bytes_per_point(config.widths, config.record.diagnostics)
     copied = bool(config.record.trajectory) or config.compression != "none"
     memory = _BLOCKS_HELD * min(block_size(config), size) * _memory_per_point(config)
-    return Cost(expected_seconds(config, threads), file, reserved + copied * file, memory)
+    seconds = expected_seconds(config, threads) / cores
+    return Cost(seconds, file, reserved + copied * file, memory)
 
 
 def reserved_widths(config: SweepConfig) -> dict[str, int]:
@@ -73,8 +74,16 @@ def reserved_widths(config: SweepConfig) -> dict[str, int]:
     return {**config.widths, "sample": config.widths["sample"] + room}
 
 
-def block_size(config: SweepConfig) -> int:
+def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
     """Return the points per block: few enough for memory, and for signs of progress.
+
+    Parameters
+    ----------
+    config : SweepConfig
+    least : int
+        Points that a block has where they fit into memory.
+    blocks : int
+        A sweep has at least so many blocks where it has the points.
 
     Raises
     ------
@@ -93,7 +102,8 @@ def block_size(config: SweepConfig) -> int:
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * LANES * each)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // each)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps)
-    wanted = min(max(config.grid.size // _BLOCKS, 4 * LANES), max(work, 2 * LANES))
+    wanted = min(max(config.grid.size // max(blocks, _BLOCKS), 4 * LANES), max(work, 2 * LANES))
+    wanted = max(wanted, least)
     # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
     return min(fits, wanted) // LANES * LANES or fits
 

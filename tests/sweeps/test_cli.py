@@ -245,13 +245,13 @@ def test_what_became_of_the_points_is_told(monkeypatch, folder):
         results["status"][:2] = [Status.SETTLED, Status.COMPUTED]
         return results
 
-    monkeypatch.setattr(runner, "compute", settled)
+    monkeypatch.setattr("sweeps.compute.compute", settled)
     done("run", "small.yaml", "--quiet", "--overwrite")
     assert re.search(
         rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
         done("info", "small.h5"),
     )
-    monkeypatch.setattr(runner, "compute", compute)
+    monkeypatch.setattr("sweeps.compute.compute", compute)
     printed = done("run", "small.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
 

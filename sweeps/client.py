@@ -1,0 +1,137 @@
+"""A Dask client for an address that was typed: of a cluster that there is, or of processes here."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from sweeps.errors import ClusterError
+
+if TYPE_CHECKING:
+    from distributed import Client, LocalCluster
+
+#: How long a scheduler may take to answer [s].
+_PATIENCE = 6
+
+_ALLOWED = "tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, or local:N for N processes here"
+_SCHEDULER = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
+
+
+def check_address(address: str) -> None:
+    """Refuse what is no address, before anything is imported or started.
+
+    Raises
+    ------
+    ClusterError
+        If it is none of those that `connected` takes.
+    """
+    if address.startswith("local:"):
+        cores = os.cpu_count() or 1
+        number = address.removeprefix("local:")
+        if not (number.isascii() and number.isdecimal() and 1 <= int(number) <= cores):
+            raise ClusterError(
+                f"--dask {address} is not allowed; expected: local:N with an integer N from 1 to "
+                f"{cores}"
+            )
+        return
+    match = _SCHEDULER.fullmatch(address)
+    if not match or not 1 <= int(match[3]) <= 65535:
+        meant = (
+            f"; did you mean tcp://{address}?" if _SCHEDULER.fullmatch("tcp://" + address) else ""
+        )
+        raise ClusterError(f"--dask {address} is not allowed; expected: {_ALLOWED}{meant}")
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    """Yield a client of the cluster at an address, and keep Dask's loggers quiet meanwhile.
+
+    Parameters
+    ----------
+    address : str
+        ``tcp://host:port`` or ``tls://host:port`` of a scheduler; or ``local:N``, which starts N
+        processes with a thread each on this machine, and ends them.
+
+    Raises
+    ------
+    ClusterError
+        If it is no such address, Dask is not installed, or no scheduler answers.
+    """
+    check_address(address)
+    try:
+        import distributed
+    except ImportError:
+        raise ClusterError(
+            "--dask needs Dask, which is not installed; install it with pip install "
+            "'vibroimpact[distributed]', or in a clone pip install '.[distributed]'"
+        ) from None
+    with _quiet():
+        if address.startswith("local:"):
+            with _processes(int(address.removeprefix("local:"))) as cluster:
+                with distributed.Client(cluster, set_as_default=False) as client:
+                    yield client
+            return
+        try:
+            client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise ClusterError(
+                f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); start "
+                "one with the command dask scheduler, or give the address that it shows"
+            ) from None
+        with client:
+            yield client
+
+
+def dashboard(client: Client) -> str:
+    """Say where the cluster can be watched: on its dashboard, or else by its scheduler's address.
+
+    A scheduler serves the dashboard where bokeh is installed.
+    """
+    if find_spec("bokeh"):
+        return f"dashboard: {client.dashboard_link}"
+    return f"scheduler: {client.scheduler.address}"
+
+
+@contextmanager
+def _processes(number: int) -> Iterator[LocalCluster]:
+    """Start workers with one thread each, and end them at once, also in the middle of a task."""
+    import dask
+    from distributed import LocalCluster
+
+    # The profiler of the workers would look into the kernel a hundred times a second.
+    with dask.config.set({"distributed.worker.profile.enabled": False}):
+        cluster = LocalCluster(
+            n_workers=number,
+            threads_per_worker=1,
+            dashboard_address="127.0.0.1:0" if find_spec("bokeh") else None,
+            silence_logs=logging.CRITICAL,
+        )
+        with cluster:
+            try:
+                yield cluster
+            finally:
+                for worker in list(cluster.workers.values()):
+                    worker.close_gracefully()  # it is not to be started again
+                    with suppress(ProcessLookupError, TypeError):
+                        os.kill(worker.pid, signal.SIGKILL)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what Dask logs off the terminal; what matters is told by the errors."""
+    mine = ("distributed", "tornado", "asyncio")
+    names = {*mine, *(n for n in logging.root.manager.loggerDict if n.split(".")[0] in mine)}
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
