@@ -7,8 +7,9 @@ import os
 import re
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from sweeps.errors import ClusterError
@@ -106,20 +107,48 @@ def _processes(number: int) -> Iterator[LocalCluster]:
 
     # The profiler of the workers would look into the kernel a hundred times a second.
     with dask.config.set({"distributed.worker.profile.enabled": False}):
-        cluster = LocalCluster(
-            n_workers=number,
-            threads_per_worker=1,
-            dashboard_address="127.0.0.1:0" if find_spec("bokeh") else None,
-            silence_logs=logging.CRITICAL,
-        )
-        with cluster:
-            try:
-                yield cluster
-            finally:
-                for worker in list(cluster.workers.values()):
-                    worker.close_gracefully()  # it is not to be started again
-                    with suppress(ProcessLookupError, TypeError):
-                        os.kill(worker.pid, signal.SIGKILL)
+        with ExitStack() as stack:
+            with _signals_wait():
+                cluster = stack.enter_context(
+                    LocalCluster(
+                        n_workers=number,
+                        threads_per_worker=1,
+                        dashboard_address="127.0.0.1:0" if find_spec("bokeh") else None,
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+                stack.callback(_kill, cluster)
+            yield cluster
+
+
+def _kill(cluster: LocalCluster) -> None:
+    """Kill the workers, which have nothing that anybody needs."""
+    for worker in list(cluster.workers.values()):
+        worker.close_gracefully()  # it is not to be started again
+        with suppress(ProcessLookupError, TypeError):
+            os.kill(worker.pid, signal.SIGKILL)
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Let an interrupt wait until what is started is there to be ended; in the main thread.
+
+    Threads that are started meanwhile, and the processes that they start, never get one: a Ctrl-C
+    at a terminal goes to all processes at once, and is for this one to handle.
+    """
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    came: list[int] = []  # other threads, those of numpy for one, still take signals
+    handlers = {n: signal.signal(n, lambda number, _: came.append(number)) for n in numbers}
+    resource_tracker.ensure_running()  # which would let them through again, if started later
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(came[0])
 
 
 @contextmanager

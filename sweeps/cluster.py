@@ -190,7 +190,10 @@ class Cluster:
         try:
             yield
         except (CancelledError, OSError) as error:
-            raise ClusterFailure(f"the scheduler {self._address} was lost") from error
+            raise ClusterFailure(
+                f"the scheduler {self._address} was lost (the run can go on with another one, or "
+                "without --dask)"
+            ) from error
 
     def _refuse_others(self) -> None:
         """Refuse workers that compute with another version of the code."""
