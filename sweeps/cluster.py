@@ -1,6 +1,43 @@
-"""The items of a sweep on the workers of a Dask cluster, and their results back.
+"""The blocks of a sweep on the workers of a Dask cluster, and their results back to this process.
 
-placeholder
+Only the process that submits writes the file. Every byte of it has its place before the first
+block is computed, and the writer's ledger is the one account of what is in it; so commit, resume,
+interrupt, lock and checksums are the same code as on one machine, and a block that a lost worker
+has finished and another one computes again is written once. Workers that wrote shards would need a
+file system they all see, a ledger each, and the disk twice for joining them.
+
+The configuration is the result of a task that every block's task depends on: it travels to a worker
+once, and is made again where the worker that had it is lost. It takes its grid along, since another
+machine may round a logarithmic axis otherwise. A worker computes one block at a time, with all its
+threads, and has three in hand; results come straight from it, one block after the other, so neither
+side holds more where the sweep is larger.
+
+Measured here (two cores that other work shared, all on loopback, ``exact``, 300 periods of which
+100 with 64 impacts are kept: 2.67 kB a point):
+
+- A block takes 3 ms of processor time of submitter and scheduler together and 2.5 ms of its worker,
+  whatever its size, and one process handles 165 blocks a second; so a block is half a second of
+  work of a core at least (1 %).
+- 810,000 points, 2.0 GiB, two workers of one thread: 1.01 and 1.05 times the wall time of two
+  threads, and 10 to 12 % more processor time, with starting the workers; 374 MiB in the submitting
+  process at its peak (406 MiB in the run with threads), 280 MiB in a worker.
+- Results arrive at 1.1 to 1.5 GB/s, and at 0.8 to 1.2 GB/s with the file written; without a cluster
+  it is written at 1.3 to 1.7 GB/s. Laying it out writes it once before.
+
+So on paper, 1e10 points of this kind on 100 nodes of 32 cores (that many are not here):
+
+- Work: a core does 7.4 million periods or 25,000 points a second (README), all nodes 79 million
+  points a second: 127 s.
+- Bytes: 26.7 TB. One writer at 1 GB/s takes 7.4 hours, and 4 to 5 more to lay the files out. It is
+  the bottleneck: 15 cores of this sweep (66 MB/s each) keep one submitting process busy.
+- Files: a sweep has 1e9 points at most. Split along the slowest axis into 100 sweeps of 1e8 points,
+  267 GB each: 4,000 blocks of 25,000 points (64 MiB, a second of a core), a ledger of 48 kB. One per
+  node, each with its own disk and ``run``, which then needs no cluster: 160 s of writing after as
+  much laying out, beside 127 s of computing; about 5 minutes at 1.7 GB/s a node.
+- One cluster and one submitting process are right where a point costs more and leaves less: with
+  10,000 periods of which 32 are kept without impacts (0.58 kB) the same 1e10 points are 1.2 hours
+  of work and 5.8 TB, 1.6 hours of writing: ten sweeps of 1e9 points, one after the other, with
+  42,000 blocks of 24,000 points each (32 s of a core: 3,200 cores end 100 of them a second).
 """
 
 from __future__ import annotations
@@ -12,7 +49,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numba
 import numpy as np
@@ -88,7 +125,7 @@ class Cluster:
     def described(self) -> str:
         """Say on how many workers the sweep is computed."""
         number = len(self._workers)
-        return f", on {number} worker{'s' * (number > 1)}" if number else ", waiting for a worker"
+        return f" on {number} worker{'s' * (number > 1)}" if number else ", waiting for a worker"
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
         """Return how large blocks are to be, so that sending them costs little."""
@@ -166,21 +203,22 @@ class Cluster:
 
         Past the scheduler where this process can reach the workers, which costs half as much.
         """
-        from distributed import CancelledError
-
         if self._direct is None:
-            self._direct = self._client.sync(_reaches, next(iter(self._workers), ""), self._client)
-        try:
-            results: Results = self._client.gather(future, direct=self._direct)
-        except (CancelledError, OSError):
-            raise
-        except OtherNumericsError as error:
-            raise ClusterFailure(str(error)) from error
-        except Exception as error:
-            text = f"{type(error).__name__}: {error}"
-            raise ClusterFailure(f"a worker of {self._address} failed with {text}") from error
+            self._count()
+            for address in list(self._workers)[:1]:
+                self._direct = self._client.sync(_reaches, address, self._client)
+        if future.status == "error":
+            self._fail(future.exception())
+        results: Results = self._client.gather(future, direct=self._direct)
         future.release()  # so that the worker forgets the results
         return results
+
+    def _fail(self, error: BaseException | None) -> NoReturn:
+        """Tell what a task ended with."""
+        if isinstance(error, OtherNumericsError):
+            raise ClusterFailure(str(error)) from error
+        text = f"{type(error).__name__}: {error}"
+        raise ClusterFailure(f"a worker of {self._address} failed with {text}") from error
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
@@ -191,8 +229,8 @@ class Cluster:
             yield
         except (CancelledError, OSError) as error:
             raise ClusterFailure(
-                f"the scheduler {self._address} was lost (the run can go on with another one, or "
-                "without --dask)"
+                f"the scheduler {self._address} was lost, or dropped the work (the run can go on "
+                "with another one, or without --dask)"
             ) from error
 
     def _refuse_others(self) -> None:

@@ -177,7 +177,7 @@ class _Display:
             self._task,
             advance=points,
             description=self._description,
-            speed=f"{speed:,.0f} forcing periods/s",
+            speed=f"{speed:,.0f} periods/s",
         )
 
     @property
