@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import re
@@ -78,15 +79,35 @@ def connected(address: str) -> Iterator[Client]:
                 with distributed.Client(cluster, set_as_default=False) as client:
                     yield client
             return
-        try:
-            client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise ClusterError(
-                f"no Dask scheduler answers at {address} ({' '.join(str(error).split())}); start "
-                "one with the command dask scheduler, or give the address that it shows"
-            ) from None
-        with client:
+        _refuse_silence(address)
+        with distributed.Client(address, timeout=_PATIENCE, set_as_default=False) as client:
             yield client
+
+
+def _refuse_silence(address: str) -> None:
+    """Refuse an address where nothing, or something else than a scheduler, answers in time.
+
+    A client itself waits forever where something listens and does not answer.
+    """
+    from distributed import Security, rpc
+
+    async def kind() -> str:
+        arguments = Security().get_connection_args("client")
+        async with rpc(address, timeout=_PATIENCE, connection_args=arguments) as remote:
+            return str((await remote.identity())["type"])
+
+    try:
+        found = asyncio.run(asyncio.wait_for(kind(), _PATIENCE))
+        why = f"it is the address of a {found.lower()}"
+    except TimeoutError:
+        found, why = "", f"no answer in {_PATIENCE} s"
+    except Exception as error:  # whatever another program answers
+        found, why = "", " ".join(str(error).split())
+    if found != "Scheduler":
+        raise ClusterError(
+            f"no Dask scheduler answers at {address} ({why}); start one with the command dask "
+            "scheduler, or give the address that it shows"
+        )
 
 
 def dashboard(client: Client) -> str:
@@ -113,7 +134,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
                     LocalCluster(
                         n_workers=number,
                         threads_per_worker=1,
-                        dashboard_address="127.0.0.1:0" if find_spec("bokeh") else None,
+                        dashboard_address="127.0.0.1:0",  # any port: 8787 may be taken
                         silence_logs=logging.CRITICAL,
                     )
                 )

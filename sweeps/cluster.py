@@ -31,9 +31,9 @@ So on paper, 1e10 points of this kind on 100 nodes of 32 cores (that many are no
 - Bytes: 26.7 TB. One writer at 1 GB/s takes 7.4 hours, and 4 to 5 more to lay the files out. It is
   the bottleneck: 15 cores of this sweep (66 MB/s each) keep one submitting process busy.
 - Files: a sweep has 1e9 points at most. Split along the slowest axis into 100 sweeps of 1e8 points,
-  267 GB each: 4,000 blocks of 25,000 points (64 MiB, a second of a core), a ledger of 48 kB. One per
-  node, each with its own disk and ``run``, which then needs no cluster: 160 s of writing after as
-  much laying out, beside 127 s of computing; about 5 minutes at 1.7 GB/s a node.
+  267 GB each: 4,000 blocks of 25,000 points (64 MiB, a second of a core), a ledger of 48 kB. One
+  per node, each with its own disk and ``run``, which then needs no cluster: 160 s of writing after
+  as much laying out, beside 127 s of computing; about 5 minutes at 1.7 GB/s a node.
 - One cluster and one submitting process are right where a point costs more and leaves less: with
   10,000 periods of which 32 are kept without impacts (0.58 kB) the same 1e10 points are 1.2 hours
   of work and 5.8 TB, 1.6 hours of writing: ten sweeps of 1e9 points, one after the other, with
@@ -42,6 +42,7 @@ So on paper, 1e10 points of this kind on 100 nodes of 32 cores (that many are no
 
 from __future__ import annotations
 
+import asyncio
 import math
 import queue
 import time
@@ -144,40 +145,35 @@ class Cluster:
             If the scheduler is lost or an item cannot be computed. A lost worker is none: what it
             had is computed again.
         """
+        _ = config.grid  # made here once, so that its values are the same on every machine
         futures: dict[Future, Item] = {}
-        results = self._computed(work, config, iter(items), futures)
+        with self._scheduler_needed():
+            # A task, not data: it is made again where the worker that had it is lost.
+            job = self._client.submit(_itself, _Job(work, config, _own()), pure=False)
         try:
-            yield from in_background(results, alone=False)
+            yield from in_background(self._results(job, iter(items), futures), alone=False)
         finally:
             with suppress(Exception):  # where the scheduler is gone
-                self._client.cancel(list(futures))
+                self._client.cancel([job, *futures])
 
-    def _computed(
-        self,
-        work: Work,
-        config: SweepConfig,
-        items: Iterator[Item],
-        futures: dict[Future, Item],
+    def _results(
+        self, job: Future, items: Iterator[Item], futures: dict[Future, Item]
     ) -> Iterator[tuple[Item, Results]]:
-        _ = config.grid  # made here once, so that its values are the same on every machine
-        job = _Job(work, config, _own())
         ready: queue.SimpleQueue[Future] = queue.SimpleQueue()
         with self._scheduler_needed():
-            # A task, not data: what a lost worker held of a task's result is made again.
-            shared = self._client.submit(_itself, job, pure=False)
-            while self._refill(shared, items, futures, ready):
+            while self._refill(job, items, futures, ready):
                 try:
                     future = ready.get(timeout=_COUNT)
                 except queue.Empty:
                     continue
                 results = self._gathered(future)
                 item = futures.pop(future)
-                self._refill(shared, items, futures, ready)
+                self._refill(job, items, futures, ready)
                 yield item, results
 
     def _refill(
         self,
-        shared: Future,
+        job: Future,
         items: Iterator[Item],
         futures: dict[Future, Item],
         ready: queue.SimpleQueue[Future],
@@ -189,7 +185,7 @@ class Cluster:
             item = next(items, None)
             if item is None:
                 break
-            future = self._client.submit(_compute, shared, item, pure=False)
+            future = self._client.submit(_compute, job, item, pure=False)
             futures[future] = item
             future.add_done_callback(ready.put)
         return bool(futures)
@@ -227,7 +223,11 @@ class Cluster:
 
         try:
             yield
-        except (CancelledError, OSError) as error:
+        except ClusterError:
+            raise
+        except Exception as error:
+            if self._client.status == "running" and not isinstance(error, CancelledError | OSError):
+                raise
             raise ClusterFailure(
                 f"the scheduler {self._address} was lost, or dropped the work (the run can go on "
                 "with another one, or without --dask)"
@@ -279,8 +279,9 @@ async def _reaches(address: str, client: Client) -> bool:
     from distributed.comm import connect
 
     try:
-        comm = await connect(address, timeout=_CONNECT, **client.connection_args)
-    except (OSError, ValueError):
+        trial = connect(address, timeout=_CONNECT, **client.connection_args)
+        comm = await asyncio.wait_for(trial, _CONNECT)
+    except (OSError, ValueError):  # a TimeoutError is an OSError
         return False
     await comm.close()
     return True
