@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 import sweeps
 from sweeps import runner
 from sweeps.cli import app
+from sweeps.compute import compute
 from sweeps.loading import load_config
 from sweeps.runner import block_size
 from vibroimpact.flight import LONGEST_STEP
@@ -238,7 +239,6 @@ def test_what_became_of_the_points_is_told(monkeypatch, folder):
     assert "10 points, all certified: every impact found, none missed in " in done(
         "run", "small.yaml"
     )
-    compute = runner.compute
 
     def settled(*arguments):
         results = compute(*arguments)

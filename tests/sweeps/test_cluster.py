@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -185,6 +186,18 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
     run_sweep(config("record.transient=2000"), "here.h5")
     assert_same_bits("out.h5")
     client.wait_for_workers(WORKERS, timeout=60)
+
+
+def test_workers_may_come_when_the_run_has_begun():
+    options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
+    with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
+        assert Cluster(client).described() == ", waiting for a worker"
+        later = threading.Timer(0.5, cluster.scale, [1])
+        later.start()
+        run_sweep(config(), "out.h5", client=client)
+        later.join()
+        assert Cluster(client).described() == " on 1 worker"
+    assert_same_bits("out.h5")
 
 
 @pytest.fixture
