@@ -93,7 +93,7 @@ def _refuse_silence(address: str) -> None:
 
     async def kind() -> str:
         arguments = Security().get_connection_args("client")
-        async with rpc(address, timeout=_PATIENCE, connection_args=arguments) as remote:
+        async with rpc(address, timeout=2 * _PATIENCE, connection_args=arguments) as remote:
             return str((await remote.identity())["type"])
 
     try:
