@@ -21,8 +21,8 @@ Measured here (two cores that other work shared, all on loopback, ``exact``, 300
 - 810,000 points, 2.0 GiB, two workers of one thread: 1.01 and 1.05 times the wall time of two
   threads, and 10 to 12 % more processor time, with starting the workers; 374 MiB in the submitting
   process at its peak (406 MiB in the run with threads), 280 MiB in a worker. The peak depends on
-  the blocks, not on the sweep: 313 MiB with blocks of 22 MB; with blocks of 67 MB, the largest there
-  are, 446 MiB for 1.1 GB and 470 MiB for 4.3 GB.
+  the blocks, not on the sweep: 313 MiB with blocks of 22 MB; with blocks of 67 MB, the largest
+  there are, 446 MiB for 1.1 GB and 470 MiB for 4.3 GB.
 - Results arrive at 1.1 to 1.5 GB/s, and at 0.8 to 1.2 GB/s with the file written; without a cluster
   it is written at 1.3 to 1.7 GB/s. Laying it out writes it once before.
 

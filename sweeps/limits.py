@@ -77,6 +77,8 @@ def reserved_widths(config: SweepConfig) -> dict[str, int]:
 def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
     """Return the points per block: few enough for memory, and for signs of progress.
 
+    The memory is that of this machine, also where others compute.
+
     Parameters
     ----------
     config : SweepConfig
