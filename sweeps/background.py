@@ -11,15 +11,15 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-# Some of numba's threading layers cannot be entered from two threads; so a run waits for the
-# kernel of an interrupted one.
-_ONE_AT_A_TIME = threading.Lock()
+#: Held by the thread that is in the kernel. Some of numba's threading layers cannot be entered from
+#: two threads; so a run waits for the kernel of an interrupted one.
+KERNEL = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,11 @@ class _End:
     error: BaseException | None = None
 
 
-def in_background(items: Iterable[T]) -> Iterator[T]:
+def in_background(items: Iterable[T], *, alone: bool = True) -> Iterator[T]:
     """Yield items that are computed in another thread, two ahead at the most.
 
-    Where the iteration is left, the thread ends with its next item; a process need not wait for it.
+    The thread is `alone` in the kernel, which items that do not enter it need not wait for. Where
+    the iteration is left, it ends with its next item; a process need not wait for it.
     """
     ready: queue.Queue[T | _End] = queue.Queue(maxsize=1)
     left = threading.Event()
@@ -46,7 +47,7 @@ def in_background(items: Iterable[T]) -> Iterator[T]:
 
     def work() -> None:
         try:
-            with _ONE_AT_A_TIME:
+            with KERNEL if alone else nullcontext():
                 for item in items:
                     put(item)
                     if left.is_set():

@@ -23,6 +23,7 @@ from sweeps.exits import FAILED, REFUSED, check_threads, stop
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
     from sweeps.config import SweepConfig
 
@@ -124,6 +125,14 @@ def run(
     threads: Annotated[
         int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
     ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N "
+            "processes of this machine.",
+        ),
+    ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
     ] = False,
@@ -134,7 +143,7 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
-    from sweeps.errors import StoreError
+    from sweeps.errors import ClusterError, StoreError
     from sweeps.loading import ConfigError, load_config
     from sweeps.store import check_output
 
@@ -144,21 +153,23 @@ def run(
             if resume and overwrite:
                 stop(REFUSED, "--resume and --overwrite exclude each other; give one of them")
             check_threads(threads)
+            _check_cluster(dask, threads)
             sweeps = [load_config(config, overrides or ()) for config in configs]
             paths = _targets(configs, output, [sweep.output for sweep in sweeps])
             for path in paths:
                 check_output(path, **existing)
-            if dry_run:
-                texts = [
-                    _plan(sweep, path, threads, **existing)
-                    for sweep, path in zip(sweeps, paths, strict=True)
-                ]
-                typer.echo("\n\n".join(texts))
-                return
-            for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
-                again = _go_on(configs[i:], output, overrides or (), threads, quiet)
-                _run(sweep, path, again, threads, quiet, **existing)
-        except (ConfigError, StoreError) as error:
+            with _client(dask, quiet) as client:
+                if dry_run:
+                    texts = [
+                        _plan(sweep, path, threads, client, **existing)
+                        for sweep, path in zip(sweeps, paths, strict=True)
+                    ]
+                    typer.echo("\n\n".join(texts))
+                    return
+                for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
+                    again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
+                    _run(sweep, path, again, quiet, threads=threads, client=client, **existing)
+        except (ConfigError, StoreError, ClusterError) as error:
             stop(REFUSED, error)
     if not quiet:
         from sweeps.reports import next_command
@@ -166,35 +177,61 @@ def run(
         typer.echo(next_command(paths))
 
 
-def _plan(sweep: SweepConfig, path: Path, threads: int | None, **existing: bool) -> str:
+def _check_cluster(address: str | None, threads: int | None) -> None:
+    """Refuse an address that is none, and threads beside it."""
+    if address is None:
+        return
+    from sweeps.client import check_address
+
+    check_address(address)
+    if threads is not None:
+        stop(
+            REFUSED,
+            f"--threads {threads} is not allowed with --dask, whose workers use the threads that "
+            "they were started with; for N processes of this machine give --dask local:N",
+        )
+
+
+@contextmanager
+def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
+    """Yield a client of the cluster at an address, and say where its dashboard is."""
+    if address is None:
+        yield None
+        return
+    from sweeps.client import connected, dashboard
+
+    with connected(address) as client:
+        if not quiet:
+            typer.echo(dashboard(client), err=True)
+        yield client
+
+
+def _plan(
+    sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
+) -> str:
     """Return what a sweep takes, or refuse it where that is too much."""
+    from sweeps.cluster import computer_for
     from sweeps.limits import estimate
     from sweeps.reports import plan
     from sweeps.store import check_output
 
-    cost = estimate(sweep, threads)
+    computer = computer_for(client, threads)
+    cost = estimate(sweep, computer.threads, computer.cores)
     check_output(path, **existing, size=cost.disk)
     return plan(sweep, path, cost)
 
 
-def _run(
-    sweep: SweepConfig,
-    path: Path,
-    again: str,
-    threads: int | None,
-    quiet: bool,
-    **existing: bool,
-) -> None:
+def _run(sweep: SweepConfig, path: Path, again: str, quiet: bool, **options: Any) -> None:
     from sweeps import reports
-    from sweeps.errors import StoreFailure
+    from sweeps.errors import ClusterFailure, StoreFailure
 
     try:
         from sweeps.runner import run_sweep
 
-        path = run_sweep(sweep, path, threads=threads, progress=not quiet, **existing)
+        path = run_sweep(sweep, path, progress=not quiet, **options)
     except KeyboardInterrupt:
         stop(FAILED, f"interrupted; {reports.kept(path, again)}")
-    except (StoreFailure, OSError, MemoryError) as error:
+    except (ClusterFailure, StoreFailure, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
         stop(FAILED, f"the run failed: {reason}; {reports.kept(path, again)}")
     if not quiet:
@@ -206,6 +243,7 @@ def _go_on(
     output: Path | None,
     overrides: Sequence[str],
     threads: int | None,
+    dask: str | None,
     quiet: bool,
 ) -> str:
     """Return the command that goes on with a run."""
@@ -213,6 +251,7 @@ def _go_on(
     command += ["-o", str(output)] if output else []
     command += [part for override in overrides for part in ("--set", override)]
     command += ["--threads", str(threads)] if threads else []
+    command += ["--dask", dask] if dask else []
     command += ["--quiet"] if quiet else []
     return shlex.join([*command, "--resume"])
 

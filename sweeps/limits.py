@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -53,8 +54,8 @@ class Cost:
     memory: int
 
 
-def estimate(config: SweepConfig, threads: int | None = None) -> Cost:
-    """Return what a sweep takes.
+def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Cost:
+    """Return what a sweep takes, with so many threads or `cores` times as many.
 
     Raises
     ------
@@ -67,7 +68,8 @@ def estimate(config: SweepConfig, threads: int | None = None) -> Cost:
     copied = bool(config.record.trajectory or config.refine) or config.compression != "none"
     held = min(block_size(config), config.grid.size)
     memory = _BLOCKS_HELD * held * _memory_per_point(config)
-    return Cost(expected_seconds(config, threads), file, reserved + copied * file, memory)
+    seconds = expected_seconds(config, threads) / cores
+    return Cost(seconds, file, reserved + copied * file, memory)
 
 
 def reserved_widths(config: SweepConfig) -> dict[str, int]:
@@ -76,10 +78,20 @@ def reserved_widths(config: SweepConfig) -> dict[str, int]:
     return {**config.widths, "sample": config.widths["sample"] + room}
 
 
-def block_size(config: SweepConfig) -> int:
+def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
     """Return the points of the grid per block: few enough for memory, and for signs of progress.
 
     Where an axis is followed, a block holds whole chains of points along it, each in a lane.
+
+    The memory is that of this machine, also where others compute.
+
+    Parameters
+    ----------
+    config : SweepConfig
+    least : int
+        Points that a block has where they fit into memory.
+    blocks : int
+        A sweep has at least so many blocks where it has the points.
 
     Raises
     ------
@@ -99,7 +111,8 @@ def block_size(config: SweepConfig) -> int:
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * LANES * each)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // each)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
-    wanted = min(max(config.grid.size // chain // _BLOCKS, 4 * LANES), max(work, 2 * LANES))
+    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 4 * LANES)
+    wanted = max(min(most, max(work, 2 * LANES)), math.ceil(least / chain))
     # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
     return chain * (min(fits, wanted) // LANES * LANES or fits)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -18,7 +18,9 @@ from rich.progress import (
 )
 
 from sweeps.background import in_background, no_interrupt_lost
+from sweeps.cluster import computer_for
 from sweeps.compute import compute_block
+from sweeps.computer import Computer
 from sweeps.config import SweepConfig
 from sweeps.grid import Block, block_points
 from sweeps.layout import Layout
@@ -32,6 +34,9 @@ from sweeps.store import check_output, open_sweep
 from sweeps.writer import SweepWriter, sweep_writer
 from vibroimpact.jit import NUMERICS
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 
 def run_sweep(
     config: SweepConfig,
@@ -41,6 +46,7 @@ def run_sweep(
     overwrite: bool = False,
     resume: bool = False,
     progress: bool = False,
+    client: Client | None = None,
 ) -> Path:
     """Compute a sweep and write it, block by block.
 
@@ -52,7 +58,8 @@ def run_sweep(
     output : str or Path, optional
         The HDF5 file to write, instead of the configuration's.
     threads : int, optional
-        Threads to use; all cores by default. The data do not depend on it.
+        Threads to use; all cores by default. The data do not depend on it. Not with a client,
+        whose workers use the threads that they have.
     overwrite : bool
         Whether an existing file may be replaced.
     resume : bool
@@ -61,6 +68,9 @@ def run_sweep(
     progress : bool
         Whether to show on stderr what the run takes, and then points done, forcing periods per
         second and time left.
+    client : distributed.Client, optional
+        Compute on the workers of its cluster. This process alone writes the file, block by block
+        as on one machine; a file begun here can be resumed there and the other way round.
 
     Returns
     -------
@@ -74,29 +84,36 @@ def run_sweep(
         sweep, or if there is too little disk or memory.
     StoreFailure
         If the output cannot be written.
+    ClusterError
+        If a worker has another version of the numerics.
+    ClusterFailure
+        If the scheduler is lost, or a block fails on a worker. What is done is kept.
     """
+    if client is not None and threads is not None:
+        raise ValueError("threads is not allowed with a client, whose workers have their own")
     path = Path(output) if output is not None else config.output
     console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
     with no_interrupt_lost() as check, only_writer(path):
         check_output(path, overwrite=overwrite, resume=resume)
+        computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
             pilot = None
             if config.method.accuracy is not None:
                 (pilot,) = in_background(map(choose, [config], [threads]))
                 config = config.with_method(pilot.method)
                 console.print(pilot.summary, markup=False)
-            (cost,) = in_background(map(estimate, [config], [threads]))
+            (cost,) = in_background(map(estimate, [config], [computer.threads], [computer.cores]))
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(plan(config, path, cost), markup=False)
-        layout = _layout(config, pilot)
+        layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
             check()  # the first block may take long
             if writer.damage:
                 console.print(f"damaged, and computed again: {writer.damage}", markup=False)
-            with _Display(config, writer, console) as display:
+            with _Display(config, writer, console, computer) as display:
                 pending = writer.pending()
-                computed = _computed(config, pending, threads, display.computed)
-                for block, results in in_background(computed):
+                computed = computer.computed(compute_block, config, pending, display.computed)
+                for block, results in computed:
                     check()
                     writer.write(block, results)
                     display.written(block)
@@ -123,7 +140,7 @@ def _refine(
     )
 
 
-def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
+def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
     return Layout.of(
         config.grid,
         name=config.name,
@@ -132,7 +149,7 @@ def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
         widths=reserved_widths(config),
         first_section=config.record.transient + 1,
         diagnostics=config.record.diagnostics,
-        block_size=block_size(config),
+        block_size=block_size(config, **sizes),
         scaled_along="f" if scales_with_f(config) else None,
         followed_along=config.follow.axis if config.follow else None,
         directions=config.directions,
@@ -140,25 +157,18 @@ def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
     )
 
 
-def _computed(
-    config: SweepConfig,
-    blocks: Sequence[Block],
-    threads: int | None,
-    advance: Callable[[int], object],
-) -> Iterator[tuple[Block, dict[str, np.ndarray]]]:
-    for block in blocks:
-        yield block, compute_block(config, block, threads, advance)
-
-
 class _Display:
     """A progress line on stderr: points done, forcing periods per second, time left."""
 
-    def __init__(self, config: SweepConfig, writer: SweepWriter, console: Console) -> None:
+    def __init__(
+        self, config: SweepConfig, writer: SweepWriter, console: Console, computer: Computer
+    ) -> None:
         self._periods = config.record.transient + config.record.periods
         self._size = config.size
         self._there = self._size - sum(map(block_points, writer.pending()))
-        self._name = config.name
-        self._scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
+        scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
+        self._name = config.name + scaled
+        self._computer = computer
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -178,7 +188,7 @@ class _Display:
     def __enter__(self) -> _Display:
         self._bar.start()
         self._task = self._bar.add_task(
-            self._name + self._scaled, total=self._size, completed=self._there, speed=""
+            self._description, total=self._size, completed=self._there, speed=""
         )
         self._began = time.monotonic()
         return self
@@ -202,8 +212,13 @@ class _Display:
         self._bar.update(
             self._task,
             completed=self._there + done,
-            speed=f"{speed:,.0f} forcing periods/s",
+            description=self._description,
+            speed=f"{speed:,.0f} periods/s",
         )
+
+    @property
+    def _description(self) -> str:
+        return self._name + self._computer.described()
 
     def __exit__(self, *_: object) -> None:
         self._left = True

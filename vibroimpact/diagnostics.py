@@ -21,7 +21,8 @@ def period_class(
     A motion has period m if the record repeats its first m sections to its end, in x and in v, to
     within `tolerance` times the greatest |x| and |v| of the record. (That each section equals the
     one m periods before it is not enough: beside a flip a motion of period m settles alternately,
-    so slowly that it seems to have period 2 m.) m is at most ``LONGEST_PERIOD`` and half the record.
+    so slowly that it seems to have period 2 m.) m is at most ``LONGEST_PERIOD`` and half the
+    record.
 
     Parameters
     ----------

@@ -1,0 +1,187 @@
+"""A Dask client for an address that was typed: of a cluster that there is, or of processes here."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
+from multiprocessing import resource_tracker
+from typing import TYPE_CHECKING
+
+from sweeps.errors import ClusterError
+
+if TYPE_CHECKING:
+    from distributed import Client, LocalCluster
+
+#: How long a scheduler may take to answer [s].
+_PATIENCE = 6
+
+_ALLOWED = "tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, or local:N for N processes here"
+_SCHEDULER = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
+
+
+def check_address(address: str) -> None:
+    """Refuse what is no address, before anything is imported or started.
+
+    Raises
+    ------
+    ClusterError
+        If it is none of those that `connected` takes.
+    """
+    if address.startswith("local:"):
+        cores = os.cpu_count() or 1
+        number = address.removeprefix("local:")
+        if not (number.isascii() and number.isdecimal() and 1 <= int(number) <= cores):
+            raise ClusterError(
+                f"--dask {address} is not allowed; expected: local:N with an integer N from 1 to "
+                f"{cores}"
+            )
+        return
+    match = _SCHEDULER.fullmatch(address)
+    if not match or not 1 <= int(match[3]) <= 65535:
+        meant = (
+            f"; did you mean tcp://{address}?" if _SCHEDULER.fullmatch("tcp://" + address) else ""
+        )
+        raise ClusterError(f"--dask {address} is not allowed; expected: {_ALLOWED}{meant}")
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    """Yield a client of the cluster at an address, and keep Dask's loggers quiet meanwhile.
+
+    Parameters
+    ----------
+    address : str
+        ``tcp://host:port`` or ``tls://host:port`` of a scheduler; or ``local:N``, which starts N
+        processes with a thread each on this machine, and ends them.
+
+    Raises
+    ------
+    ClusterError
+        If it is no such address, Dask is not installed, or no scheduler answers.
+    """
+    check_address(address)
+    try:
+        import distributed
+    except ImportError:
+        raise ClusterError(
+            "--dask needs Dask, which is not installed; install it with pip install "
+            "'vibroimpact[distributed]', or in a clone pip install '.[distributed]'"
+        ) from None
+    with _quiet():
+        if address.startswith("local:"):
+            with _processes(int(address.removeprefix("local:"))) as cluster:
+                with distributed.Client(cluster, set_as_default=False) as client:
+                    yield client
+            return
+        _refuse_silence(address)
+        with distributed.Client(address, timeout=_PATIENCE, set_as_default=False) as client:
+            yield client
+
+
+def _refuse_silence(address: str) -> None:
+    """Refuse an address where nothing, or something else than a scheduler, answers in time.
+
+    A client itself waits forever where something listens and does not answer.
+    """
+    from distributed import Security, rpc
+
+    async def kind() -> str:
+        arguments = Security().get_connection_args("client")
+        async with rpc(address, timeout=2 * _PATIENCE, connection_args=arguments) as remote:
+            return str((await remote.identity())["type"])
+
+    try:
+        found = asyncio.run(asyncio.wait_for(kind(), _PATIENCE))
+        why = f"it is the address of a {found.lower()}"
+    except TimeoutError:
+        found, why = "", f"no answer in {_PATIENCE} s"
+    except Exception as error:  # whatever another program answers
+        found, why = "", " ".join(str(error).split())
+    if found != "Scheduler":
+        raise ClusterError(
+            f"no Dask scheduler answers at {address} ({why}); start one with the command dask "
+            "scheduler, or give the address that it shows"
+        )
+
+
+def dashboard(client: Client) -> str:
+    """Say where the cluster can be watched: on its dashboard, or else by its scheduler's address.
+
+    A scheduler serves the dashboard where bokeh is installed.
+    """
+    if find_spec("bokeh"):
+        return f"dashboard: {client.dashboard_link}"
+    return f"scheduler: {client.scheduler.address}"
+
+
+@contextmanager
+def _processes(number: int) -> Iterator[LocalCluster]:
+    """Start workers with one thread each, and end them at once, also in the middle of a task."""
+    import dask
+    from distributed import LocalCluster
+
+    # The profiler of the workers would look into the kernel a hundred times a second.
+    with dask.config.set({"distributed.worker.profile.enabled": False}):
+        with ExitStack() as stack:
+            with _signals_wait():
+                cluster = stack.enter_context(
+                    LocalCluster(
+                        n_workers=number,
+                        threads_per_worker=1,
+                        dashboard_address="127.0.0.1:0",  # any port: 8787 may be taken
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+                stack.callback(_kill, cluster)
+            yield cluster
+
+
+def _kill(cluster: LocalCluster) -> None:
+    """Kill the workers, which have nothing that anybody needs."""
+    for worker in list(cluster.workers.values()):
+        worker.close_gracefully()  # it is not to be started again
+        with suppress(ProcessLookupError, TypeError):
+            os.kill(worker.pid, signal.SIGKILL)
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Let an interrupt wait until what is started is there to be ended; in the main thread.
+
+    Threads that are started meanwhile, and the processes that they start, never get one: a Ctrl-C
+    at a terminal goes to all processes at once, and is for this one to handle.
+    """
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    came: list[int] = []  # other threads, those of numpy for one, still take signals
+    handlers = {n: signal.signal(n, lambda number, _: came.append(number)) for n in numbers}
+    resource_tracker.ensure_running()  # which would let them through again, if started later
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(came[0])
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what Dask logs off the terminal; what matters is told by the errors."""
+    mine = ("distributed", "tornado", "asyncio")
+    names = {*mine, *(n for n in logging.root.manager.loggerDict if n.split(".")[0] in mine)}
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)

@@ -1,0 +1,509 @@
+"""Sweeps on a Dask cluster of this machine: the same bits, whoever is lost on the way."""
+
+import logging
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from distributed import Client, LocalCluster
+from typer.testing import CliRunner
+
+import sweeps
+from sweeps import client as clients
+from sweeps.cli import app
+from sweeps.client import check_address
+from sweeps.cluster import Cluster
+from sweeps.compute import compute, compute_block
+from sweeps.errors import ClusterError, ClusterFailure
+from sweeps.limits import block_size
+from sweeps.loading import load_config
+from sweeps.runner import run_sweep
+from sweeps.store import open_sweep
+from sweeps.writer import SweepWriter
+from vibroimpact.jit import NUMERICS
+from vibroimpact.status import Status
+
+pytestmark = pytest.mark.cluster
+
+ROOT = Path(sweeps.__file__).parents[1]
+CONFIG = """\
+oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 300, spacing: log}, f: 1.0}
+record: {transient: 20, periods: 10, impacts: 4}
+"""
+WORKERS = 2
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    options = {"n_workers": WORKERS, "threads_per_worker": 1, "dashboard_address": ":0"}
+    with LocalCluster(**options, silence_logs=logging.CRITICAL) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def client(cluster):
+    with Client(cluster, set_as_default=False) as client:
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text(CONFIG)
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    """Let a sweep have enough blocks to be stopped between two of them."""
+    monkeypatch.setattr("sweeps.runner.block_size", lambda *_, **__: 20)
+
+
+def config(*overrides):
+    return load_config("sweep.yaml", overrides)
+
+
+def data(path):
+    with open_sweep(path) as dataset:
+        dataset.load()
+    return dataset.drop_attrs(deep=False)
+
+
+def assert_same_bits(path):
+    """Compare a file with that of a run on this machine alone."""
+    if not Path("here.h5").exists():
+        run_sweep(config(), "here.h5")
+    xr.testing.assert_identical(data(path), data("here.h5"))
+
+
+def call(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def refused(*arguments):
+    """Run a command that must be refused without a trace, and return the message."""
+    result = call("run", "sweep.yaml", "-o", "out.h5", *arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("vibroimpact: error: ") and result.stderr.count("\n") == 1
+    assert sorted(path.name for path in Path().iterdir()) == ["sweep.yaml"]
+    return result.stderr
+
+
+def on_write(monkeypatch, number, action):
+    """Do something before the n-th block is written; return the blocks that are written."""
+    written = []
+    write = SweepWriter.write
+
+    def acting(self, block, results):
+        if len(written) == number:
+            action()
+        written.append(tuple((cut.start, cut.stop) for cut in block))
+        write(self, block, results)
+
+    monkeypatch.setattr(SweepWriter, "write", acting)
+    return written
+
+
+# The same sweep
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["record.diagnostics=[period, lyapunov]", "oscillator.R=[0.5, 0.8]"],
+        ["record.trajectory={every: 10}", "compression=gzip"],
+        ["oscillator.f=[1, 2, 3]"],  # which scales
+        ["method={accuracy: 1e-4}", "oscillator.omega.num=40"],
+        ["oscillator.omega=2.5"],  # a single point
+    ],
+)
+def test_a_cluster_computes_the_same_bits(client, overrides):
+    run_sweep(config(*overrides), "there.h5", client=client)
+    run_sweep(config(*overrides), "here.h5", threads=1)
+    xr.testing.assert_identical(data("there.h5"), data("here.h5"))
+
+
+def stop():
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("begins_here", [True, False])
+def test_what_one_machine_began_a_cluster_ends_and_the_other_way_round(
+    monkeypatch, client, small_blocks, begins_here
+):
+    first, second = (None, client) if begins_here else (client, None)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        on_write(patch, 4, stop)
+        run_sweep(config(), "out.h5", client=first)
+    with open_sweep("out.h5") as dataset:
+        assert 0 < (dataset["status"] != Status.PENDING).sum() < 300
+    run_sweep(config(), "out.h5", client=second, resume=True)
+    assert_same_bits("out.h5")
+
+
+def test_an_interrupt_takes_the_tasks_off_the_cluster(monkeypatch, client, small_blocks):
+    on_write(monkeypatch, 2, stop)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(config(), "out.h5", client=client)
+    deadline = time.monotonic() + 60
+    while left := [key for keys in left_on(client) for key in keys]:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.05)
+
+
+def left_on(client):
+    """Return what every worker still computes or holds."""
+    return [*client.processing().values(), *client.has_what().values()]
+
+
+def test_a_list_of_points_is_computed_like_a_block(client):
+    sweep = config()
+    points = [sweep.grid.points((slice(i, i + 7),)) for i in range(0, 70, 7)]
+    found = list(Cluster(client).computed(compute, sweep, points))
+    assert len(found) == 10
+    for given, results in found:
+        np.testing.assert_equal(results, compute(sweep, given, 1))
+
+
+def test_a_long_axis_travels_without_a_warning(client):
+    sweep = config("oscillator.omega.num=2000000")
+    blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
+    for block, results in Cluster(client).computed(compute_block, sweep, blocks):
+        np.testing.assert_equal(results, compute_block(sweep, block, 1))
+
+
+# Who is lost on the way
+
+
+def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, small_blocks):
+    def kill():
+        os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+    written = on_write(monkeypatch, 3, kill)
+    run_sweep(config("record.transient=2000"), "out.h5", client=client)
+    assert len(written) == len(set(written)) == 15
+    run_sweep(config("record.transient=2000"), "here.h5")
+    assert_same_bits("out.h5")
+    client.wait_for_workers(WORKERS, timeout=60)
+
+
+def test_workers_may_come_when_the_run_has_begun():
+    options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
+    with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
+        assert Cluster(client).described() == ", waiting for a worker"
+        later = threading.Timer(0.5, cluster.scale, [1])
+        later.start()
+        run_sweep(config(), "out.h5", client=client)
+        later.join()
+        assert Cluster(client).described() == " on 1 worker"
+    assert_same_bits("out.h5")
+
+
+@pytest.fixture
+def scheduler(tmp_path_factory):
+    """Start a scheduler and a worker as on a cluster, and yield address and process."""
+    log = tmp_path_factory.mktemp("scheduler") / "log"
+    processes = []
+
+    def dask(*arguments):
+        with log.open("a") as file:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "dask", *arguments, "--no-dashboard"],
+                env={**os.environ, "PYTHONPATH": str(ROOT)},
+                stdout=file,
+                stderr=file,
+            )
+        processes.append(process)
+        return process
+
+    try:
+        process = dask("scheduler", "--host", "127.0.0.1", "--port", "0")
+        deadline = time.monotonic() + 120
+        while not (found := re.search(r"tcp://127\.0\.0\.1:\d+", log.read_text())):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        dask("worker", found[0], "--no-nanny", "--nthreads", "1")
+        yield found[0], process
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blocks):
+    address, process = scheduler
+    with monkeypatch.context() as patch:
+        on_write(patch, 3, process.kill)
+        result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--quiet")
+    assert result.exit_code == 1
+    pattern = (
+        rf"vibroimpact: error: the run failed: the scheduler {address} was lost.*; (\d+) of 300 "
+        rf"points kept in out\.h5; to go on: vibroimpact run sweep\.yaml -o out\.h5 --dask "
+        rf"{address} --quiet --resume\n"
+    )
+    found = re.fullmatch(pattern, result.stderr)
+    assert found, result.stderr
+    assert 60 <= int(found[1]) < 300
+    run_sweep(config(), "out.h5", resume=True)
+    assert_same_bits("out.h5")
+
+
+def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
+    def fails(*_):
+        raise OSError("no such luck")
+
+    with pytest.raises(ClusterFailure, match=r"a worker of tcp://\S+ failed with OSError: no such"):
+        list(Cluster(client).computed(fails, config(), range(20)))
+
+
+# Workers with another version
+
+
+@pytest.fixture
+def stranger(client):
+    """Let one worker take on other numerics; yield what does so, and its address."""
+    address = next(iter(client.nthreads()))
+
+    def pretend(numerics):
+        def change():
+            import sweeps.cluster
+
+            sweeps.cluster.NUMERICS = numerics
+
+        client.run(change, workers=[address])
+
+    yield lambda: pretend("0123456789abcdef"), address
+    pretend(NUMERICS)
+
+
+def test_a_worker_with_other_numerics_is_refused(client, stranger):
+    pretend, address = stranger
+    pretend()
+    with pytest.raises(ClusterError) as caught:
+        run_sweep(config(), "out.h5", client=client)
+    assert not isinstance(caught.value, ClusterFailure)
+    for part in (address, "0123456789abcdef", NUMERICS):
+        assert part in str(caught.value)
+    assert refused("--dask", client.scheduler.address, "--quiet") == (
+        f"vibroimpact: error: {caught.value}\n"
+    )
+
+
+def test_a_worker_that_joins_with_other_numerics_is_refused(
+    monkeypatch, client, small_blocks, stranger
+):
+    pretend, address = stranger
+    with monkeypatch.context() as patch:
+        on_write(patch, 2, pretend)
+        with pytest.raises(ClusterFailure) as caught:
+            run_sweep(config(), "out.h5", client=client)
+    for part in (address, "0123456789abcdef", NUMERICS):
+        assert part in str(caught.value)
+    run_sweep(config(), "out.h5", resume=True)
+    assert_same_bits("out.h5")
+
+
+def test_a_worker_without_this_package_is_refused(client):
+    def hide():
+        import sys
+
+        sys.modules["sweeps.cluster"] = None
+
+    def show():
+        import sys
+
+        del sys.modules["sweeps.cluster"]
+
+    client.run(hide)
+    try:
+        with pytest.raises(ClusterError, match=r"tcp://\S+ has another version .*, none \("):
+            Cluster(client)
+    finally:
+        client.run(show)
+
+
+# Many threads, much work
+
+
+def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
+    """The worker is a part of this process, so that it can be watched."""
+    inside, most, given = 0, 0, set()
+
+    def watched(sweep, points, threads):
+        nonlocal inside, most
+        inside += 1
+        most = max(most, inside)
+        given.add(threads)
+        time.sleep(0.02)
+        results = compute(sweep, points, threads)
+        inside -= 1
+        return results
+
+    sweep = config()
+    blocks = list(sweep.grid.blocks(20))
+    options = {"processes": False, "n_workers": 1, "threads_per_worker": 4}
+    with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
+        computer = Cluster(client)
+        assert computer.cores == 4
+        with monkeypatch.context() as patch:
+            patch.setattr("sweeps.compute.compute", watched)
+            found = list(computer.computed(compute_block, sweep, blocks))
+    assert most == 1
+    assert given == {min(4, os.cpu_count())}
+    assert len(found) == len(blocks)
+    for block, results in found:
+        np.testing.assert_equal(results, compute_block(sweep, block, 1))
+
+
+def test_no_more_is_handed_out_than_the_workers_need(client):
+    handed = []
+
+    def items():
+        for number in range(60):
+            handed.append(number)
+            yield number
+
+    def work(_, number, threads):
+        return {"number": np.full(1000, number)}
+
+    taken = 0
+    for number, results in Cluster(client).computed(work, config(), items()):
+        assert (results["number"] == number).all()
+        taken += 1
+        assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side
+    assert taken == 60
+
+
+def test_a_block_is_worth_sending(client):
+    sweep, size = config("oscillator.omega.num=1e6"), 10**6
+    computer = Cluster(client)
+    assert computer.cores == WORKERS
+    for seconds in (5.0, 50.0, 500.0):
+        limits = computer.block_limits(seconds, size)
+        assert limits["least"] / size * seconds * WORKERS == pytest.approx(0.5, rel=0.01)
+        assert block_size(sweep, **limits) >= limits["least"] - 32  # whole blocks of lanes
+    assert computer.block_limits(0.01, size)["least"] == size
+    computer._workers = dict.fromkeys(range(100), 32)
+    assert computer.block_limits(1000.0, size)["least"] == 10  # a hundred a second
+    assert block_size(sweep, blocks=20 * 100) <= size / (20 * 100) < block_size(sweep)
+
+
+# The command line
+
+
+def test_the_command_says_where_it_computes(client):
+    address = client.scheduler.address
+    plan = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--dry-run")
+    assert plan.exit_code == 0
+    assert "expected time" in plan.stdout and not Path("out.h5").exists()
+    result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address)
+    assert result.exit_code == 0, result.stderr
+    assert re.match(r"scheduler: tcp://|dashboard: http://", result.stderr)
+    assert "on 2 workers" in result.stderr
+    assert_same_bits("out.h5")
+
+
+def command(*arguments):
+    """Start the command line as a terminal does, in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments],
+        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def test_processes_of_this_machine():
+    process = command("--dask", "local:1", "--quiet")
+    assert process.communicate(timeout=120) == ("", "")
+    assert process.returncode == 0
+    assert_same_bits("out.h5")
+
+
+def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
+    endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2"]
+    process = command("--dask", "local:1", "--quiet", *endless)
+    deadline = time.monotonic() + 120
+    while not Path("out.h5").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert stderr.startswith("vibroimpact: error: interrupted; 0 of 2 points kept in out.h5; ")
+    assert stderr.count("\n") == 1
+    with pytest.raises(ProcessLookupError):  # none of the group is left
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("local:0", "local:N with an integer N from 1 to "),
+        ("local:x", "local:N with an integer N from 1 to "),
+        ("local:", "local:N with an integer N from 1 to "),
+        ("local:-1", "local:N with an integer N from 1 to "),
+        ("local:1000000", "local:N with an integer N from 1 to "),
+        ("", "tcp://HOST:PORT or "),
+        ("nonsense", "tcp://HOST:PORT or "),
+        ("tcp://", "tcp://HOST:PORT or "),
+        ("tcp://host", "tcp://HOST:PORT or "),
+        ("tcp://host:0", "tcp://HOST:PORT or "),
+        ("tcp://host:65536", "tcp://HOST:PORT or "),
+        ("http://host:8786", "tcp://HOST:PORT or "),
+        ("host:8786", "did you mean tcp://host:8786?"),
+    ],
+)
+def test_an_address_that_is_none_is_refused_without_dask(monkeypatch, address, told):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = refused("--dask", address)
+    assert f"--dask {address} is not allowed; expected: " in message and told in message
+
+
+@pytest.mark.parametrize("address", ["local:1", "tcp://10.0.0.1:8786", "tls://[::1]:8786"])
+def test_an_address(address):
+    check_address(address)
+
+
+def test_the_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = refused("--dask", "local:1")
+    assert "pip install 'vibroimpact[distributed]'" in message
+    assert "pip install '.[distributed]'" in message
+
+
+@pytest.mark.parametrize("listens", [False, True])
+def test_where_no_scheduler_answers(monkeypatch, listens):
+    assert clients._PATIENCE < 10
+    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        if listens:
+            server.listen()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        told = f"no Dask scheduler answers at {address} (no answer in 1 s); start one"
+        assert told in refused("--dask", address)
+
+
+def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
+    address = next(iter(client.nthreads()))
+    assert "(it is the address of a worker)" in refused("--dask", address)
+
+
+def test_threads_are_those_of_the_workers(client):
+    message = refused("--threads", 1, "--dask", client.scheduler.address)
+    assert "--threads 1 is not allowed with --dask" in message
+    with pytest.raises(ValueError, match="threads is not allowed with a client"):
+        run_sweep(config(), "out.h5", client=client, threads=1)
