@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from sweeps.grid import Grid
+from sweeps.grid import Block, Grid
 from sweeps.selection import Setting, swept_axes
 from vibroimpact.cycles import Cycles, representatives, shortest_turn
 
@@ -149,11 +149,7 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray,
         The points.
     states : ndarray, shape (k, longest period among them, 2)
     """
-    sizes = dataset["status"].sizes
-    grid = Grid({str(name): np.empty(size) for name, size in sizes.items()}, {})
-    numbers = np.arange(period.size).reshape(grid.shape)
-    for block in grid.blocks(max(1, _PART // max(1, int(period.max(initial=1))))):
-        at = numbers[block].ravel()
+    for block, at in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
         longest = max(1, int(period[at].max(initial=1)))
         states = np.empty((len(at), longest, 2))
         for i, name in enumerate(("poincare_x", "poincare_v")):
@@ -169,3 +165,37 @@ def _leading(
     stands = representatives(points.cycles(at, states), points.parameter[at], tolerance)
     leader[at] = at[stands]
     return np.unique(stands)
+
+
+def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
+    """Read a record at some points, a part of the file at a time.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep.
+    name : str
+    at : ndarray of int, shape (k,)
+        The points, counted in C order over the file.
+
+    Returns
+    -------
+    ndarray, shape (k, record)
+    """
+    variable = dataset[name]
+    found = np.empty((len(at), variable.shape[-1]))
+    for block, numbers in _blocks(dataset, max(1, _PART // variable.shape[-1])):
+        wanted = np.flatnonzero(np.isin(at, numbers))
+        if len(wanted):
+            rows = np.searchsorted(numbers, at[wanted])
+            found[wanted] = variable[block].values.reshape(len(numbers), -1)[rows]
+    return found
+
+
+def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, np.ndarray]]:
+    """Split the file into blocks of at most `size` points, with the numbers of these."""
+    sizes = dataset["status"].sizes
+    grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
+    numbers = np.arange(grid.size).reshape(grid.shape)
+    for block in grid.blocks(size):
+        yield block, numbers[block].ravel()
