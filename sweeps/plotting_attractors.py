@@ -90,7 +90,7 @@ def attractor_diagram(
     table = rows(line, found)
     if not table:
         raise PlotError("there is nothing to draw: no point has a result")
-    figure = Figure(figsize=(5.0, 3.9), layout="constrained")
+    figure = Figure(layout="constrained")
     panel = figure.add_subplot()
     set_scale(panel.xaxis, line[axis].values)
     _draw_rows(panel, line, table, axis, coordinate)
@@ -101,10 +101,15 @@ def attractor_diagram(
     panel.set_ylabel(label(dataset[coordinate]))
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
-    figure.legend(
-        loc="outside lower center", ncols=2, frameon=False, title=CLASSES, title_fontsize=8.0
-    )
-    entitle(figure, Setting.of(dataset), line.isel(dict.fromkeys(free, 0)), 76)
+    lines = -(-len(panel.get_legend_handles_labels()[0]) // 2)
+    figure.set_size_inches(5.0, 3.6 + 0.16 * lines)
+    starts = "1 start" if status.shape[1] == 1 else f"{status.shape[1]:,} starts"
+    legend = figure.legend(
+        loc="outside lower center", ncols=2, frameon=False, handlelength=1.0,
+        title=f"{CLASSES}\n{starts} at each value", title_fontsize=8.0,
+    )  # fmt: skip
+    legend.get_title().set_multialignment("center")
+    entitle(figure, Setting.of(dataset), line, 76)
     return figure
 
 
@@ -126,14 +131,20 @@ def _draw_rows(
         repeats = row.motion is Motion.PERIODIC
         rank = min(row.number, len(_COLOURS)) if repeats else int(row.motion)
         series.setdefault((repeats, rank, _colour(row)), []).append(i)
-    for (repeats, _, colour), places in sorted(series.items()):
+    for (repeats, _, colour), places in sorted(series.items(), key=_periodic_first):
         name = _label([table[i] for i in places])
         text = "other periodic attractors" if colour == _OTHER else name
         y = values[places]
         x = np.broadcast_to(across[places, None], y.shape)[np.isfinite(y)]
         (points,) = panel.plot(x, y[np.isfinite(y)], "o", color=colour, rasterized=True)
-        points.set(markersize=1.3 if repeats else 0.5, markeredgewidth=0)
+        size = 1.3 if repeats else 0.5
+        points.set(markersize=size, markeredgewidth=0, zorder=2.0 + repeats)
         panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=text)
+
+
+def _periodic_first(series: tuple[tuple[bool, int, str], object]) -> tuple[bool, int]:
+    (repeats, rank, _), _ = series
+    return not repeats, rank
 
 
 def _found(dataset: xr.Dataset) -> xr.Dataset:
@@ -151,7 +162,9 @@ def _colour(row: Row) -> str:
 
 def _label(its: Sequence[Row]) -> str:
     one = its[0].motion
-    return classes(its) if one is Motion.PERIODIC else MOTIONS[one][0]
+    if one is not Motion.PERIODIC:
+        return MOTIONS[one][0]
+    return classes(its) + ("" if any(row.q for row in its) else ", no impact")
 
 
 def _named(row: Row) -> str:

@@ -93,10 +93,11 @@ def draw_kinds(figure: Figure, cut: xr.Dataset, kinds: Sequence[Cells], more: st
         handles.append(Patch(label=_share(pending)))
         handles[-1].set(**_OPEN)
     if handles:
-        figure.legend(
+        legend = figure.legend(
             handles=handles, loc="outside lower center", ncols=_columns(handles), frameon=False,
             handlelength=1.2, columnspacing=1.2, title=_title(kinds, more), title_fontsize=8.0,
         )  # fmt: skip
+        legend.get_title().set_multialignment("center")
 
 
 def _share(pending: np.ndarray) -> str:
