@@ -466,3 +466,15 @@ def test_pictures_that_do_not_fit_are_refused(computed, draw, options, text):
 def test_basins_need_both_starts():
     with pytest.raises(PlotError, match="basins need x0 and v0 as axes; the file has x0"):
         basins(hand_made([cycle((-1, 0))] * 2, 1))
+
+
+def test_up_and_down_are_starts():
+    """Two branches along h, one of them reached both ways at the ends only."""
+    points = np.empty((6, 2, 16, 2))
+    points[:, 0], points[:, 1] = cycle((-1.0, 0.0), turns=16), cycle((-0.2, 0.0), turns=16)
+    points[0, 1], points[5, 0] = points[0, 0], points[5, 1]
+    dataset = hand_made(points, 1, axes=("h", "direction")).assign_coords(direction=["up", "down"])
+    found = attractors(dataset)
+    assert found["attractors"].dims == ("h",)
+    assert found["attractors"].values.tolist() == [1, 2, 2, 2, 2, 1]
+    assert len(rows(dataset, found)) == 10
