@@ -12,7 +12,7 @@ import xarray as xr
 
 from sweeps.classes import Motion
 from sweeps.repeating import STARTS, Points, records
-from sweeps.selection import PlotError, listed, select, swept_axes
+from sweeps.selection import Cut, PlotError, listed, select, swept_axes
 
 #: As many impact speeds are named; of more, the slowest and the fastest.
 _MOST_SPEEDS = 4
@@ -55,7 +55,7 @@ def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(name for name in swept_axes(dataset) if name not in STARTS)
 
 
-def cut(dataset: xr.Dataset, at: Mapping[str, float]) -> xr.Dataset:
+def cut(dataset: xr.Dataset, at: Cut) -> xr.Dataset:
     """Fix parameters at the grid values nearest to `at`, and leave all starts.
 
     Raises
@@ -67,7 +67,8 @@ def cut(dataset: xr.Dataset, at: Mapping[str, float]) -> xr.Dataset:
     for name in at:
         if name not in axes:
             raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
-    return select(dataset, at, free=[name for name in swept_axes(dataset) if name not in at])
+    free = [name for name in map(str, dataset["status"].dims) if name not in at]
+    return select(dataset, at, free=free)
 
 
 def rows(dataset: xr.Dataset, found: xr.Dataset) -> list[Row]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sweeps.config import SweepConfig
+    from sweeps.selection import Cut
 
 
 class _Commands(TyperGroup):
@@ -267,7 +268,9 @@ def plot(
     at: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=VALUE", help="Where to cut another swept parameter; repeatable."
+            metavar="NAME=VALUE",
+            help="Where to cut another swept parameter; of a sweep that was followed up and down, "
+            "direction=up or down; repeatable.",
         ),
     ] = None,
     coordinate: Annotated[
@@ -320,7 +323,7 @@ def _plot(
     file: Path,
     figure: Path,
     kind: str | None,
-    cuts: Mapping[str, float],
+    cuts: Mapping[str, float | str],
     options: Mapping[str, Any],
 ) -> None:
     from sweeps import plotting
@@ -341,7 +344,7 @@ def _plot(
     typer.echo(written)
 
 
-def _tell_moved(cuts: Mapping[str, float], found: Mapping[str, float], done: str) -> None:
+def _tell_moved(cuts: Cut, found: Cut, done: str) -> None:
     for name, value in cuts.items():
         if value != found[name]:
             text = f"{name} = {value:g} is not on the grid; {done} at {name} = {found[name]:g}"
@@ -385,8 +388,8 @@ def attractors(
         stop(FAILED, error)
 
 
-def _cuts(texts: Sequence[str]) -> dict[str, float]:
-    cuts: dict[str, float] = {}
+def _cuts(texts: Sequence[str]) -> dict[str, float | str]:
+    cuts: dict[str, float | str] = {}
     for text in texts:
         name, value = _cut(text)
         if name in cuts:
@@ -395,8 +398,10 @@ def _cuts(texts: Sequence[str]) -> dict[str, float]:
     return cuts
 
 
-def _cut(text: str) -> tuple[str, float]:
+def _cut(text: str) -> tuple[str, float | str]:
     name, _, value = text.partition("=")
+    if name.strip() == "direction":
+        return "direction", value.strip()
     try:
         return name.strip(), float(value)
     except ValueError:
@@ -404,17 +409,41 @@ def _cut(text: str) -> tuple[str, float]:
 
 
 @app.command()
-def info(file: SweepFile) -> None:
+def info(
+    file: SweepFile,
+    bifurcations: Annotated[
+        bool,
+        typer.Option("--bifurcations", help="List where the class of the motion changes instead."),
+    ] = False,
+    axis: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
+    ] = None,
+) -> None:
     """Show what the file of a sweep holds, with its configuration."""
+    from sweeps import reports
     from sweeps.errors import StoreError
-    from sweeps.reports import contents
     from sweeps.store import open_sweep
 
+    if axis is not None and not bifurcations:
+        stop(REFUSED, f"--axis {axis} is not allowed here; expected: with --bifurcations")
     try:
         with open_sweep(file) as dataset:
-            typer.echo(contents(dataset), nl=False)
+            if bifurcations:
+                typer.echo(_bifurcations(dataset, file, axis))
+            else:
+                typer.echo(reports.contents(dataset), nl=False)
     except StoreError as error:
         stop(REFUSED, error)
+
+
+def _bifurcations(dataset: xr.Dataset, file: Path, axis: str | None) -> str:
+    from sweeps.reports import bifurcations
+    from sweeps.selection import PlotError
+
+    try:
+        return bifurcations(dataset, axis)
+    except PlotError as error:
+        stop(REFUSED, f"{file}: {error}")
 
 
 @app.command()

@@ -6,210 +6,46 @@ The names, ranges and defaults of the parameters are those of ``vibroimpact.osci
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import yaml
-from pydantic import (
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Tag,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from sweeps.grid import Grid
+from sweeps.sections import (
+    FollowSection,
+    MethodSection,
+    OscillatorSection,
+    ParameterSection,
+    RecordSection,
+    RefineSection,
+    StartSection,
+    choice,
+    key_list,
+)
 from sweeps.steps import refuse_unstable, worst_points
 from sweeps.values import (
     Key,
     MisplacedError,
-    Number,
     Section,
-    Values,
-    Whole,
-    boolean,
     every,
     extremes,
-    form,
-    integer,
     known,
     length,
     null,
-    number,
-    off,
     shortest,
-    whole,
 )
 from vibroimpact.attractors import MOST_STEPS, default_steps
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.oscillator import PARAMETERS
 
 #: How a complete file can be compressed.
 COMPRESSIONS = ("none", "gzip")
 
-#: What can be computed of each point beside what is always recorded.
-DIAGNOSTICS = ("period", "lyapunov")
-
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000
-_MOST_PERIODS = 1_000_000_000
-_MOST_RECORDED = 1_000_000
 _MOST_SAMPLES = 10_000_000
-
-
-def _choice(meaning: str, table: Collection[str], default: str) -> Any:
-    text = f"{meaning}: {', '.join(table)}"
-    return Field(default, description=text, json_schema_extra={"enum": [*table]})
-
-
-def _parameter(name: str) -> Any:
-    parameter = PARAMETERS[name]
-    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
-    text = (
-        f"{parameter.meaning}{unit}: {parameter.allowed}; "
-        "to sweep it, a list of such numbers or {start, stop, num, spacing: linear or log}"
-    )
-    return Field(... if parameter.default is None else parameter.default, description=text)
-
-
-class _ParameterSection(Section):
-    @field_validator("*")
-    @classmethod
-    def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        for extreme in extremes(value):
-            if not PARAMETERS[str(info.field_name)].accepts(extreme):
-                contains = (
-                    "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
-                )
-                raise ValueError(f"{contains}is not allowed")
-        return value
-
-
-class OscillatorSection(_ParameterSection):
-    """The parameters of the oscillator."""
-
-    h: Values = _parameter("h")
-    R: Values = _parameter("R")
-    omega: Values = _parameter("omega")
-    f: Values = _parameter("f")
-    p: Values = _parameter("p")
-    clearance: Values = _parameter("clearance")
-
-
-class StartSection(_ParameterSection):
-    """The state at time 0."""
-
-    x0: Values = _parameter("x0")
-    v0: Values = _parameter("v0")
-
-
-class MethodSection(Section):
-    """How the motion is computed."""
-
-    integrator: Annotated[str, known(INTEGRATORS)] = _choice(
-        "integrator between impacts", INTEGRATORS, "exact"
-    )
-    impact: Annotated[str, known(IMPACT_RULES)] = _choice("rule for impacts", IMPACT_RULES, "exact")
-    steps_per_period: Annotated[
-        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(whole)] | None,
-        BeforeValidator(null),
-    ] = Field(
-        None,
-        description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
-        "or null for as many as the method needs",
-    )
-    accuracy: Annotated[
-        Annotated[float, Field(ge=1e-13, lt=1.0), BeforeValidator(number)] | None,
-        BeforeValidator(null),
-    ] = Field(
-        default=None,
-        description="instead of the three above, the error of the section state that is allowed, "
-        "relative to the motion: a number >= 1e-13 and < 1, or null; the engine then picks the "
-        "cheapest method that a pilot run finds to reach it",
-    )
-    allow_unstable: Annotated[bool, BeforeValidator(boolean)] = Field(
-        default=False,
-        description="compute although the step is too long for the integrator to be stable: "
-        "true or false",
-    )
-
-    @model_validator(mode="after")
-    def _leaves_the_choice(self) -> Self:
-        given = self.model_fields_set - {"accuracy"}
-        if self.accuracy is not None and given:
-            name = next(name for name in type(self).model_fields if name in given)
-            raise MisplacedError(
-                ("method", name),
-                f"{name} is for the engine to choose where method.accuracy is given; expected: "
-                "accuracy alone, or integrator, impact and steps_per_period without it",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.impact == "exact" and self.integrator != "exact":
-            others = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
-            raise MisplacedError(
-                ("method", "integrator"),
-                f"impact exact needs the integrator exact, not {self.integrator}; "
-                f"expected: integrator exact, or one of the impact rules {others}",
-            )
-        return self
-
-
-class Trajectory(Section):
-    """Which samples of the motion are kept."""
-
-    every: Whole = integer("time steps from one sample to the next", 1, _MOST_PERIODS)
-
-
-class RecordSection(Section):
-    """What is kept of each point."""
-
-    transient: Whole = integer(
-        "forcing periods computed before anything is kept", 0, _MOST_PERIODS, 200
-    )
-    periods: Whole = integer("forcing periods kept, with one section each", 1, _MOST_RECORDED, 100)
-    phase: Number = Field(
-        0.0,
-        ge=0.0,
-        lt=2.0 * math.pi,
-        description="forcing phase omega t of the section [rad]: a number >= 0 and < 2 pi",
-    )
-    impacts: Whole = integer("how many of the last impacts are kept", 0, _MOST_RECORDED, 64)
-    trajectory: Annotated[
-        Annotated[Literal[False], BeforeValidator(off), Tag("<scalar>")]
-        | Annotated[Trajectory, Tag("<mapping>")],
-        Discriminator(form),
-    ] = Field(
-        False,
-        description="samples of the motion: false, or {every: k} to keep each k-th time step",
-    )
-    diagnostics: tuple[
-        Annotated[str, known(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
-    ] = Field(
-        (),
-        description="what else to compute of each point: a list of names out of "
-        f"{', '.join(DIAGNOSTICS)}",
-    )
-
-    @field_validator("diagnostics")
-    @classmethod
-    def _once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        if len(set(names)) < len(names):
-            raise ValueError("has a name twice")
-        return names
-
-
-def key_list(section: type[Section]) -> str:
-    """Say which keys a section has."""
-    return f"a mapping with keys among {', '.join(section.model_fields)}"
 
 
 def _section(meaning: str, section: type[Section], **default: Any) -> Any:
@@ -239,10 +75,20 @@ class SweepConfig(Section):
         validate_default=True,
     )
     record: RecordSection = _section("what to keep", RecordSection, default_factory=RecordSection)
+    follow: Annotated[FollowSection | None, BeforeValidator(null)] = Field(
+        None,
+        description="start each point along an axis from its neighbour's final state: "
+        f"{key_list(FollowSection)}, or null",
+    )
+    refine: Annotated[RefineSection | None, BeforeValidator(null)] = Field(
+        None,
+        description="put further points where the class of the motion changes: "
+        f"{key_list(RefineSection)}, or null",
+    )
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
     )
-    compression: Annotated[str, known(COMPRESSIONS)] = _choice(
+    compression: Annotated[str, known(COMPRESSIONS)] = choice(
         "how the file is compressed when it is complete", COMPRESSIONS, "none"
     )
 
@@ -330,6 +176,29 @@ class SweepConfig(Section):
             )
         return record
 
+    @field_validator("follow")
+    @classmethod
+    def _along_an_axis(cls, follow: FollowSection | None, info: ValidationInfo) -> Any:
+        if follow is None or "oscillator" not in info.data:
+            return follow
+        lengths = {
+            name: len(np.unique(every(value))) for name, value in info.data["oscillator"].items()
+        }
+        if lengths[follow.axis] < 2:
+            swept = [name for name, number in lengths.items() if number > 1]
+            raise MisplacedError(
+                ("follow", "axis"),
+                f"{follow.axis} has only one value, so that there is nothing to follow; expected: "
+                + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
+            )
+        return follow
+
+    @model_validator(mode="after")
+    def _can_be_refined(self) -> Self:
+        if self.refine is not None:
+            _refuse_refinement(self.refine.axis, self)
+        return self
+
     @cached_property
     def steps(self) -> int:
         """Steps per forcing period, the same all over the grid."""
@@ -360,13 +229,23 @@ class SweepConfig(Section):
         axes: dict[str, np.ndarray] = {}
         fixed: dict[str, float] = {}
         for _, section in self.items():
-            if isinstance(section, _ParameterSection):
+            if isinstance(section, ParameterSection):
                 for name, value in section.items():
                     if isinstance(value, float):
                         fixed[name] = value
                     else:
                         axes[name] = every(value)
         return Grid(axes, fixed)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Each way in which an axis is followed; none where none is."""
+        return self.follow.directions if self.follow else ()
+
+    @property
+    def size(self) -> int:
+        """Number of points to compute: those of the grid, in each direction."""
+        return self.grid.size * max(1, len(self.directions))
 
     def to_yaml(self) -> str:
         """Return the configuration with every default but without where and how it is stored.
@@ -375,12 +254,59 @@ class SweepConfig(Section):
         """
         plain = _plain(self)
         del plain["output"], plain["compression"]
+        for name in ("follow", "refine"):
+            if plain[name] is None:
+                del plain[name]
         if self.method.accuracy is not None:
             plain["method"] = {"accuracy": self.method.accuracy}
         else:
             del plain["method"]["accuracy"]
             plain["method"]["steps_per_period"] = self.steps
         return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
+def _refuse_refinement(axis: str, config: SweepConfig) -> None:
+    axes, record = config.grid.axes, config.record
+    if list(axes) != [axis]:
+        swept = ", ".join(axes) or "none"
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} must be the only swept axis, and swept are: {swept}; expected: one axis, and "
+            "its name here",
+        )
+    if len(axes[axis]) < 2 or not (np.diff(axes[axis]) > 0.0).all():
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} cannot be refined; expected: two or more values of it, in increasing order",
+        )
+    if config.method.impact != "exact":
+        raise MisplacedError(
+            ("refine",),
+            f"the orbits beside a change are found with the impact rule exact, not "
+            f"{config.method.impact}; expected: method.impact: exact, or no refine",
+        )
+    if config.method.accuracy is not None:
+        raise MisplacedError(
+            ("refine",),
+            "the orbits beside a change are found with the exact engine; expected: no "
+            "method.accuracy, or no refine",
+        )
+    if "period" not in record.diagnostics:
+        raise MisplacedError(
+            ("refine",),
+            "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
+            "[period, lyapunov], or no refine",
+        )
+    if record.trajectory:
+        raise MisplacedError(
+            ("record", "trajectory"),
+            "is not kept where points are added; expected: false, or no refine",
+        )
+    if config.follow is not None and config.follow.direction == "both":
+        raise MisplacedError(
+            ("follow", "direction"),
+            "both branches cannot be refined at once; expected: up or down, or no refine",
+        )
 
 
 def _worst_points(oscillator: OscillatorSection, method: MethodSection) -> np.ndarray:

@@ -44,7 +44,9 @@ class Grid:
         """Number of parameter points."""
         return math.prod(self.shape)
 
-    def blocks(self, size: int, whole: str | None = None) -> Iterator[Block]:
+    def blocks(
+        self, size: int, whole: str | None = None, *, at_any_size: bool = False
+    ) -> Iterator[Block]:
         """Split the grid into boxes of at most `size` points, in C order.
 
         Parameters
@@ -52,16 +54,18 @@ class Grid:
         size : int
         whole : str, optional
             An axis that is not to be split, unless it alone is longer than `size`.
+        at_any_size : bool
+            Whether it is not to be split even then.
 
         Yields
         ------
         tuple of slice
             One slice per axis. Together the boxes cover every point once.
         """
-        if whole is not None and len(self.axes[whole]) <= size:
+        if whole is not None and (at_any_size or len(self.axes[whole]) <= size):
             at, n = list(self.axes).index(whole), len(self.axes[whole])
             others = {name: values for name, values in self.axes.items() if name != whole}
-            for block in Grid(others, self.fixed).blocks(size // n):
+            for block in Grid(others, self.fixed).blocks(max(1, size // n)):
                 yield (*block[:at], slice(0, n), *block[at:])
             return
         trailing = 1
@@ -92,6 +96,16 @@ class Grid:
         values = [axis[cut] for axis, cut in zip(self.axes.values(), block, strict=True)]
         mesh = np.meshgrid(*values, indexing="ij")
         return self._assembled([coordinate.ravel() for coordinate in mesh])
+
+    def with_values(self, axis: str, values: np.ndarray) -> np.ndarray:
+        """Return the points with these values of the only axis.
+
+        Returns
+        -------
+        ndarray of dtype POINT, shape (n,)
+        """
+        assert list(self.axes) == [axis]
+        return self._assembled([values])
 
     def spread(self, count: int) -> np.ndarray:
         """Return about `count` points spread evenly over the grid, the same in every call.

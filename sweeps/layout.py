@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 import os
 import platform
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
@@ -37,14 +37,24 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from sweeps.grid import Block, Grid
+from sweeps.grid import Block, Grid, block_points
 from sweeps.ledger import ROW, Ledger, Span, checksum, ledger_size, row_of, write_all
-from sweeps.variables import FIXED_WIDTHS, RECORDS, VARIABLES, held_variables
+from sweeps.variables import (
+    DIRECTION,
+    DIRECTION_MEANING,
+    FIXED_WIDTHS,
+    RECORDS,
+    VARIABLES,
+    held_variables,
+)
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 FORMAT = "vibroimpact-sweep"
 FORMAT_VERSION = 2
+
+#: The attribute of a refined sweep that counts the points added to its grid.
+ADDED = "points_added"
 
 #: Where the file says how it is written; not at the root, so that xarray does not see it.
 _BLOCKS, _LEDGER = "store/blocks", "store/ledger"
@@ -67,7 +77,8 @@ class Layout:
     Attributes
     ----------
     axes : mapping of str to ndarray
-        The swept axes, the leading dimensions of every result.
+        The leading dimensions of every result: the swept axes, and before them ``direction``
+        where one was followed up and down.
     records : mapping of str to ndarray
         The record dimensions and their coordinates. ``sample`` may prove too short.
     variables : tuple of str
@@ -97,6 +108,8 @@ class Layout:
         diagnostics: Collection[str] = (),
         block_size: int,
         scaled_along: str | None = None,
+        followed_along: str | None = None,
+        directions: Sequence[str] = (),
         numerics: str = "",
     ) -> Self:
         """Lay out a new sweep.
@@ -118,9 +131,13 @@ class Layout:
         diagnostics : collection of str
             The diagnostics whose variables there are.
         block_size : int
-            Points per block, at most.
+            Points of the grid per block, at most; all directions of a point are in one.
         scaled_along : str, optional
             The axis along which one value is computed and the others are scaled.
+        followed_along : str, optional
+            The axis along which each point starts from its neighbour: no block splits it.
+        directions : sequence of str
+            In which it is followed; of two, the data have a leading dimension.
         numerics : str
             What names the code that computes the data.
         """
@@ -147,8 +164,14 @@ class Layout:
         }
         if scaled_along is not None:
             attributes["scaled_along"] = scaled_along
-        blocks = tuple(grid.blocks(block_size, whole=scaled_along))
-        return cls(grid.axes, records, tuple(held), blocks, attributes)
+        blocks: Iterable[Block] = grid.blocks(
+            block_size, whole=followed_along or scaled_along, at_any_size=bool(followed_along)
+        )
+        axes = dict(grid.axes)
+        if len(directions) > 1:
+            axes = {DIRECTION: np.array(directions, object), **axes}
+            blocks = ((slice(0, len(directions)), *block) for block in blocks)
+        return cls(axes, records, tuple(held), tuple(blocks), attributes)
 
     @classmethod
     def read(cls, file: h5py.File) -> Self:
@@ -158,7 +181,7 @@ class Layout:
         axes = [scale.name.strip("/") for (scale,) in _scales(file["status"])]
         attributes = {name: value for name, value in file.attrs.items() if name != "duration"}
         return cls(
-            {axis: file[axis][()] for axis in axes},
+            {axis: _values(file[axis]) for axis in axes},
             {record: file[record][()] for record in held if record},
             variables,
             [tuple(slice(*cut) for cut in block) for block in file[_BLOCKS][()].tolist()],
@@ -188,6 +211,17 @@ class Layout:
         # Incompressible data grow by less than 1 %; HDF5 takes about 20 kB, and more for chunks.
         return (
             data * 102 // 100 + coordinates + 2 * texts + each_block * len(self.blocks) + (1 << 17)
+        )
+
+    def with_points(self, axis: str, values: np.ndarray) -> Self:
+        """Return the same with further values of its only axis, which are told in an attribute."""
+        everywhere = np.union1d(self.axes[axis], values)
+        size = max(block_points(block) for block in self.blocks)
+        return replace(
+            self,
+            axes={axis: everywhere},
+            blocks=tuple(Grid({axis: everywhere}, {}).blocks(size)),
+            attributes={**self.attributes, ADDED: len(everywhere) - len(self.axes[axis])},
         )
 
     def with_samples(self, width: int) -> Self:
@@ -274,6 +308,9 @@ def _describe(file: h5py.File, layout: Layout) -> None:
     file.attrs.update(layout.attributes)
     file.attrs["duration"] = _DURATION_MARK
     for axis, values in layout.axes.items():
+        if axis == DIRECTION:
+            _add_scale(file, axis, values.astype(h5py.string_dtype()), DIRECTION_MEANING, "1", "")
+            continue
         about = PARAMETERS[axis]
         _add_scale(file, axis, values.astype(float), about.meaning, about.unit, about.symbol)
     for record, numbers in layout.records.items():
@@ -289,6 +326,10 @@ def _add_scale(
     scale = file.create_dataset(name, data=values)
     scale.attrs.update({"long_name": long_name, "units": unit, "symbol": symbol})
     scale.make_scale(name)
+
+
+def _values(scale: h5py.Dataset) -> np.ndarray:
+    return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
 
 
 def _add_variable(file: h5py.File, layout: Layout, name: str, **storage: Any) -> None:

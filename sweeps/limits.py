@@ -30,6 +30,8 @@ _BLOCKS = 50
 
 #: The calibration ends with the trial that takes longer [s].
 _TRIAL = 0.1
+#: Points in it at least, where chains are followed.
+_LEAST_TRIED = 16
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,14 @@ def estimate(config: SweepConfig, threads: int | None = None) -> Cost:
     Raises
     ------
     StoreError
-        If there is not enough memory for one point.
+        If there is not enough memory for one point, or one chain of points.
     """
-    size = config.grid.size
+    size = config.size
     reserved = size * bytes_per_point(reserved_widths(config), config.record.diagnostics)
     file = size * bytes_per_point(config.widths, config.record.diagnostics)
-    copied = bool(config.record.trajectory) or config.compression != "none"
-    memory = _BLOCKS_HELD * min(block_size(config), size) * _memory_per_point(config)
+    copied = bool(config.record.trajectory or config.refine) or config.compression != "none"
+    held = min(block_size(config), config.grid.size)
+    memory = _BLOCKS_HELD * held * _memory_per_point(config)
     return Cost(expected_seconds(config, threads), file, reserved + copied * file, memory)
 
 
@@ -74,34 +77,51 @@ def reserved_widths(config: SweepConfig) -> dict[str, int]:
 
 
 def block_size(config: SweepConfig) -> int:
-    """Return the points per block: few enough for memory, and for signs of progress.
+    """Return the points of the grid per block: few enough for memory, and for signs of progress.
+
+    Where an axis is followed, a block holds whole chains of points along it, each in a lane.
 
     Raises
     ------
     StoreError
-        If there is not enough memory for one point.
+        If there is not enough memory for one point, or one chain of points.
     """
     record = config.record
-    each = _memory_per_point(config)
+    chain = _chain(config)
+    each = chain * _memory_per_point(config)
     available = _available_memory()
     if _BLOCKS_HELD * each > available:
         raise StoreError(
-            f"one point takes about {shown_bytes(_BLOCKS_HELD * each)} of memory, and only "
+            f"{_unit(config)} takes about {shown_bytes(_BLOCKS_HELD * each)} of memory, and only "
             f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
         )
     # Full sets of lanes are worth more memory, where there is plenty.
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * LANES * each)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // each)
-    work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps)
-    wanted = min(max(config.grid.size // _BLOCKS, 4 * LANES), max(work, 2 * LANES))
+    work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
+    wanted = min(max(config.grid.size // chain // _BLOCKS, 4 * LANES), max(work, 2 * LANES))
     # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
-    return min(fits, wanted) // LANES * LANES or fits
+    return chain * (min(fits, wanted) // LANES * LANES or fits)
+
+
+def _chain(config: SweepConfig) -> int:
+    """Return the points of the grid that are computed one after the other."""
+    return len(config.grid.axes[config.follow.axis]) if config.follow else 1
+
+
+def _unit(config: SweepConfig) -> str:
+    """Name what a block holds at least."""
+    if config.follow is None:
+        return "one point"
+    ways = " and ".join(config.directions)
+    return f"one chain of {_chain(config):,} points, followed {ways} along {config.follow.axis},"
 
 
 def _memory_per_point(config: SweepConfig) -> int:
-    """Return the bytes of a point's results, and of the log its samples are taken from."""
+    """Return the bytes of the results of a point of the grid, and of the log for its samples."""
     widths = reserved_widths(config)
-    return bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
+    each = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
+    return each * max(1, len(config.directions))
 
 
 def _available_memory() -> int:
@@ -116,22 +136,34 @@ def _available_memory() -> int:
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return how long a sweep will take, from trials of few points and ever more periods."""
     # No more than a block holds: a few points take as long as a full set of lanes.
-    count = min(2 * LANES * (threads or get_num_threads()), block_size(config))
-    points, size = _chosen(config.grid, count), config.grid.size
+    count = min(2 * LANES * (threads or get_num_threads()), _lanes(config))
+    # Of few lanes, several calls: one point need not be like the others.
+    calls = [
+        _chosen(config.grid, count, seed)
+        for seed in range(-(-_LEAST_TRIED // count) if config.follow else 1)
+    ]
+    size = config.size
     if scales_with_f(config):
-        points["f"] = 1.0
-        points, size = np.unique(points), size // len(config.grid.axes["f"])
-    compute(_shortened(config, 1), points[:1], threads)  # compiles, if need be
+        calls[0]["f"] = 1.0
+        calls, size = [np.unique(calls[0])], size // len(config.grid.axes["f"])
+    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be
+    tried = sum(points.size for points in calls)
     whole = config.record.transient + config.record.periods
     total = 1
     while True:
         trial = _shortened(config, total)
         began = time.perf_counter()
-        compute(trial, points, threads)
+        for points in calls:
+            compute(trial, points, threads)
         elapsed = time.perf_counter() - began
         if elapsed > _TRIAL or total == whole:
-            return elapsed * whole / total * size / points.size
+            return elapsed * whole / total * size / tried
         total = min(2 * total, whole)
+
+
+def _lanes(config: SweepConfig) -> int:
+    """Return the points of a block that are computed side by side."""
+    return block_size(config) // _chain(config) * max(1, len(config.directions))
 
 
 def _shortened(config: SweepConfig, total: int) -> SweepConfig:
@@ -146,9 +178,9 @@ def _shortened(config: SweepConfig, total: int) -> SweepConfig:
     return config.model_copy(update={"record": record.model_copy(update=shorter)})
 
 
-def _chosen(grid: Grid, count: int) -> np.ndarray:
-    """Return points picked at random, the same in every call."""
-    numbers = np.random.default_rng(0).integers(grid.size, size=min(count, grid.size))
+def _chosen(grid: Grid, count: int, seed: int) -> np.ndarray:
+    """Return points picked at random, the same in every call with that seed."""
+    numbers = np.random.default_rng(seed).integers(grid.size, size=min(count, grid.size))
     points = np.empty(numbers.size, POINT)
     for name, value in grid.fixed.items():
         points[name] = value

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from sweeps.config import RecordSection, SweepConfig, Trajectory, key_list
+from sweeps.config import SweepConfig
+from sweeps.sections import RecordSection, Trajectory, key_list
 from sweeps.values import Key, MisplacedError, Range, Section, nearest, suggestion
 
 #: A longer file is none that was typed; a long axis is better told as a range.
@@ -197,9 +198,14 @@ def _located(loc: Key) -> tuple[Key, type[Section], str]:
             section = inner
             field = section.model_fields.get(part)
             expected = field.description or "" if field else ""
-            kind = field.annotation if field else None
-            inner = kind if isinstance(kind, type) and issubclass(kind, Section) else None
+            inner = _section_of(field.annotation if field else None)
     return tuple(key), section, expected
+
+
+def _section_of(kind: Any) -> type[Section] | None:
+    """Return the section that a field holds, or may hold beside null."""
+    kinds = (kind, *get_args(kind))
+    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Section)), None)
 
 
 def _typed(data: Any, key: Key, otherwise: object) -> object:

@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import yaml
 
-from sweeps.config import MethodSection, SweepConfig
+from sweeps.config import SweepConfig
 from sweeps.reference import EXACT, Reference
+from sweeps.sections import MethodSection
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 

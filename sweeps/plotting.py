@@ -18,11 +18,12 @@ from matplotlib.figure import Figure
 from sweeps.attractor_table import parameter_axes
 from sweeps.overlay import Line, deviations
 from sweeps.plotting_attractors import attractor_diagram, basins
-from sweeps.plotting_bifurcation import bifurcation, line_of
+from sweeps.plotting_bifurcation import bifurcation, branches_of, line_of
 from sweeps.plotting_maps import parameter_map
 from sweeps.plotting_marks import DPI
 from sweeps.plotting_point import impacts, section, trajectory
-from sweeps.selection import PlotError, listed, on_grid, swept_axes
+from sweeps.selection import Cut, PlotError, listed, on_grid, swept_axes
+from sweeps.variables import DIRECTION
 
 __all__ = ["KINDS", "PlotError", "compare", "on_grid", "plot"]
 
@@ -66,7 +67,7 @@ def plot(
     dataset: xr.Dataset,
     output: str | Path,
     kind: str | None = None,
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     **options: Any,
 ) -> Path:
     """Draw one picture of an opened sweep into a file.
@@ -84,7 +85,8 @@ def plot(
         axis was swept, ``trajectory`` if there is one, and ``section``.
     at : mapping of str to float, optional
         Values of the swept axes that are not drawn: the nearest of the grid is taken, and by
-        default the first.
+        default the first. Where an axis was followed up and down, ``direction`` picks one; by
+        default a `bifurcation` shows both, the other pictures the first.
     **options
         ``axes``, ``coordinate`` and ``exact`` of a `bifurcation`, ``axes`` and ``quantity`` of a
         `parameter_map`; None, False or nothing leaves the choice to the picture.
@@ -121,7 +123,7 @@ def plot(
 def compare(
     dataset: xr.Dataset,
     axes: Sequence[str] = (),
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     coordinate: str | None = None,
 ) -> list[str]:
     """Say how far the points of a diagram are from the exact branches that they follow.
@@ -134,8 +136,12 @@ def compare(
         As from `bifurcation`.
     """
     line, axis, coordinate = line_of(dataset, axes, at, coordinate)
-    told = [found.told(axis) for found in deviations(Line.of(line, axis, coordinate))]
-    return told or ["no point follows a stable one-impact orbit"]
+    told = []
+    for branch in branches_of(line):
+        way = f"{branch[DIRECTION].item()}: " if DIRECTION in branch.coords else ""
+        found = [one.told(axis) for one in deviations(Line.of(branch, axis, coordinate))]
+        told += [way + text for text in found or ["no point follows a stable one-impact orbit"]]
+    return told
 
 
 def check_picture(output: Path) -> None:
@@ -174,7 +180,7 @@ def save(figure: Figure, output: Path) -> None:
         draft.unlink(missing_ok=True)
 
 
-def _default_kind(dataset: xr.Dataset, at: Mapping[str, float], options: Mapping[str, Any]) -> str:
+def _default_kind(dataset: xr.Dataset, at: Cut, options: Mapping[str, Any]) -> str:
     starts = {"x0", "v0"} & set(swept_axes(dataset))
     chosen = starts & {*at, *options.get("axes", ())} or "exact" in options
     if starts and not chosen and "period" in dataset:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -18,14 +18,14 @@ from sweeps.plotting_cells import CLASSES, MOTIONS, Cells, draw_kinds, missing
 from sweeps.plotting_labels import entitle, label, set_scale
 from sweeps.plotting_marks import guard, mark_status
 from sweeps.repeating import STARTS, records
-from sweeps.selection import PlotError, Setting, chosen_axes, listed, select, swept_axes
+from sweeps.selection import Cut, PlotError, Setting, chosen_axes, listed, select, swept_axes
 
 #: Of the periodic attractors, the most frequent first: Okabe and Ito's, far apart from each other.
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 _OTHER = "#8C8C8C"
 
 
-def basins(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Figure:
+def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
 
     Raises
@@ -57,7 +57,7 @@ def attractor_diagram(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     coordinate: str | None = None,
 ) -> Figure:
     """Draw every attractor that the starts find over one swept parameter, in a colour for each.
@@ -77,7 +77,7 @@ def attractor_diagram(
     PlotError
         If the file has no such axis or coordinate, or no period.
     """
-    free = [name for name in swept_axes(dataset) if name in STARTS]
+    free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
     parameters = dataset.isel(dict.fromkeys(free, 0))
     (axis,) = chosen_axes(parameters, axes, 1, "diagram of attractors")
     coordinate = held_coordinate(dataset, coordinate)

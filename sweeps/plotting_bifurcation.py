@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
@@ -11,11 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.overlay import Line
-from sweeps.plotting_density import add_bar, draw_density, extent
+from sweeps.plotting_density import BOTH_COLOUR, DIRECTION_COLOURS, add_bar, draw_density, extent
 from sweeps.plotting_labels import entitle, label, set_scale
 from sweeps.plotting_marks import DPI, VERMILION, draw_points, guard, mark_status
-from sweeps.selection import PlotError, Setting, chosen_axes, listed, select
+from sweeps.selection import Cut, PlotError, Setting, chosen_axes, directions, listed, select
+from sweeps.variables import DIRECTION
 from vibroimpact.branches import Piece
+from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 #: What a bifurcation diagram can show over the swept axis.
@@ -26,12 +28,16 @@ DENSITY_FROM = 2_000_000
 
 #: Markers of the bifurcations of a branch.
 _MARKS = {"flip": "o", "fold": "s", "graze": "^"}
+#: The lines of the exact branches. Those over two directions leave the markers of both to be seen,
+#: and are not of a colour near that of one.
+_OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
+_OVER_BOTH: dict[str, Any] = {"color": "black", "linewidth": 0.4}
 
 
 def line_of(
     dataset: xr.Dataset,
     axes: Sequence[str] = (),
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     coordinate: str | None = None,
 ) -> tuple[xr.Dataset, str, str]:
     """Return the line that a diagram shows, with its axis and its coordinate.
@@ -42,7 +48,7 @@ def line_of(
         If the file has no such axis or coordinate.
     """
     (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
-    return select(dataset, at, free=[axis]), axis, held_coordinate(dataset, coordinate)
+    return select(dataset, at, free=[axis, DIRECTION]), axis, held_coordinate(dataset, coordinate)
 
 
 def held_coordinate(dataset: xr.Dataset, asked: str | None) -> str:
@@ -62,11 +68,32 @@ def held_coordinate(dataset: xr.Dataset, asked: str | None) -> str:
     return asked
 
 
+def branches_of(line: xr.Dataset) -> list[xr.Dataset]:
+    """Return a line once for each direction in which it was followed, or the line itself."""
+    return [line.sel({DIRECTION: way}) for way in directions(line)] or [line]
+
+
+class _Drawn(NamedTuple):
+    """What is drawn of one direction: its record, and which of its points there are."""
+
+    record: xr.DataArray
+    good: np.ndarray
+
+    @classmethod
+    def of(cls, branch: xr.Dataset, coordinate: str) -> Self:
+        good = np.isin(branch["status"].values, [one for one in Status if not one.failed])
+        return cls(branch[coordinate], good)
+
+    @property
+    def size(self) -> int:
+        return int(np.count_nonzero(self.good)) * self.record.shape[1]
+
+
 def bifurcation(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     coordinate: str | None = None,
     exact: bool = False,
 ) -> Figure:
@@ -89,61 +116,88 @@ def bifurcation(
         If the file has no such axis or coordinate, or nothing to draw.
     """
     line, axis, coordinate = line_of(dataset, axes, at, coordinate)
-    values, status, record = line[axis].values, line["status"].values, line[coordinate]
-    good = np.isin(status, [one for one in Status if not one.failed])
-    low, high = extent(record, good)
+    values = line[axis].values
+    branches = branches_of(line)
+    drawn = [_Drawn.of(branch, coordinate) for branch in branches]
+    low, high = extent(drawn)
     if low > high:
         raise PlotError(f"there is nothing to draw: no point has a {coordinate}")
-    branches = Line.of(line, axis, coordinate) if exact else None
+    orbits = Line.of(branches[0], axis, coordinate) if exact else None
     figure = Figure(figsize=(5.0, 3.5), layout="constrained")
     panel = figure.add_subplot()
     set_scale(panel.xaxis, values)
-    dense = np.count_nonzero(good) * record.shape[1] > DENSITY_FROM
+    dense = sum(one.size for one in drawn) > DENSITY_FROM
     if dense:
         panel.update_datalim([(values.min(), low), (values.max(), high)])
         panel.autoscale_view()
     else:
-        y = record.values[good]
-        x = np.broadcast_to(values[good, None], y.shape)[np.isfinite(y)]
-        draw_points(panel, x, y[np.isfinite(y)])
+        _draw_points(panel, values, drawn)
+    if len(drawn) > 1:
+        _name_directions(panel, axis, dense)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     panel.set_xlabel(label(dataset[axis]))
     panel.set_ylabel(label(dataset[coordinate]))
     guard(panel.set_ylim, low, high)
-    if branches is not None:
-        _draw_branches(panel, branches)
-    mark_status(panel, values, status)
-    if panel.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside lower center", ncols=2 if exact else 1, frameon=False)
+    if orbits is not None:
+        _draw_branches(panel, orbits, _OVER_BOTH if len(drawn) > 1 else _OVER_ONE)
+    mark_status(panel, values, line["status"].values)
+    _add_legend(figure, panel, exact)
     entitle(figure, Setting.of(dataset), line, 76)
     if dense:
-        add_bar(figure, panel)
-        draw_density(figure, panel, values, record, good, DPI)
+        add_bar(figure, panel, len(drawn))
+        draw_density(figure, panel, values, drawn, DPI)
     return figure
 
 
-def _draw_branches(panel: Axes, line: Line) -> None:
+def _draw_points(panel: Axes, values: np.ndarray, drawn: Sequence[_Drawn]) -> None:
+    """Draw markers; of two directions the second on top and smaller, so that both are seen."""
+    scales = (1.0,) if len(drawn) == 1 else (1.4, 0.6)
+    for one, colour, scale in zip(drawn, DIRECTION_COLOURS, scales, strict=False):
+        y = one.record.values[one.good]
+        x = np.broadcast_to(values[one.good, None], y.shape)[np.isfinite(y)]
+        draw_points(panel, x, y[np.isfinite(y)], colour, scale)
+
+
+def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
+    """Say in the legend which colour is which direction."""
+    symbol = PARAMETERS[axis].symbol
+    texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
+    for text, colour in zip(texts, DIRECTION_COLOURS, strict=True):
+        panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
+    if dense:
+        panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
+
+
+def _add_legend(figure: Figure, panel: Axes, exact: bool) -> None:
+    """Say below the panel what is in it; what became of the points is long."""
+    _, texts = panel.get_legend_handles_labels()
+    if texts:
+        columns = 2 if exact else len(texts) if max(map(len, texts)) < 40 else 1
+        figure.legend(loc="outside lower center", ncols=columns, frameon=False)
+
+
+def _draw_branches(panel: Axes, line: Line, look: dict[str, Any]) -> None:
     """Draw the one-impact orbits, solid where stable, and their bifurcations."""
     drawn = [branches for branches in line.branches() if branches.pieces]
     for stable in (True, False):
         parts = [(one.n, piece) for one in drawn for piece in one.pieces if piece.stable == stable]
         for _, piece in parts:
-            _draw_piece(panel, line, piece)
+            _draw_piece(panel, line, piece, look)
         if parts:
             periods = listed(str(n) for n in sorted({n for n, _ in parts}))
             text = f"exact orbit, $n = {periods}$, {'stable' if stable else 'unstable'}"
-            panel.plot([], [], label=text, **_look(stable))
+            panel.plot([], [], label=text, **look, linestyle=_line(stable))
     for kind, marker in _MARKS.items():
         marks = [mark for branches in drawn for mark in branches.marks if mark.kind == kind]
         for mark in marks:
             y = line.coordinates(mark.value, mark.orbit)
             (points,) = panel.plot(np.full(len(y), mark.value), y, marker)
-            points.set(color=VERMILION, markerfacecolor="white", markersize=4.5, zorder=5)
+            points.set(color=look["color"], markerfacecolor="white", markersize=4.5, zorder=5)
             points.set_label(kind if mark is marks[0] else "_")
 
 
-def _draw_piece(panel: Axes, line: Line, piece: Piece) -> None:
+def _draw_piece(panel: Axes, line: Line, piece: Piece, look: dict[str, Any]) -> None:
     x = np.array(piece.values)
     y = np.array([line.coordinates(*pair) for pair in zip(x, piece.orbits, strict=True)])
     # Where the impact passes the phase at which the coordinate begins anew, so does the line.
@@ -151,8 +205,8 @@ def _draw_piece(panel: Axes, line: Line, piece: Piece) -> None:
     phases = (np.array([orbit.phase for orbit in piece.orbits]) - begin) % (2.0 * np.pi)
     jumps = np.flatnonzero(np.abs(np.diff(phases)) > np.pi) + 1
     x, y = np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan, axis=0)
-    panel.plot(x, y, zorder=4, label="_", **_look(piece.stable))
+    panel.plot(x, y, zorder=4, label="_", **look, linestyle=_line(piece.stable))
 
 
-def _look(stable: bool) -> dict[str, Any]:
-    return {"color": VERMILION, "linewidth": 1.0, "linestyle": "-" if stable else (0, (4, 2))}
+def _line(stable: bool) -> Any:
+    return "-" if stable else (0, (4, 2))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 import xarray as xr
@@ -11,15 +12,39 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from sweeps.plotting_marks import BLUE, cell_edges
+from sweeps.plotting_marks import BLUE, ORANGE, cell_edges
 
-# Starts well away from white, so that a pixel met once is still seen.
-COLOURS = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
+#: The colours of the directions in which an axis was followed, the first that of every sweep, and
+#: of what is met in both.
+DIRECTION_COLOURS = (BLUE, ORANGE)
+BOTH_COLOUR = "#222222"
+
+# All start well away from white, so that a pixel met once is still seen. Of two directions, the
+# ramps end at full colours: darker ones could not be told apart where the motion is periodic.
+_RAMP = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
+_RAMPS = [
+    LinearSegmentedColormap.from_list("density", colours)
+    for colours in (
+        ["#A6CBE3", DIRECTION_COLOURS[0]],
+        ["#F5D79A", DIRECTION_COLOURS[1]],
+        ["#CCCCCC", BOTH_COLOUR],
+    )
+]
 
 NORM = LogNorm(1e-3, 1.0, clip=True)
 
 #: Numbers of a record that are read at a time.
 _PART = 1_000_000
+
+
+class Drawn(Protocol):
+    """A record of shape (axis, record), and which of its points are to be drawn."""
+
+    @property
+    def record(self) -> xr.DataArray: ...
+
+    @property
+    def good(self) -> np.ndarray: ...
 
 
 def parts(record: xr.DataArray, good: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -38,41 +63,41 @@ def parts(record: xr.DataArray, good: np.ndarray) -> Iterator[tuple[np.ndarray, 
             yield start + keep, record[start : start + rows].values[keep]
 
 
-def extent(record: xr.DataArray, good: np.ndarray) -> tuple[float, float]:
-    """Return the least and the greatest value of a record; inf, -inf where there is none."""
+def extent(drawn: Sequence[Drawn]) -> tuple[float, float]:
+    """Return the least and the greatest value of records; inf, -inf where there is none."""
     low, high = np.inf, -np.inf
-    for _, values in parts(record, good):
-        values = values[np.isfinite(values)]
-        low, high = values.min(initial=low), values.max(initial=high)
+    for one in drawn:
+        for _, values in parts(one.record, one.good):
+            values = values[np.isfinite(values)]
+            low, high = values.min(initial=low), values.max(initial=high)
     return float(low), float(high)
 
 
-def add_bar(figure: Figure, panel: Axes) -> None:
-    """Put the colour bar of a density beside a panel."""
-    bar = figure.colorbar(ScalarMappable(NORM, COLOURS), ax=panel, pad=0.01, aspect=40)
+def add_bar(figure: Figure, panel: Axes, directions: int) -> None:
+    """Put the colour bar of a density beside a panel: of two directions, that of what is in both.
+
+    The ramps of either direction run alike.
+    """
+    ramp = _RAMP if directions == 1 else _RAMPS[2]
+    bar = figure.colorbar(ScalarMappable(NORM, ramp), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")
 
 
 def draw_density(
-    figure: Figure,
-    panel: Axes,
-    values: np.ndarray,
-    record: xr.DataArray,
-    good: np.ndarray,
-    dpi: int,
+    figure: Figure, panel: Axes, values: np.ndarray, drawn: Sequence[Drawn], dpi: int
 ) -> None:
     """Draw the share of each column's points that fall into each of its pixels.
 
     Everything else must be in its place, as the pixels are those of the finished panel at `dpi`. A
-    column is one value of the axis, or one pixel where there are more values than pixels.
+    column is one value of the axis, or one pixel where there are more values than pixels. Of two
+    directions, a pixel has the colour of the one that meets it, or that of both.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
         Along the axis.
-    record : DataArray, shape (n, record)
-    good : ndarray of bool, shape (n,)
-        Which points to draw.
+    drawn : sequence of Drawn
+        One, or one for each direction.
     """
     figure.draw_without_rendering()  # lays the figure out
     box = panel.get_window_extent()
@@ -82,19 +107,25 @@ def draw_density(
     if len(values) > columns:
         space = np.geomspace if panel.get_xscale() == "log" else np.linspace
         across = space(values.min(), values.max(), columns + 1)
+    up = np.linspace(low, high, rows + 1)
+    shares = [_share(one, values, across, up) for one in drawn]
+    if len(shares) == 2:
+        met = (shares[0] > 0.0) & (shares[1] > 0.0)
+        both = np.where(met, 0.5 * (shares[0] + shares[1]), 0.0)
+        shares = [*(np.where(met, 0.0, share) for share in shares), both]
+    for share, ramp in zip(shares, _RAMPS if len(shares) > 1 else [_RAMP], strict=True):
+        cells = np.ma.masked_equal(share, 0.0).T
+        panel.pcolormesh(across, up, cells, norm=NORM, cmap=ramp, rasterized=True)
+
+
+def _share(one: Drawn, values: np.ndarray, across: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return the share of each column's points in each of its pixels, shape (columns, rows)."""
+    rows = len(up) - 1
     counts = np.zeros((len(across) - 1, rows))
     column = np.clip(np.searchsorted(across, values, side="right") - 1, 0, len(counts) - 1)
-    for indices, y in parts(record, good):
+    for indices, y in parts(one.record, one.good):
         finite = np.isfinite(y)
-        row = ((y[finite] - low) * (rows / (high - low))).astype(np.int64)
+        row = ((y[finite] - up[0]) * (rows / (up[-1] - up[0]))).astype(np.int64)
         flat = np.repeat(column[indices], finite.sum(axis=1)) * rows + row
         counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
-    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    panel.pcolormesh(
-        across,
-        np.linspace(low, high, rows + 1),
-        np.ma.masked_equal(share, 0.0).T,
-        norm=NORM,
-        cmap=COLOURS,
-        rasterized=True,
-    )
+    return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.plotting_marks import mathtext
 from sweeps.selection import Setting
-from sweeps.variables import is_remarkable
+from sweeps.variables import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -55,6 +55,8 @@ def entitle(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> 
         for name in PARAMETERS
         if name not in drawn.dims
     ]
+    if setting.follow:
+        parameters.append(_followed(setting, drawn))
     method = setting.method
     words = (
         f"integrator {method['integrator']}, impact rule {method['impact']}, "
@@ -65,6 +67,14 @@ def entitle(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> 
         words += f"\n{fill(status.meaning, width)}" if is_remarkable(status) else ""
     name = fill(setting.name, width).replace("$", r"\$")
     figure.suptitle(f"{name}\n{_joined(parameters, width)}\n{words}", fontsize=8.5)
+
+
+def _followed(setting: Setting, drawn: xr.Dataset) -> str:
+    """Say along which axis the points of a picture were followed, and which way."""
+    ways = np.atleast_1d(
+        drawn[DIRECTION] if DIRECTION in drawn.coords else setting.follow[DIRECTION]
+    )
+    return f"followed {' and '.join(ways)} along ${PARAMETERS[setting.follow['axis']].symbol}$"
 
 
 def _joined(formulas: list[str], width: int) -> str:

@@ -28,7 +28,7 @@ from sweeps.plotting_cells import (
 )
 from sweeps.plotting_labels import entitle, label, set_scale, tick_in_decades
 from sweeps.plotting_marks import BLUE, VERMILION
-from sweeps.selection import PlotError, Setting, chosen_axes, listed, select
+from sweeps.selection import Cut, PlotError, Setting, chosen_axes, listed, select
 from vibroimpact.status import Status
 
 _NONE = "#FFFFFF"
@@ -128,7 +128,7 @@ def parameter_map(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Mapping[str, float] | None = None,
+    at: Cut | None = None,
     quantity: str | None = None,
 ) -> Figure:
     """Draw a quantity over two swept axes, one cell per point.

@@ -23,11 +23,13 @@ STATUS_COLOURS = {
 }
 
 
-def draw_points(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
+def draw_points(
+    panel: Axes, x: np.ndarray, y: np.ndarray, colour: str = BLUE, scale: float = 1.0
+) -> None:
     """Draw markers, the smaller the more of the panel they would cover."""
     counts, *_ = np.histogram2d(x, y, bins=(600, 300))
-    size = float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), 0.5, 3.5))
-    (points,) = panel.plot(x, y, "o", color=BLUE, rasterized=True)
+    size = scale * float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), 0.5, 3.5))
+    (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
     points.set(markersize=size, markeredgewidth=0, alpha=float(np.clip(1e5 / len(y), 0.15, 1.0)))
 
 
@@ -46,7 +48,13 @@ def guard(limit: Callable[..., object], low: float, high: float) -> None:
 
 
 def mark_status(panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
-    """Mark what failed or was not computed yet in a strip below the data, with labels."""
+    """Mark what failed or was not computed yet in a strip below the data, with labels.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    status : ndarray, shape (n,) or (directions, n)
+    """
     found = [s for s in STATUS_COLOURS if (status == s).any()]
     if not found:
         return
@@ -54,10 +62,10 @@ def mark_status(panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
     panel.set_ylim(low - 0.04 * (high - low), high)
     strip = panel.get_xaxis_transform()
     for one in found:
-        at = values[status == one]
+        at = np.broadcast_to(values, status.shape)[status == one]
         (marks,) = panel.plot(at, np.full(at.shape, 0.015), "|", transform=strip, rasterized=True)
         marks.set(markersize=6, color=STATUS_COLOURS[one])
-        text = f"{one.meaning} ({len(at)} of {len(values)})"
+        text = f"{one.meaning} ({len(at)} of {status.size})"
         panel.plot([], [], linewidth=5, color=STATUS_COLOURS[one], label=text)
 
 

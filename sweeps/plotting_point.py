@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.plotting_labels import entitle, label
 from sweeps.plotting_marks import BLUE, VERMILION, draw_points, draw_stop, guard
-from sweeps.selection import Setting, recorded
+from sweeps.selection import Cut, Setting, recorded
 
 
-def section(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Figure:
+def section(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the Poincaré section at one point: velocity over displacement, and the stop.
 
     Raises
@@ -37,7 +35,7 @@ def section(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Fi
     return figure
 
 
-def impacts(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Figure:
+def impacts(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the impact section at one point: speed before the impact over the forcing phase.
 
     Raises
@@ -59,7 +57,7 @@ def impacts(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Fi
     return figure
 
 
-def trajectory(dataset: xr.Dataset, *, at: Mapping[str, float] | None = None) -> Figure:
+def trajectory(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the trajectory of one point as the paper does: x over t, v over t, v over x.
 
     Samples beyond the stop are marked, and the deepest is stated.

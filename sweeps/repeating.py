@@ -10,11 +10,12 @@ import numpy as np
 import xarray as xr
 
 from sweeps.grid import Block, Grid
-from sweeps.selection import Setting, swept_axes
+from sweeps.selection import Setting
+from sweeps.variables import DIRECTION
 from vibroimpact.cycles import Cycles, representatives, shortest_turn
 
 #: Axes along which the oscillator is the same and only its past differs.
-STARTS = ("x0", "v0", "direction")
+STARTS = ("x0", "v0", DIRECTION)
 #: Section states that are read at a time.
 _PART = 4_000_000
 
@@ -44,7 +45,7 @@ class Points:
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
-        axes = swept_axes(dataset)
+        axes = tuple(map(str, dataset["status"].dims))
         parameters = tuple(name for name in axes if name not in STARTS)
         starts = tuple(name for name in axes if name in STARTS)
         shape = tuple(dataset.sizes[name] for name in axes)

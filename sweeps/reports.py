@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
+    from sweeps.changes import Change
     from sweeps.config import SweepConfig
     from sweeps.limits import Cost
     from vibroimpact.status import Status
@@ -26,7 +28,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     from sweeps.scaling import scales_with_f
     from sweeps.variables import shown_bytes
 
-    periods = sweep.grid.size * (sweep.record.transient + sweep.record.periods)
+    periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
     steps = [
         ("steps per period", f"{sweep.steps:,}"),
@@ -36,12 +38,19 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
         asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
         steps = [("method", asked)]
     scaled = [("f", "one value is computed, the others are scaled")] * scales_with_f(sweep)
+    followed = []
+    if sweep.follow:
+        followed = [("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}")]
+    if sweep.refine is not None:
+        halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"
+        scaled.append(("further points", halved))
     compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
     return _table(
         [
             ("name", sweep.name),
             *(("axis", axis) for axis in axes or ["none, a single point"]),
-            ("points", f"{sweep.grid.size:,}"),
+            *followed,
+            ("points", f"{sweep.size:,}"),
             ("forcing periods", f"{periods:,}"),
             *steps,
             *scaled,
@@ -110,6 +119,64 @@ def contents(dataset: xr.Dataset) -> str:
     return f"{_table(rows)}\n\n{pilot}{configuration}"
 
 
+def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
+    """List where the class of the motion changes along an axis, one line per change.
+
+    Parameters
+    ----------
+    axis : str, optional
+        By default the longest; changes along it are listed for every value of the others.
+
+    Raises
+    ------
+    PlotError
+        If there is no such axis, or the classes were not recorded.
+    """
+    from sweeps.changes import cascades, changes, labels
+    from sweeps.selection import PlotError, chosen_axes
+
+    (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
+    if "period" not in dataset:
+        raise PlotError(
+            "the file has no period: run the sweep again with record.diagnostics: [period]"
+        )
+    names = ["status", "rest_fraction", "period", "period_impacts", "lyapunov"]
+    data = dataset[[name for name in names if name in dataset]]
+    data = data.assign_coords(section=dataset["section"]).sortby(along).load()
+    others = [name for name in data["status"].dims if name != along]
+    rows, remarks = [], []
+    for index in product(*(range(data.sizes[name]) for name in others)):
+        line = data.isel(dict(zip(others, index, strict=True)))
+        at = [f"{name} = {line[name].item()}" for name in others]
+        found = list(changes(line[along].values, labels(line)))
+        rows += [[*at, *_change(along, change)] for change in found]
+        remarks += [", ".join([*at, _cascade(along, run)]) for run in cascades(found)]
+    if not rows:
+        return f"the class of the motion does not change along {along}"
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return "\n".join([*lines, *remarks])
+
+
+def _cascade(axis: str, run: Sequence[Change]) -> str:
+    from sweeps.changes import ratio
+
+    flips = ", ".join(f"{0.5 * (one.low + one.high):.9g}" for one in run)
+    ratios = ", ".join(f"{ratio(*run[i : i + 3]):.4g}" for i in range(len(run) - 2))
+    return f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
+
+
+def _change(axis: str, change: Change) -> list[str]:
+    unknown = f"{_count(change.between, 'point')} between of no known class"
+    return [
+        f"{axis} = {change.low:.12g} .. {change.high:.12g}",
+        f"width {change.high - change.low:.1e}",
+        f"{change.before} -> {change.after}",
+        change.kind,
+        unknown if change.between else "",
+    ]
+
+
 def _sizes(variable: xr.DataArray) -> str:
     return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
 
@@ -135,8 +202,11 @@ def _table(rows: list[tuple[str, str]]) -> str:
 
 
 def _axis(name: str, values: np.ndarray) -> str:
+    from sweeps.variables import DIRECTION
     from vibroimpact.oscillator import PARAMETERS
 
+    if name == DIRECTION:
+        return f"{name} = {', '.join(values)}"
     unit = PARAMETERS[name].unit
     ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
     return f"{name} = {ends}, {_count(len(values), 'value')}"

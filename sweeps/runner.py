@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +18,17 @@ from rich.progress import (
 )
 
 from sweeps.background import in_background, no_interrupt_lost
-from sweeps.compute import compute
+from sweeps.compute import compute_block
 from sweeps.config import SweepConfig
 from sweeps.grid import Block, block_points
 from sweeps.layout import Layout
 from sweeps.limits import block_size, estimate, reserved_widths
 from sweeps.locking import only_writer
 from sweeps.pilot import Pilot, choose
+from sweeps.refinement import Refinement
 from sweeps.reports import plan
 from sweeps.scaling import scales_with_f
-from sweeps.store import check_output
+from sweeps.store import check_output, open_sweep
 from sweeps.writer import SweepWriter, sweep_writer
 from vibroimpact.jit import NUMERICS
 
@@ -93,13 +94,32 @@ def run_sweep(
                 console.print(f"damaged, and computed again: {writer.damage}", markup=False)
             with _Display(config, writer, console) as display:
                 pending = writer.pending()
-                for block, results in in_background(_computed(config, pending, threads)):
+                computed = _computed(config, pending, threads, display.computed)
+                for block, results in in_background(computed):
                     check()
                     writer.write(block, results)
-                    display.advance(block)
+                    display.written(block)
                     check()
+            if config.refine is not None and not writer.refined:
+                _refine(config, writer, path, threads, console)
             writer.finish(compressed=config.compression != "none")
     return path
+
+
+def _refine(
+    config: SweepConfig, writer: SweepWriter, path: Path, threads: int | None, console: Console
+) -> None:
+    """Put further points into a complete file, where its classes change."""
+    assert config.refine is not None
+    with console.status("refining") as status, open_sweep(path, verify=False) as line:
+        refinement = Refinement(config, line, threads)
+        for level in in_background(refinement):
+            found = f"{len(refinement.intervals):,} changes of class"
+            status.update(f"refining: level {level} of {config.refine.levels}, {found}")
+    writer.insert(config.refine.axis, refinement.points)
+    console.print(
+        f"refined: {len(refinement.points):,} points put beside the changes of class", markup=False
+    )
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
@@ -113,15 +133,20 @@ def _layout(config: SweepConfig, pilot: Pilot | None) -> Layout:
         diagnostics=config.record.diagnostics,
         block_size=block_size(config),
         scaled_along="f" if scales_with_f(config) else None,
+        followed_along=config.follow.axis if config.follow else None,
+        directions=config.directions,
         numerics=NUMERICS,
     )
 
 
 def _computed(
-    config: SweepConfig, blocks: Sequence[Block], threads: int | None
+    config: SweepConfig,
+    blocks: Sequence[Block],
+    threads: int | None,
+    advance: Callable[[int], object],
 ) -> Iterator[tuple[Block, dict[str, np.ndarray]]]:
     for block in blocks:
-        yield block, compute(config, config.grid.points(block), threads)
+        yield block, compute_block(config, block, threads, advance)
 
 
 class _Display:
@@ -129,7 +154,7 @@ class _Display:
 
     def __init__(self, config: SweepConfig, writer: SweepWriter, console: Console) -> None:
         self._periods = config.record.transient + config.record.periods
-        self._size = config.grid.size
+        self._size = config.size
         self._there = self._size - sum(map(block_points, writer.pending()))
         self._name = config.name
         self._scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
@@ -144,7 +169,10 @@ class _Display:
         )
         self._task = TaskID(0)
         self._began = 0.0
-        self._done = 0
+        # Points counted in two threads, the first ahead of the second.
+        self._computed = 0
+        self._written = 0
+        self._left = False
 
     def __enter__(self) -> _Display:
         self._bar.start()
@@ -154,17 +182,28 @@ class _Display:
         self._began = time.monotonic()
         return self
 
-    def advance(self, block: Block) -> None:
+    def computed(self, points: int) -> None:
+        """Count points of a block in work, which goes no further once the run was left."""
+        if self._left:
+            raise RuntimeError("the run was left")
+        self._computed += points
+        self._show()
+
+    def written(self, block: Block) -> None:
         """Count the points of a finished block."""
-        points = block_points(block)
-        self._done += points
+        self._written += block_points(block)
+        self._show()
+
+    def _show(self) -> None:
+        done = max(self._computed, self._written)
         elapsed = time.monotonic() - self._began
-        speed = self._done * self._periods / elapsed
+        speed = done * self._periods / elapsed
         self._bar.update(
             self._task,
-            advance=points,
+            completed=self._there + done,
             speed=f"{speed:,.0f} forcing periods/s",
         )
 
     def __exit__(self, *_: object) -> None:
+        self._left = True
         self._bar.stop()

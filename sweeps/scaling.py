@@ -19,7 +19,12 @@ _LEAST, _GREATEST = 1e-150, 1e150
 
 
 def scales_with_f(config: SweepConfig) -> bool:
-    """Whether f is swept and the motion is proportional to it all over the grid."""
+    """Whether f is swept and the motion is proportional to it all over the grid.
+
+    It is taken not to be where an axis is followed: points then do not start at rest.
+    """
+    if config.follow is not None:
+        return False
     grid = config.grid
     at_rest = all(grid.fixed.get(name) == 0.0 for name in ("clearance", "x0", "v0"))
     if "f" not in grid.axes or not at_rest:

@@ -11,8 +11,13 @@ import numpy as np
 import xarray as xr
 import yaml
 
+from sweeps.values import suggestion
+from sweeps.variables import DIRECTION
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
+
+#: Where a picture cuts: values of swept axes, and of ``direction`` a name.
+Cut = Mapping[str, float | str]
 
 
 class PlotError(Exception):
@@ -31,12 +36,15 @@ class Setting:
     method : mapping of str to object
     phase : float
         Of the section [rad].
+    follow : mapping of str to str
+        The axis that was followed and the direction; empty if none was.
     """
 
     name: str
     fixed: Mapping[str, Any]
     method: Mapping[str, Any]
     phase: float
+    follow: Mapping[str, str]
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
@@ -45,7 +53,8 @@ class Setting:
         defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
         fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
         phase = float(configuration["record"].get("phase", 0.0))
-        return cls(str(dataset.attrs["name"]), fixed, configuration["method"], phase)
+        follow = configuration.get("follow") or {}
+        return cls(str(dataset.attrs["name"]), fixed, configuration["method"], phase, follow)
 
     def value(self, name: str, point: xr.Dataset) -> float:
         """Return a parameter's value at a point of the sweep."""
@@ -65,22 +74,32 @@ def listed(names: Iterable[str]) -> str:
 
 def swept_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     """Name the swept axes in the order of the file."""
-    return tuple(str(name) for name in dataset["status"].dims)
+    return tuple(str(name) for name in dataset["status"].dims if name != DIRECTION)
 
 
-def on_grid(dataset: xr.Dataset, at: Mapping[str, float]) -> dict[str, float]:
+def directions(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Name the directions that a sweep was followed in; none where there is no such dimension."""
+    return tuple(dataset[DIRECTION].values) if DIRECTION in dataset["status"].dims else ()
+
+
+def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
     """Replace values by the nearest of the grid where they differ by more than rounding.
 
     Raises
     ------
     PlotError
-        If there is no such swept axis, or a value is outside it.
+        If there is no such swept axis, a value is outside it, or there is no such direction.
     """
     axes = swept_axes(dataset)
-    found = {}
+    found: dict[str, float | str] = {}
     for name, value in at.items():
+        if name == DIRECTION:
+            found[name] = _direction(dataset, str(value))
+            continue
         if name not in axes:
             raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+        if isinstance(value, str):
+            raise PlotError(f"{name} = {value} is not a number")
         values = dataset[name].values
         low, high = float(values.min()), float(values.max())
         slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
@@ -91,17 +110,34 @@ def on_grid(dataset: xr.Dataset, at: Mapping[str, float]) -> dict[str, float]:
     return found
 
 
-def select(
-    dataset: xr.Dataset, at: Mapping[str, float] | None, free: Collection[str] = ()
-) -> xr.Dataset:
-    """Fix every swept axis but those `free` at the grid value nearest to `at`, or at its first."""
+def _direction(dataset: xr.Dataset, name: str) -> str:
+    valid = directions(dataset)
+    if not valid:
+        raise PlotError("direction cannot be fixed here; the sweep was not followed in both")
+    if name not in valid:
+        meant = suggestion(name, valid)
+        raise PlotError(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
+    return name
+
+
+def select(dataset: xr.Dataset, at: Cut | None, free: Collection[str] = ()) -> xr.Dataset:
+    """Fix every swept axis but those `free` at the grid value nearest to `at`, or at its first.
+
+    Of two directions the first is taken, too, unless ``direction`` is `free` and not in `at`.
+    """
     axes = [name for name in swept_axes(dataset) if name not in free]
     for name in at or {}:
-        if name in free:
+        if name in free and name != DIRECTION:
             raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
     index = {name: 0 for name in axes}
+    ways = directions(dataset)
+    if ways and DIRECTION not in free:
+        index[DIRECTION] = 0
     for name, value in on_grid(dataset, at or {}).items():
-        index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
+        if isinstance(value, str):
+            index[name] = ways.index(value)
+        else:
+            index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
     return dataset.isel(index)
 
 
@@ -132,7 +168,7 @@ def chosen_axes(dataset: xr.Dataset, asked: Sequence[str], count: int, kind: str
 
 
 def recorded(
-    dataset: xr.Dataset, names: tuple[str, ...], at: Mapping[str, float] | None
+    dataset: xr.Dataset, names: tuple[str, ...], at: Cut | None
 ) -> tuple[xr.Dataset, list[np.ndarray]]:
     """Read variables at one point, without the padding."""
     missing = [name for name in names if name not in dataset]

@@ -63,6 +63,10 @@ VARIABLES: Mapping[str, Variable] = {
     "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
 }
 
+#: The dimension of the two ways in which an axis was followed, before all others, and its meaning.
+DIRECTION = "direction"
+DIRECTION_MEANING = "way in which the axis was followed"
+
 #: The record dimensions and what their coordinates count.
 RECORDS: Mapping[str, str] = {
     "section": "number of the forcing period that ends at the section",

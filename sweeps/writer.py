@@ -26,8 +26,9 @@ import yaml
 
 from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Block
-from sweeps.layout import Layout, create, pack, places, write_duration
+from sweeps.layout import ADDED, Layout, create, pack, places, write_duration
 from sweeps.ledger import Ledger, checksum, flat_bytes, sync_folder, write_all
+from sweeps.merging import merged
 from sweeps.store import SweepFile, check_output, reason, sweep_file
 from sweeps.variables import VARIABLES
 
@@ -98,6 +99,11 @@ class SweepWriter:
             damaged = sweep.damaged()
             if damaged.any():
                 self.damage = sweep.named(np.flatnonzero(damaged))
+                if ADDED in sweep.layout.attributes:
+                    raise StoreError(
+                        f"{given} is damaged: {self.damage}; points that were added to its grid "
+                        "cannot be computed again one by one: give --overwrite to begin anew"
+                    )
         if damaged.any():
             self._present &= ~damaged
             with _failure(given, "mended"):
@@ -168,6 +174,40 @@ class SweepWriter:
             with _failure(self._given, "completed"):
                 self._rewrite(self.layout.with_samples(longest), compressed=compressed)
 
+    def insert(self, axis: str, points: Mapping[float, Mapping[str, np.ndarray]]) -> None:
+        """Replace a complete file along one axis by one with further points in it.
+
+        Parameters
+        ----------
+        axis : str
+            The only axis, with its values in increasing order.
+        points : mapping of float to mapping
+            By the value of the axis, the results of one point. They also replace those of a value
+            that is there already.
+
+        Raises
+        ------
+        StoreFailure
+            As from `write`.
+        """
+        layout = self.layout.with_points(axis, np.array(list(points)))
+        with (
+            _failure(self._given, "refined"),
+            sweep_file(self._path) as sweep,
+            _replacing(self._path) as new,
+        ):
+            create(new, layout)
+            copy = SweepWriter(new, self._given)
+            for block in layout.blocks:
+                copy.write(block, merged(sweep, axis, layout.axes[axis][block[0]], points))
+            copy.close()
+        self._reopen()
+
+    @property
+    def refined(self) -> bool:
+        """Whether points were added to the file's grid."""
+        return ADDED in self.layout.attributes
+
     def close(self) -> None:
         """Write the duration, if anything else was written, and close the file.
 
@@ -184,6 +224,13 @@ class SweepWriter:
                     os.fsync(self._descriptor)
         finally:
             os.close(self._descriptor)
+
+    def _reopen(self) -> None:
+        """Go on with the file that has replaced this one."""
+        os.close(self._descriptor)
+        spent = self._spent
+        self._open()
+        self._spent, self._changed = spent, True
 
     @property
     def _samples(self) -> int:
@@ -247,10 +294,7 @@ class SweepWriter:
                     copy._put(layout.blocks[index], arrays)
                     copy._enter(index, arrays, samples[index])
                 copy.close()
-        os.close(self._descriptor)
-        spent = self._spent
-        self._open()
-        self._spent, self._changed = spent, True
+        self._reopen()
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
@@ -297,7 +341,8 @@ def _refuse_other(sweep: SweepFile, layout: Layout) -> None:
     ]
     if old.attributes["numerics"] != new.attributes["numerics"]:
         differing.append("the code that computes is another version")
-    if not differing and not _same_grid(old.axes, new.axes):
+    same_grid = _same_grid(old.axes, new.axes) or ADDED in old.attributes
+    if not differing and not same_grid:
         differing.append("the axes have other values or another order")
     if differing:
         raise StoreError(

@@ -9,6 +9,7 @@ from vibroimpact.exact_impacts import steps_needed
 from vibroimpact.impacts import EXACT, IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.kernel import SUMS, Tally, run_blocks
+from vibroimpact.lanes import LANES
 from vibroimpact.phases import lead_in, one_period
 from vibroimpact.stability import least_stable_steps
 from vibroimpact.status import Status
@@ -83,15 +84,16 @@ def integrate(
     transient: int = 200,
     periods: int = 100,
     phase: float = 0.0,
+    at_section: bool = False,
     impacts: int = 64,
     lyapunov: bool = False,
     threads: int | None = None,
 ) -> dict[str, np.ndarray]:
-    """Run every parameter point from t = 0 and record its attractor.
+    """Run every parameter point from its start and record its attractor.
 
     The record spans the `periods` forcing periods that follow `transient` of them, counted from
     the first passage of the phase `phase`. An impact belongs to it if it comes after its start,
-    so that one at t = 0 itself does not.
+    so that one at the start itself does not.
 
     Parameters
     ----------
@@ -107,6 +109,9 @@ def integrate(
     phase : float
         omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. The grid of steps is
         laid so that it falls on a grid point.
+    at_section : bool
+        Whether the start is the state at a passage of `phase`, not at t = 0: the last section of
+        one run, as the start of another, continues it.
     impacts : int
         How many of the last impacts to keep.
     lyapunov : bool
@@ -144,9 +149,10 @@ def integrate(
     )
     tally.sums["slowest_impact"] = np.inf
     tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
-    lead, grid = lead_in(phase, n_steps), one_period(phase, n_steps)
+    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     threads_before = get_num_threads()
-    set_num_threads(threads or threads_before)
+    # A thread without lanes of its own costs time to wake, more than a few lanes take.
+    set_num_threads(min(threads or threads_before, max(1, -(-n // LANES))))
     try:
         run_blocks(points, rule, code, lead, grid, transient, periods, lyapunov, tally)
     finally:

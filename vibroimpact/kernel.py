@@ -39,7 +39,7 @@ from vibroimpact.lanes import (
     set_start,
 )
 from vibroimpact.lyapunov import carry_tangents, orthonormalise
-from vibroimpact.phases import COS, SIN, THETA
+from vibroimpact.phases import COS, SIN, THETA, sine_at_start
 from vibroimpact.plain_lanes import advance_plain, sum_up_plain
 from vibroimpact.status import Status
 from vibroimpact.stepping import take_step
@@ -243,7 +243,7 @@ def run_block(
 ):  # fmt: skip
     """Run one block of at most ``LANES`` points from its start to the end of the record."""
     widest_vectors()
-    set_start(w, points, rule)
+    set_start(w, points, rule, sine_at_start(lead, grid))
     for k in range(-1, transient + periods):
         steps = lead if k < 0 else grid
         if k <= 0:

@@ -60,11 +60,11 @@ def new_workspace():
 
 
 @jit(inline=True)
-def set_start(w, points, rule):
-    """Put every lane at its start, and its stop where it is."""
+def set_start(w, points, rule, s):
+    """Put every lane at its start, at a phase with the sine `s`, and its stop where it is."""
     for i in range(LANES):
         pt = points[min(i, points.size - 1)]  # a short block repeats its last point
-        w[X + i], w[V + i], resting = start(pt)
+        w[X + i], w[V + i], resting = start(pt, s)
         w[LEVEL + i] = -math.inf if resting and rule != PLAIN else pt.clearance
         w[CLEARANCE + i], w[RESTITUTION + i] = pt.clearance, pt.R
         w[WAKE + i] = -math.inf

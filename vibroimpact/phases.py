@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.jit import jit
+
 # Rows of the table.
 THETA, SIN, COS = range(3)
 
@@ -32,8 +34,13 @@ def _phases(start: float, span: float, n: int) -> Phases:
     return Phases(np.stack([theta, np.sin(theta), np.cos(theta)]), step)
 
 
-def lead_in(phase: float, steps_per_period: int) -> Phases:
-    """Return the steps from t = 0 to the section's `phase`, none longer than the grid's."""
+def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> Phases:
+    """Return the steps from t = 0 to the section's `phase`, none longer than the grid's.
+
+    There is none where the start is `at_section` already.
+    """
+    if at_section:
+        return _phases(phase, 0.0, 0)
     n = phase / (2.0 * math.pi) * steps_per_period
     return _phases(0.0, phase, math.ceil(n * (1.0 - 1e-12)))
 
@@ -41,3 +48,10 @@ def lead_in(phase: float, steps_per_period: int) -> Phases:
 def one_period(phase: float, steps_per_period: int) -> Phases:
     """Return the steps of one forcing period from the section's `phase`."""
     return _phases(phase, 2.0 * math.pi, steps_per_period)
+
+
+@jit
+def sine_at_start(lead: Phases, grid: Phases) -> float:
+    """Return the sine of the phase at which a lead-in and the periods after it begin."""
+    first = lead if lead.table.shape[1] > 0 else grid
+    return first.table[SIN, 0]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from vibroimpact.exact_impacts import reach
+import numpy as np
+
+from vibroimpact.exact_impacts import Lane, guard, reach
+from vibroimpact.flight import TERMS, fill_rows
 from vibroimpact.impacts import EXACT, mend
-from vibroimpact.integrators import apply_map
+from vibroimpact.integrators import affine_map, apply_map
 from vibroimpact.jit import jit
+from vibroimpact.phases import COS, SIN, THETA
 
 
 @jit(inline=True)
@@ -29,3 +33,24 @@ def take_step(rule, integrator, to_x, to_v, x, v, resting, theta, s, c, step, pt
     if resting or not highest < pt.clearance:
         return mend(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch)
     return x_T, v_T, False, 0, 0.0, 0, 0
+
+
+@jit
+def prepare(integrator, steps, pt):
+    """Return the affine map of a step, and the Taylor rows and guard of the rule ``exact``."""
+    T = steps.step / pt.omega
+    rows = np.empty((4, TERMS))
+    fill_rows(rows, T, pt)
+    along_x, along_v, along_f = guard(T, pt)
+    m = affine_map(integrator, T, pt)
+    return (m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), Lane(rows, along_x, along_v, along_f)
+
+
+@jit
+def advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
+    """Step `n` of a run of steps; returns as ``take_step`` does."""
+    to_x, to_v, lane = prepared
+    theta, s, c = steps.table[THETA, n], steps.table[SIN, n], steps.table[COS, n]
+    return take_step(
+        rule, integrator, to_x, to_v, x, v, resting, theta, s, c, steps.step, pt, lane, scratch
+    )

@@ -73,12 +73,15 @@ def time_to_release(theta, pt):
 
 
 @jit
-def start(pt):
-    """Return the state just after t = 0 and whether it is at rest: rule (2)-(5) on the start."""
+def start(pt, s):
+    """Return the state just after the start and whether it is at rest: rule (2)-(5) on it.
+
+    `s` is the sine of the phase at the start, 0 at t = 0.
+    """
     x, v = pt.x0, pt.v0
     if x >= pt.clearance and v > 0.0:
         return x, -pt.R * v, False
-    return x, v, x == pt.clearance and v == 0.0 and pressing(0.0, pt) > 0.0
+    return x, v, x == pt.clearance and v == 0.0 and pressing(s, pt) > 0.0
 
 
 @jit(inline=True)

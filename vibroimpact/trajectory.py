@@ -9,15 +9,12 @@ from typing import Any
 import numpy as np
 
 from vibroimpact.attractors import resolve
-from vibroimpact.exact_impacts import Lane, guard
-from vibroimpact.flight import TERMS, fill_rows
 from vibroimpact.impacts import EXACT, PLAIN
-from vibroimpact.integrators import affine_map
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.phases import COS, SIN, THETA, lead_in, one_period
+from vibroimpact.phases import THETA, lead_in, one_period, sine_at_start
 from vibroimpact.status import Status
-from vibroimpact.stepping import take_step
+from vibroimpact.stepping import advance, prepare
 from vibroimpact.stop import (
     DISPLACEMENT,
     IMPACT,
@@ -89,46 +86,25 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
 
 
 @jit
-def _put_start(log, pt, resting):
-    """Write the rows at t = 0: the state, or both sides of an impact at once."""
+def _put_start(log, t, pt, resting):
+    """Write the rows at the start, at time `t`: the state, or both sides of an impact at once."""
     if pt.x0 >= pt.clearance and pt.v0 > 0.0:
-        n = _put(log, 0, IMPACT, 0.0, pt.x0, pt.v0)
-        return _put(log, n, _STATE, 0.0, pt.x0, -pt.R * pt.v0)
-    return _put(log, 0, REST if resting else _STATE, 0.0, pt.x0, pt.v0)
-
-
-@jit
-def _prepare(integrator, steps, pt):
-    """Return the affine map of a step, and the Taylor rows and guard of the rule ``exact``."""
-    T = steps.step / pt.omega
-    rows = np.empty((4, TERMS))
-    fill_rows(rows, T, pt)
-    along_x, along_v, along_f = guard(T, pt)
-    m = affine_map(integrator, T, pt)
-    return (m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), Lane(rows, along_x, along_v, along_f)
-
-
-@jit
-def _advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
-    """Step `n` of a run of steps; returns as ``take_step`` does."""
-    to_x, to_v, lane = prepared
-    theta, s, c = steps.table[THETA, n], steps.table[SIN, n], steps.table[COS, n]
-    return take_step(
-        rule, integrator, to_x, to_v, x, v, resting, theta, s, c, steps.step, pt, lane, scratch
-    )
+        n = _put(log, 0, IMPACT, t, pt.x0, pt.v0)
+        return _put(log, n, _STATE, t, pt.x0, -pt.R * pt.v0)
+    return _put(log, 0, REST if resting else _STATE, t, pt.x0, pt.v0)
 
 
 @jit
 def _approach(rule, integrator, lead, grid, transient, pt, scratch):
-    """Run from t = 0 to the start of the record: state, whether at rest, and status."""
-    x, v, resting = start(pt)
+    """Run from the start to the start of the record: state, whether at rest, and status."""
+    x, v, resting = start(pt, sine_at_start(lead, grid))
     resting = resting and rule != PLAIN
     status = 0
     for k in range(-1, transient):
         steps = lead if k < 0 else grid
-        prepared = _prepare(integrator, steps, pt)
+        prepared = prepare(integrator, steps, pt)
         for n in range(steps.table.shape[1]):
-            x, v, resting, _, _, outcome, _ = _advance(
+            x, v, resting, _, _, outcome, _ = advance(
                 rule, integrator, prepared, x, v, resting, steps, n, pt, scratch
             )
             status = max(status, outcome)
@@ -148,10 +124,10 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
     scratch = new_scratch()
     x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, scratch)
     size, T = grid.table.shape[1], grid.step / pt.omega
-    prepared = _prepare(integrator, grid, pt)
+    prepared = prepare(integrator, grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
-    if t == 0.0:
-        rows = _put_start(log, pt, resting)
+    if transient == 0 and lead.table.shape[1] == 0:
+        rows = _put_start(log, t, pt, resting)
     else:
         rows = _put(log, 0, REST if resting else _STATE, t, x, v)
     for k in range(transient, transient + periods):
@@ -159,7 +135,7 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
             last = n + 1 == size
             theta_T = 2.0 * math.pi + grid.table[THETA, 0] if last else grid.table[THETA, n + 1]
             t_T = (2.0 * math.pi * k + theta_T) / pt.omega
-            x, v, resting, n_events, _, outcome, _ = _advance(
+            x, v, resting, n_events, _, outcome, _ = advance(
                 rule, integrator, prepared, x, v, resting, grid, n, pt, scratch
             )
             status = max(status, outcome)
@@ -182,9 +158,10 @@ def trace(
     transient: int = 0,
     periods: int,
     phase: float = 0.0,
+    at_section: bool = False,
     every: int = 1,
 ) -> tuple[np.ndarray, Status]:
-    """Log the motion of one parameter point; arguments as for ``kernel.integrate``.
+    """Log the motion of one parameter point; arguments as for ``attractors.integrate``.
 
     Parameters
     ----------
@@ -199,7 +176,7 @@ def trace(
     status : Status
     """
     rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
-    lead, grid = lead_in(phase, n_steps), one_period(phase, n_steps)
+    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):

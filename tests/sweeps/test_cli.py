@@ -238,20 +238,20 @@ def test_what_became_of_the_points_is_told(monkeypatch, folder):
     assert "10 points, all certified: every impact found, none missed in " in done(
         "run", "small.yaml"
     )
-    compute = runner.compute
+    compute = runner.compute_block
 
     def settled(*arguments):
         results = compute(*arguments)
         results["status"][:2] = [Status.SETTLED, Status.COMPUTED]
         return results
 
-    monkeypatch.setattr(runner, "compute", settled)
+    monkeypatch.setattr(runner, "compute_block", settled)
     done("run", "small.yaml", "--quiet", "--overwrite")
     assert re.search(
         rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
         done("info", "small.h5"),
     )
-    monkeypatch.setattr(runner, "compute", compute)
+    monkeypatch.setattr(runner, "compute_block", compute)
     printed = done("run", "small.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
 

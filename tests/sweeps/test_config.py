@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from sweeps import config as config_module
-from sweeps.config import OscillatorSection, StartSection, json_schema
+from sweeps.config import json_schema
 from sweeps.loading import ConfigError, load_config
+from sweeps.sections import OscillatorSection, StartSection
 from vibroimpact.flight import LONGEST_STEP
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.integrators import INTEGRATORS

@@ -98,10 +98,15 @@ def data(path):
     return dataset.drop_attrs(deep=False)
 
 
+# 520 points in two directions, in three blocks.
+FOLLOWED = [
+    "follow={axis: omega, direction: both}",
+    "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 260}, omega: [2.4, 3.0], f: 1}",
+]
 TRAJECTORY = "record={transient: 50, periods: 10, trajectory: {every: 5}}"
 
 
-@pytest.mark.parametrize("changed", [[], ["compression=gzip", TRAJECTORY]])
+@pytest.mark.parametrize("changed", [[], ["compression=gzip", TRAJECTORY], FOLLOWED])
 def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(changed):
     options = [part for change in changed for part in ("--set", change)]
     assert ended(run("-o", "whole.h5", "--quiet", *options)) == (0, "")

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 from sweeps import load_config, open_sweep
 from sweeps.bench import costs
 from sweeps.cli import app
-from sweeps.config import MethodSection
 from sweeps.grid import Grid
 from sweeps.loading import ConfigError
 from sweeps.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, choose
 from sweeps.reference import Reference
+from sweeps.sections import MethodSection
 
 # The motion rests in every period; meets the stop never; and has flips, chaos and windows.
 SCENES = {

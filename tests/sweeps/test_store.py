@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.config import DIAGNOSTICS
 from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Grid
 from sweeps.layout import FORMAT_VERSION, Layout, create
+from sweeps.sections import DIAGNOSTICS
 from sweeps.store import check_output, open_sweep, status_counts
 from sweeps.variables import VARIABLES, bytes_per_point, held_variables
 from sweeps.writer import sweep_writer

@@ -232,12 +232,14 @@ def test_what_counts_as_crossing():
 
 def test_the_rule_on_the_start():
     """An approach on the stop is an impact at once; pressed and at rest is rest."""
-    assert start(point(v0=1.0, R=0.8)) == (0.0, -0.8, False)
-    assert start(point(v0=-1.0, R=0.8)) == (0.0, -1.0, False)
-    assert start(point(x0=-0.1, v0=1.0)) == (-0.1, 1.0, False)
-    assert start(point()) == (0.0, 0.0, False)
-    assert start(point(x0=-0.5, clearance=-0.5)) == (-0.5, 0.0, True)
-    assert start(point(x0=0.5, clearance=0.5)) == (0.5, 0.0, False)
+    assert start(point(v0=1.0, R=0.8), 0.0) == (0.0, -0.8, False)
+    assert start(point(v0=-1.0, R=0.8), 0.0) == (0.0, -1.0, False)
+    assert start(point(x0=-0.1, v0=1.0), 0.0) == (-0.1, 1.0, False)
+    assert start(point(), 0.0) == (0.0, 0.0, False)
+    assert start(point(x0=-0.5, clearance=-0.5), 0.0) == (-0.5, 0.0, True)
+    assert start(point(x0=0.5, clearance=0.5), 0.0) == (0.5, 0.0, False)
+    assert start(point(), 1.0) == (0.0, 0.0, False)  # later in the period the force pulls
+    assert start(point(), -1.0) == (0.0, 0.0, True)  # or presses
 
 
 @pytest.mark.parametrize("level", [-0.9, -0.3, 0.0, 0.3, 0.9, 0.999999])

@@ -11,6 +11,7 @@ from vibroimpact.attractors import default_steps, integrate
 from vibroimpact.impacts import IMPACT_RULES
 from vibroimpact.kernel import LANES
 from vibroimpact.oscillator import POINT
+from vibroimpact.trajectory import trajectories
 
 # One integrator for every rule.
 METHODS = pytest.mark.parametrize(
@@ -372,3 +373,35 @@ def test_what_the_exact_rule_needs_is_said():
         assert default_steps(points, rule) == 100
         with pytest.raises(ValueError, match="lyapunov needs the impact rule 'exact'"):
             integrate(points, impact=rule, lyapunov=True)
+
+
+@METHODS
+@pytest.mark.parametrize("phase", [0.0, 1.3, 4.0])
+def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrator, phase):
+    """To the bit, in chatter and rest, too; the log of one point as the lanes."""
+    points = random_points(3 * LANES)
+    points[0] = one(h=0.0, R=0.3, omega=0.3)[0]  # at rest at some sections
+    common = {"integrator": integrator, "impact": rule, "phase": phase, "impacts": 0}
+    common["steps_per_period"] = default_steps(points, rule, integrator)
+    whole = integrate(points, transient=2, periods=12, **common)
+    first = integrate(points, transient=2, periods=5, **common)
+    points["x0"], points["v0"] = first["poincare_x"][:, -1], first["poincare_v"][:, -1]
+    second = integrate(points, transient=3, periods=4, at_section=True, **common)
+    for name in ("poincare_x", "poincare_v"):
+        np.testing.assert_array_equal(second[name], whole[name][:, 8:])
+    del common["impacts"]
+    begin = trajectories(points, transient=0, periods=1, at_section=True, **common)
+    assert (begin["trajectory_t"][:, 0] == phase / points["omega"]).all()
+    np.testing.assert_array_equal(begin["trajectory_x"][:, 0], points["x0"])
+    for i, x in enumerate(begin["trajectory_x"]):
+        assert x[np.isfinite(x)][-1] == whole["poincare_x"][i, 5]
+
+
+def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
+    point = one(R=0.5, v0=1.0)
+    log = trajectories(
+        point, integrator="exact", impact="exact", steps_per_period=None, periods=1, phase=2.0,
+        at_section=True,
+    )  # fmt: skip
+    assert log["trajectory_v"][0, :2].tolist() == [1.0, -0.5]
+    assert (log["trajectory_t"][0, :2] == 2.0 / point["omega"]).all()

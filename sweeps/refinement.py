@@ -1,0 +1,106 @@
+"""Further points where the class of the motion changes along an axis, to bracket the change.
+
+The interval between two neighbours of different classes is halved, again and again, and the half
+goes on whose ends still differ; both do where the class in the middle is a third one. What the
+class is, beside a bifurcation, ``settling.py`` says. An interval in whose middle it is not known is
+left as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import xarray as xr
+
+from sweeps.changes import Label, changes, labels
+from sweeps.config import SweepConfig
+from sweeps.settling import Point, Results, Settling
+from sweeps.variables import VARIABLES
+
+#: Intervals that are halved at the same time, at most: a chaotic range has windows everywhere.
+MOST_INTERVALS = 1000
+
+Interval = tuple[Point, Point]
+
+
+class Refinement:
+    """The refinement of a sweep whose grid is computed; iterating over it halves the intervals.
+
+    Parameters
+    ----------
+    config : SweepConfig
+        With ``refine``. Where the axis is followed, a new point starts from the neighbour that
+        comes before it.
+    line : Dataset
+        The computed sweep.
+    threads : int, optional
+
+    Attributes
+    ----------
+    intervals : list of tuple of Point
+        Those that are halved next.
+    points : dict of float to mapping
+        By the value of the axis, the results to put into the file: of new points, and of those
+        of the grid whose record does not show the class of the attractor.
+    """
+
+    def __init__(self, config: SweepConfig, line: xr.Dataset, threads: int | None = None) -> None:
+        assert config.refine is not None
+        self._levels, self._axis = config.refine.levels, config.refine.axis
+        self._followed = config.follow.direction if config.follow else None
+        self._settling = Settling(config, self._axis, threads)
+        self.points: dict[float, Results] = {}
+        self.intervals = list(_intervals(list(self._grid(line))))
+
+    def __iter__(self) -> Iterator[int]:
+        """Yield the number of each level, when its intervals are halved."""
+        for level in range(1, self._levels + 1):
+            if self.intervals:
+                self._halve()
+                yield level
+
+    def _grid(self, line: xr.Dataset) -> Iterator[Point]:
+        """Yield the points of the grid beside a change of class, with the attractors' classes."""
+        values, classes = line[self._axis].values, labels(line)
+        found: dict[int, Point] = {}
+        while beside := _beside_changes(values, classes) - set(found):
+            at = sorted(beside)
+            results = {
+                name: line[name].isel({self._axis: at}).values for name in VARIABLES if name in line
+            }
+            for i, point in zip(at, self._settling.classified(values[at], results), strict=True):
+                if point.label not in (None, classes[i]):
+                    self.points[point.value] = point.results
+                found[i], classes[i] = point, point.label
+        for i in sorted(found):
+            yield found[i]
+
+    def _halve(self) -> None:
+        middles = np.array([0.5 * (low.value + high.value) for low, high in self.intervals])
+        starts = None
+        if self._followed:
+            first = 0 if self._followed == "up" else 1
+            starts = np.array([interval[first].state for interval in self.intervals])
+        halves: list[Interval] = []
+        found = self._settling.computed(middles, starts)
+        for (low, high), middle in zip(self.intervals, found, strict=True):
+            if middle.value in (low.value, high.value):  # they are next to each other
+                continue
+            self.points[middle.value] = middle.results
+            halves += _intervals([low, middle, high]) if middle.label else ()
+        self.intervals = halves[:MOST_INTERVALS]
+
+
+def _beside_changes(values: np.ndarray, classes: Sequence[Label | None]) -> set[int]:
+    """Return the indices of the values on either side of a change of class."""
+    ends = [end for change in changes(values, classes) for end in (change.low, change.high)]
+    return set(np.flatnonzero(np.isin(values, ends)).tolist())
+
+
+def _intervals(points: Sequence[Point]) -> Iterator[Interval]:
+    """Yield the neighbours of different classes, among the points whose class is known."""
+    values = np.array([point.value for point in points])
+    by_value = {point.value: point for point in points}
+    for change in changes(values, [point.label for point in points]):
+        yield by_value[change.low], by_value[change.high]

@@ -1,0 +1,529 @@
+"""A sweep in which each point starts from its neighbour: chains, blocks, files, coexistence."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+from typer.testing import CliRunner
+
+import sweeps
+from sweeps import limits, load_config, open_sweep, run_sweep, runner
+from sweeps.cli import app
+from sweeps.compute import compute, compute_block
+from sweeps.errors import StoreError
+from sweeps.following import follow
+from sweeps.grid import Grid
+from sweeps.limits import block_size, estimate
+from sweeps.loading import ConfigError
+from sweeps.scaling import scales_with_f
+from vibroimpact import Oscillator, Status, one_impact_orbit
+from vibroimpact.attractors import integrate
+from vibroimpact.orbits import bifurcation
+from vibroimpact.trajectory import trajectories
+
+CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
+SWEEP = {
+    "oscillator": {
+        "h": 0.05,
+        "R": [0.8, 0.5, 0.6],
+        "omega": [2.7, 0.6, 2.4, 2.65, 1.3],
+        "f": 1.0,
+        "clearance": [0.0, 0.4],
+    },
+    "follow": {"axis": "omega", "direction": "both"},
+    "record": {
+        "transient": 7,
+        "periods": 6,
+        "impacts": 5,
+        "trajectory": {"every": 6},
+        "diagnostics": ["period", "lyapunov"],
+    },
+}
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch):
+    """Work in an empty folder, and load the sweep with changes from there."""
+    monkeypatch.chdir(tmp_path)
+
+    def _load(*changes, sweep=SWEEP):
+        Path("sweep.yaml").write_text(yaml.safe_dump(sweep, sort_keys=False))
+        return load_config("sweep.yaml", changes)
+
+    return _load
+
+
+def whole(config):
+    """The block of the whole file of a sweep."""
+    block = tuple(slice(0, n) for n in config.grid.shape)
+    return (slice(0, 2), *block) if len(config.directions) == 2 else block
+
+
+def data(path):
+    with open_sweep(path) as dataset:
+        dataset.load()
+    return dataset.drop_attrs(deep=False)
+
+
+def ran(config, path="out.h5"):
+    return data(run_sweep(config, path, overwrite=True))
+
+
+def by_hand(config, point, axis, values):
+    """Yield the results along one chain, each from a call of its own."""
+    record, method = config.record, config.method
+    common = {
+        "integrator": method.integrator,
+        "impact": method.impact,
+        "steps_per_period": config.steps,
+        "transient": record.transient,
+        "periods": record.periods,
+        "phase": record.phase,
+    }
+    state = None
+    for value in values:
+        here = point.copy()
+        here[axis] = value
+        if state is not None:
+            here["x0"], here["v0"] = min(state[0], float(here["clearance"][0])), state[1]
+        found = integrate(
+            here, impacts=record.impacts, lyapunov=True, at_section=state is not None, **common
+        )
+        if record.trajectory:
+            found |= trajectories(
+                here, every=record.trajectory.every, at_section=state is not None, **common
+            )
+        state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
+        yield value, found
+
+
+# What a chain is
+
+
+@pytest.mark.parametrize("phase", [0, 1.3])
+@pytest.mark.parametrize("axis", ["omega", "R", "clearance"])
+def test_a_chain_is_what_calls_by_hand_give(load, axis, phase):
+    """To the bit, whatever the order in the file; the other axes and the directions apart."""
+    config = load(f"record.phase={phase}", f"follow.axis={axis}")
+    dataset = ran(config)
+    assert dataset["poincare_x"].dims == ("direction", "R", "omega", "clearance", "section")
+    others = [name for name in config.grid.axes if name != axis]
+    for way in ("up", "down"):
+        order = sorted(config.grid.axes[axis], reverse=way == "down")
+        for corner in ((0, 0), (1, 1)):
+            at = dict(zip(others, corner, strict=True))
+            chain = dataset.sel(direction=way).isel(at)
+            point = config.grid.points((slice(0, 1),) * 3)
+            for name in others:
+                point[name] = config.grid.axes[name][at[name]]
+            for value, found in by_hand(config, point, axis, order):
+                for name, expected in found.items():
+                    given = chain[name].sel({axis: value}).values
+                    if name.startswith("trajectory"):
+                        assert np.isnan(given[expected.shape[1] :]).all()
+                        given = given[: expected.shape[1]]
+                    np.testing.assert_array_equal(given, expected[0], err_msg=name)
+
+
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_one_direction_has_no_dimension_and_is_that_of_both(load, way):
+    both = ran(load()).sel(direction=way, drop=True)
+    one = ran(load(f"follow.direction={way}"))
+    assert "direction" not in one.coords
+    xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
+
+
+def test_the_first_point_of_a_chain_starts_as_every_point(load):
+    followed, alone = ran(load()), ran(load("follow=null"))
+    for way, first in (("up", 0.6), ("down", 2.7)):
+        chain = followed.sel(direction=way, omega=first, drop=True)
+        xr.testing.assert_equal(chain, alone.sel(omega=first, drop=True))
+        later = followed["poincare_x"].sel(direction=way, omega=2.4)
+        assert (later != alone["poincare_x"].sel(omega=2.4)).any()
+
+
+def test_a_start_that_is_swept_starts_chains_of_its_own(load):
+    config = load("start.x0=[-1, -0.2]", "record.trajectory=false")
+    assert ran(config)["poincare_x"].sizes["x0"] == 2
+
+
+def test_a_stop_that_moves_past_the_mass_takes_it_along(load):
+    """At rest under a steady push (f = 0 and a stop below x = 0) the mass lies on each stop."""
+    config = load(
+        "oscillator={h: 0.5, R: 0.3, omega: 1, f: 0, clearance: [-0.1, -0.2, -0.3]}",
+        "start.x0=-0.4",
+        "follow={axis: clearance, direction: down}",
+        "record={transient: 0, periods: 4, trajectory: {every: 1}}",
+    )
+    dataset = ran(config)
+    assert dataset["impacts_per_period"].sel(clearance=-0.1) > 0  # it falls onto the first
+    for clearance in (-0.2, -0.3):
+        here = dataset.sel(clearance=clearance)
+        x, v = (here[name].dropna("sample") for name in ("trajectory_x", "trajectory_v"))
+        assert (x == clearance).all() and (v == 0.0).all()
+        assert here["rest_fraction"] == 1.0 and here["max_penetration"] == 0.0
+
+
+# Failing neighbours
+
+# Unstable at p = 12 and 15, where the state overflows.
+UNSTABLE = (
+    "oscillator={h: 0.5, R: 0.8, omega: 1, f: 1, p: [1, 1.5, 12, 1.2, 15]}",
+    "method={integrator: euler, impact: plain, steps_per_period: 40, allow_unstable: true}",
+    "record={transient: 0, periods: 500}",
+)
+
+
+def test_after_a_failure_a_chain_begins_anew(load):
+    config = load(*UNSTABLE, "follow={axis: p, direction: down}")
+    followed = ran(config)
+    alone = ran(load(*UNSTABLE, "follow=null"))
+    assert (followed["status"].sel(p=[15.0, 12.0]) == Status.NON_FINITE).all()
+    assert np.isfinite(followed["poincare_x"].sel(p=[1.5, 1.2, 1.0])).all()
+    xr.testing.assert_equal(followed.sel(p=[15.0, 12.0, 1.5]), alone.sel(p=[15.0, 12.0, 1.5]))
+    assert not followed.sel(p=1.2).equals(alone.sel(p=1.2))
+
+
+@pytest.mark.parametrize("status", [Status.UNRESOLVED, Status.NON_FINITE, Status.COMPUTED])
+def test_only_the_chain_that_failed_begins_anew(load, status):
+    """Seen by what the kernel is given: the state before, or the start; a NaN is no state."""
+    config = load("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
+    calls = []
+
+    def run(points, at_section):
+        calls.append((at_section, points[["R", "omega", "x0", "v0"]].tolist()))
+        fails = (points["R"] == 0.5) & (points["omega"] == 1.3)
+        x = np.where(fails & (status == Status.COMPUTED), math.nan, -points["omega"])
+        return {
+            "poincare_x": np.stack([x + 9.0, x], axis=1),
+            "poincare_v": np.stack([x, points["R"]], axis=1),
+            "status": np.where(fails, status, Status.COMPUTED).astype(np.int8),
+        }
+
+    counted = []
+    results = follow(config, whole(config), run, counted.append)
+    assert counted == [3] * 5
+    assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])
+    assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.8, 0.5, 0.6)])
+    assert calls[2] == (True, [(R, 2.4, -1.3, R) for R in (0.8, 0.6)])
+    assert calls[3] == (False, [(0.5, 2.4, -1.0, 0.0)])
+    assert calls[4] == (True, [(R, 2.65, -2.4, R) for R in (0.8, 0.5, 0.6)])
+    found = results["poincare_v"].reshape(3, 5, 2)[:, :, 1]
+    np.testing.assert_array_equal(found, np.broadcast_to([[0.8], [0.5], [0.6]], (3, 5)))
+
+
+# Blocks, threads, files
+
+
+@pytest.mark.parametrize(("size", "direction"), [(3, "both"), (10, "both"), (15, "down")])
+def test_neither_blocks_nor_threads_change_the_data(load, monkeypatch, size, direction):
+    config = load(f"follow.direction={direction}")
+    expected = ran(config)
+    monkeypatch.setattr(runner, "block_size", lambda _: size)
+    for threads in (1, 2):
+        run_sweep(config, "blocks.h5", threads=threads, overwrite=True)
+        xr.testing.assert_identical(data("blocks.h5"), expected)
+    packed = load(f"follow.direction={direction}", "compression=gzip")
+    xr.testing.assert_identical(ran(packed, "packed.h5"), expected)
+
+
+def test_an_interrupted_run_goes_on_to_the_same_data(load, monkeypatch):
+    config = load()
+    expected = ran(config)
+    monkeypatch.setattr(runner, "block_size", lambda _: 5)
+    done = []
+
+    def stopping(*arguments):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(arguments[1])
+        return compute_block(*arguments)
+
+    monkeypatch.setattr(runner, "compute_block", stopping)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(config, "stopped.h5")
+    with open_sweep("stopped.h5") as dataset:
+        missing = (dataset["status"] == Status.PENDING).values
+        assert missing.sum() == 4 * 2 * 5  # chains, directions, points
+        assert (missing == missing[:1, :, :1]).all()  # no chain in part
+    monkeypatch.setattr(runner, "compute_block", compute_block)
+    run_sweep(config, "stopped.h5", resume=True)
+    xr.testing.assert_identical(data("stopped.h5"), expected)
+    with pytest.raises(StoreError, match=r"follow\.direction was both and is up"):
+        run_sweep(load("follow.direction=up"), "stopped.h5", resume=True)
+    with pytest.raises(StoreError, match=r"follow\.axis was omega and is not given"):
+        run_sweep(load("follow=null"), "stopped.h5", resume=True)
+
+
+def test_a_damaged_block_is_named_and_computed_again(load, monkeypatch):
+    monkeypatch.setattr(runner, "block_size", lambda _: 5)
+    config = load()
+    expected = ran(config)
+    content = bytearray(Path("out.h5").read_bytes())
+    place = content.find(expected["poincare_x"].sel(direction="down").values[1].tobytes())
+    content[place + 3] ^= 1
+    Path("out.h5").write_bytes(content)
+    with pytest.raises(StoreError, match=r"block 2 \(R 0\.5 to 0\.5, clearance 0 to 0\) of 6"):
+        open_sweep("out.h5")
+    run_sweep(config, "out.h5", resume=True)
+    xr.testing.assert_identical(data("out.h5"), expected)
+
+
+def test_any_reader_finds_a_direction_by_its_name(load):
+    ran(load())
+    with xr.open_dataset("out.h5", engine="h5netcdf") as dataset, open_sweep("out.h5") as ours:
+        xr.testing.assert_identical(dataset, ours)
+        assert dataset["direction"].values.tolist() == ["up", "down"]
+        assert dataset.sel(direction="down")["status"].shape == (3, 5, 2)
+        assert "followed" in dataset["direction"].attrs["long_name"]
+    again = yaml.safe_load(dataset.attrs["configuration"])
+    assert again["follow"] == {"axis": "omega", "direction": "both"}
+    assert "follow" not in yaml.safe_load(load("follow=null").to_yaml())
+
+
+def test_points_are_counted_in_each_direction(load):
+    load()
+    printed = CliRunner().invoke(app, ["run", "sweep.yaml", "--dry-run"]).stdout
+    assert "follow            omega, up and down\n" in printed
+    assert "points            60\n" in printed and "forcing periods   780\n" in printed
+    result = CliRunner().invoke(app, ["run", "sweep.yaml", "-o", "out.h5"])
+    assert result.stdout.startswith("out.h5: 60 points")
+    assert "60/60 points" in result.stderr
+    shown = CliRunner().invoke(app, ["info", "out.h5"]).stdout
+    assert "direction = up, down\n" in shown
+    assert "status (direction: 2, R: 3, omega: 5, clearance: 2)" in shown
+
+
+def test_the_points_of_a_long_block_are_told_as_they_come(load):
+    config = load()
+    told = []
+    results = compute_block(config, whole(config), None, told.append)
+    assert told == [12] * 5 and len(results["status"]) == 60
+    alone, told = load("follow=null"), []
+    results = compute_block(alone, whole(alone), None, told.append)
+    assert told == [30]
+    expected = compute(alone, alone.grid.points(whole(alone)), None)
+    np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
+
+
+def test_a_run_that_was_left_computes_no_further_in_its_block(load, monkeypatch):
+    calls = []
+
+    def computing(config, block, threads, advance):
+        def told(points):
+            calls.append(points)
+            if len(calls) == 2:
+                display[0].__exit__()
+            advance(points)
+
+        return compute_block(config, block, threads, told)
+
+    display = []
+    entered = runner._Display.__enter__
+    monkeypatch.setattr(runner._Display, "__enter__", lambda d: display.append(d) or entered(d))
+    monkeypatch.setattr(runner, "compute_block", computing)
+    with pytest.raises(RuntimeError, match="left"):
+        run_sweep(load(), "out.h5")
+    assert len(calls) == 2
+
+
+# Memory
+
+
+def test_a_block_holds_whole_chains(load, monkeypatch):
+    long = "oscillator.omega={start: 1, stop: 2, num: 3000}"
+    many = load(long, "oscillator.R={start: 0.5, stop: 0.8, num: 100}")
+    for memory in (10**11, 10**9):
+        monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
+        size = block_size(many)
+        assert size % 3000 == 0
+        assert estimate(many).memory <= memory
+        for block in many.grid.blocks(size, whole="omega", at_any_size=True):
+            assert block[1] == slice(0, 3000)
+    monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)
+    told = r"one chain of 3,000 points, followed up and down along omega, takes about .* of memory"
+    with pytest.raises(StoreError, match=told):
+        run_sweep(many, "out.h5")
+    assert not Path("out.h5").exists()
+
+
+def test_the_memory_and_the_file_that_are_told_are_those_of_both_directions(load):
+    config = load("record.trajectory=false")
+    arrays = sum(a.nbytes for a in compute_block(config, whole(config), None).values())
+    cost = estimate(config)
+    assert cost.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
+    assert cost.file <= run_sweep(config, "out.h5").stat().st_size <= cost.file + 100_000
+
+
+def test_an_axis_is_not_split_at_any_size():
+    grid = Grid({"h": np.arange(3.0), "f": np.arange(4.0), "omega": np.arange(5.0)}, {})
+    for size in (1, 4, 9, 100):
+        seen = np.zeros(grid.shape, int)
+        for block in grid.blocks(size, whole="f", at_any_size=True):
+            assert block[1] == slice(0, 4)
+            assert seen[block].size <= max(size, 4)
+            seen[block] += 1
+        assert (seen == 1).all()
+
+
+# What else a sweep can ask for
+
+
+def test_a_followed_sweep_is_not_scaled(load):
+    changes = ["oscillator.f=[0.5, 1]", "oscillator.clearance=0"]
+    config = load(*changes)
+    assert not scales_with_f(config) and scales_with_f(load(*changes, "follow=null"))
+    run_sweep(config, "out.h5")
+    with open_sweep("out.h5") as dataset:
+        assert "scaled_along" not in dataset.attrs
+
+
+def test_an_accuracy_chooses_the_method_of_a_followed_sweep(load):
+    config = load("method={accuracy: 1e-3}", "record.trajectory=false", "record.diagnostics=[]")
+    run_sweep(config, "out.h5")
+    with open_sweep("out.h5") as dataset:
+        again = yaml.safe_load(dataset.attrs["configuration"])
+        assert "pilot" in dataset.attrs and again["follow"]["axis"] == "omega"
+        assert dataset["status"].shape == (2, 3, 5, 2)
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("follow", "message"),
+    [
+        ("{axis: omgea}", r"line 2: follow\.axis = omgea is unknown \(did you mean omega\?\)"
+         r"; expected: .* a swept parameter out of h, R, omega, f, p, clearance"),
+        ("{axis: x0}", r"line 2: follow\.axis = x0 is a start, which every point but the first has "
+         r"from its neighbour; expected: .* h, R, omega, f, p, clearance"),
+        ("{axis: v0}", r"follow\.axis = v0 is a start"),
+        ("{axis: h}", r"line 2: follow\.axis: h has only one value, so that there is nothing to "
+         r"follow; expected: a swept axis out of R, omega$"),
+        ("{axis: f}", r"line 2: follow\.axis: f has only one value"),
+        ("{direction: up}", r"line 2: follow\.axis is missing; expected: axis along which"),
+        ("{axis: omega, direction: upp}", r"line 2: follow\.direction = upp is unknown "
+         r"\(did you mean up\?\); expected: .*: up, down, both"),
+        ("{axis: omega, directoin: up}", r"line 2: unknown key follow\.directoin \(did you mean "
+         r"direction\?\); expected: a mapping with keys among axis, direction"),
+        ("omega", r"line 2: follow = omega is not allowed; expected: .* a mapping with keys among "
+         r"axis, direction, or null"),
+        ("[omega]", r"line 2: follow = \[omega\] is not allowed"),
+        ("{axis: [omega]}", r"line 2: follow\.axis = \[omega\] is not allowed"),
+        ("{}", r"line 2: follow\.axis is missing"),
+    ],
+)  # fmt: skip
+def test_bad_input(tmp_path, follow, message):
+    path = tmp_path / "sweep.yaml"
+    lines = "oscillator: {h: 0.1, R: [0.8, 0.7], omega: {start: 1, stop: 2, num: 5}, f: [1, 1]}\n"
+    path.write_text(f"{lines}follow: {follow}\n")
+    with pytest.raises(ConfigError, match=message):
+        load_config(path)
+
+
+def test_a_single_point_cannot_be_followed(tmp_path):
+    path = tmp_path / "sweep.yaml"
+    path.write_text("oscillator: {h: 0.1, R: 0.8, omega: 1, f: 1}\nfollow: {axis: omega}\n")
+    with pytest.raises(ConfigError, match="expected: an axis that is swept"):
+        load_config(path)
+
+
+# Physics
+
+
+def test_where_attractors_coexist_the_directions_differ(load):
+    """model.md, section 3: at omega = 1.3 period 1, and period 2 with three impacts."""
+    sweep = {
+        "oscillator": {
+            "h": 0.0,
+            "R": 0.8,
+            "omega": {"start": 1.29, "stop": 1.5, "num": 22},
+            "f": 1,
+        },
+        "follow": {"axis": "omega", "direction": "both"},
+        "record": {"transient": 400, "periods": 40, "impacts": 6, "diagnostics": ["period"]},
+    }
+    dataset = ran(load(sweep=sweep))
+    at = dataset.sel(omega=1.3, method="nearest")
+    up, down = at.sel(direction="up"), at.sel(direction="down")
+    assert (up["period"], up["period_impacts"]) == (2, 3)
+    assert (down["period"], down["period_impacts"]) == (1, 1)
+    np.testing.assert_allclose(np.unique(down["impact_v"].round(4)), [1.4225])
+    np.testing.assert_allclose(np.unique(up["impact_v"].round(4)), [0.7030, 1.1145, 2.2536])
+    # Where only one is left the directions agree.
+    ends = dataset["impact_v"].sel(omega=slice(1.4, None))
+    np.testing.assert_allclose(ends.sel(direction="up"), ends.sel(direction="down"), rtol=1e-6)
+
+
+def test_a_followed_sweep_keeps_to_the_closed_form_branch_up_to_its_flip(load):
+    """Steps of 1e-3 in omega; the flip is the one of model.md, at 2.65888454668484."""
+    sweep = {
+        "oscillator": {
+            "h": 0.05,
+            "R": 0.8,
+            "omega": {"start": 2.6, "stop": 2.68, "num": 81},
+            "f": 1,
+        },
+        "follow": {"axis": "omega"},
+        "record": {"transient": 400, "periods": 20, "impacts": 4, "diagnostics": ["period"]},
+    }
+    dataset = ran(load(sweep=sweep))
+    assert "direction" not in dataset.coords
+    flip = 2.65888454668484
+    for omega, v in dataset["impact_v"].groupby("omega"):
+        exact = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=omega, f=1.0)).v
+        apart = np.abs(v - exact).max()
+        if abs(omega - flip) > 0.004:
+            assert (apart < 1e-9) == (omega < flip)
+    omega = dataset["omega"].values
+    np.testing.assert_array_equal(
+        dataset["period"].values[np.abs(omega - flip) > 0.004],
+        np.where(omega < flip, 1, 2)[np.abs(omega - flip) > 0.004],
+    )
+
+
+@pytest.fixture(scope="module")
+def hysteresis(tmp_path_factory):
+    """The scene."""
+    path = tmp_path_factory.mktemp("scene") / "hysteresis.h5"
+    run_sweep(load_config(CONFIGS / "hysteresis.yaml"), path)
+    return data(path)
+
+
+def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
+    """The free amplitude f / sqrt D is the clearance at a graze; folds are in closed form."""
+    osc = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.5)
+    # (1 - w^2)^2 + 4 h^2 w^2 = (f / clearance)^2, quadratic in w^2.
+    middle, product = 1.0 - 2.0 * osc.h**2, 1.0 - (osc.f / osc.clearance) ** 2
+    reach = math.sqrt(middle**2 - product)
+    graze = math.sqrt(middle - reach), math.sqrt(middle + reach)
+    fold = [bifurcation(osc, "fold", "omega", *ends) for ends in ((0.5, 0.55), (1.6, 1.7))]
+    omega = hysteresis["omega"].values
+    met = hysteresis["impacts_per_period"] > 0
+    up, down = met.sel(direction="up").values, met.sel(direction="down").values
+    step = omega[1] - omega[0]
+    # Just before it grazes, the free motion is shaken into impacts by the step along the axis.
+    for hit, low, high in ((up, graze[0], fold[1]), (down, fold[0], graze[1])):
+        inside = omega[hit]
+        assert (np.flatnonzero(hit) == np.arange(hit.argmax(), hit.argmax() + hit.sum())).all()
+        assert inside.min() == pytest.approx(low, abs=1.5 * step)
+        assert inside.max() == pytest.approx(high, abs=1.5 * step)
+    assert [round(value, 4) for value in (*fold, *graze)] == [0.5251, 1.6504, 0.5795, 1.2861]
+    assert (up != down).sum() == pytest.approx((1.6504 - 1.2861 + 0.5795 - 0.5251) / step, abs=4)
+
+
+def test_only_the_way_up_reaches_the_closed_form_branch_beyond_the_graze(hysteresis):
+    beyond = hysteresis.sel(omega=slice(1.29, 1.64))
+    for value in beyond["omega"].values[::25]:
+        exact = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=value, f=1.0, clearance=1.5)).v
+        found = beyond["impact_v"].sel(omega=value, direction="up").dropna("impact")
+        assert len(found) == 60
+        np.testing.assert_allclose(found, exact, rtol=1e-11)
+    free = beyond["poincare_x"].sel(direction="down")
+    w = beyond["omega"].values
+    D = (1.0 - w**2) ** 2 + 4.0 * 0.05**2 * w**2
+    # x_p = Im(-f e^(i w t) / (1 - w^2 + 2 i h w)) at w t = 0, to what 200 periods of decay leave.
+    np.testing.assert_allclose(free, np.broadcast_to(2 * 0.05 * w / D, free.T.shape).T, atol=1e-9)

@@ -1,0 +1,196 @@
+"""Pictures of sweeps that were followed up and down: both branches, or the one asked for."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+from typer.testing import CliRunner
+
+from sweeps import load_config, open_sweep, plotting_bifurcation, run_sweep, runner
+from sweeps.cli import app
+from sweeps.compute import compute_block
+from sweeps.plotting import PlotError, compare, plot
+from sweeps.plotting_bifurcation import bifurcation
+from sweeps.plotting_density import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting_maps import parameter_map
+from sweeps.plotting_point import section, trajectory
+from sweeps.selection import swept_axes
+
+# With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
+SWEEP = {
+    "name": "both ways",
+    "oscillator": {
+        "h": [0.05, 0.06],
+        "R": 0.8,
+        "f": 1,
+        "clearance": 1.5,
+        "omega": {"start": 1.2, "stop": 1.8, "num": 25},
+    },
+    "follow": {"axis": "omega", "direction": "both"},
+    "record": {
+        "transient": 150,
+        "periods": 4,
+        "trajectory": {"every": 8},
+        "diagnostics": ["period"],
+    },
+}
+UP, DOWN = DIRECTION_COLOURS
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text(yaml.safe_dump(SWEEP, sort_keys=False))
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep")
+    (folder / "sweep.yaml").write_text(yaml.safe_dump(SWEEP, sort_keys=False))
+    return run_sweep(load_config(folder / "sweep.yaml"), folder / "out.h5")
+
+
+@pytest.fixture
+def dataset(stored):
+    with open_sweep(stored) as opened:
+        yield opened
+
+
+def markers(panel):
+    """The points of a panel by colour, and the size of their markers."""
+    lines = [line for line in panel.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    points = {to_hex(line.get_color()).upper(): line.get_xydata() for line in lines}
+    sizes = {to_hex(line.get_color()).upper(): line.get_markersize() for line in lines}
+    return points, sizes
+
+
+def texts(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_a_direction_is_no_parameter(dataset):
+    assert swept_axes(dataset) == ("h", "omega")
+
+
+def test_both_directions_are_drawn_the_second_smaller_and_on_top(dataset):
+    figure = bifurcation(dataset)
+    points, sizes = markers(figure.axes[0])
+    assert list(points) == [UP, DOWN]  # the order in which they are drawn
+    assert sizes[DOWN] < 0.6 * sizes[UP]
+    for colour, way in ((UP, "up"), (DOWN, "down")):
+        y = dataset["poincare_x"].sel(direction=way).isel(h=0).values
+        x = np.broadcast_to(dataset["omega"].values[:, None], y.shape)
+        np.testing.assert_array_equal(points[colour], np.stack([x.ravel(), y.ravel()], axis=1))
+    assert texts(figure) == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
+    assert r"followed up and down along $\omega$" in figure.get_suptitle()
+
+
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_one_direction_can_be_picked(dataset, way):
+    figure = bifurcation(dataset, at={"direction": way, "h": 0.06}, coordinate="poincare_v")
+    points, _ = markers(figure.axes[0])
+    (drawn,) = points.values()
+    expected = dataset["poincare_v"].sel(direction=way, h=0.06).values
+    np.testing.assert_array_equal(drawn[:, 1], expected.ravel())
+    assert f"followed {way} along" in figure.get_suptitle() and not figure.legends
+    state = section(dataset, at={"direction": way, "omega": 1.5})
+    x, v = (dataset[name].sel(direction=way, omega=1.5).isel(h=0) for name in
+            ("poincare_x", "poincare_v"))  # fmt: skip
+    np.testing.assert_array_equal(state.axes[0].lines[0].get_xydata(), np.stack([x, v], axis=1))
+    assert f"followed {way} along" in state.get_suptitle()
+
+
+def test_what_shows_one_branch_shows_the_way_up(dataset):
+    for draw in (section, trajectory, parameter_map):
+        title = draw(dataset, **({} if draw is parameter_map else {"at": {"omega": 1.5}}))
+        assert "followed up along" in title.get_suptitle()
+    maps = [parameter_map(dataset, at=at, quantity="impacts_per_period")
+            for at in (None, {"direction": "up"}, {"direction": "down"})]  # fmt: skip
+    default, up, down = (
+        np.concatenate([m.get_array().ravel().filled(-1) for m in one.axes[0].collections
+                        if isinstance(m, QuadMesh)]) for one in maps)  # fmt: skip
+    np.testing.assert_array_equal(default, up)
+    assert (up != down).any()
+
+
+def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
+    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 99)
+    figure = bifurcation(dataset)
+    meshes = [m for m in figure.axes[0].collections if isinstance(m, QuadMesh)]
+    drawn = [~np.ma.getmaskarray(mesh.get_array()) for mesh in meshes]
+    assert [to_hex(mesh.cmap(1.0)).upper() for mesh in meshes] == [UP, DOWN, BOTH_COLOUR]
+    assert not (drawn[0] & drawn[1]).any() and not (drawn[0] & drawn[2]).any()
+    omega = dataset["omega"].values
+    apart = drawn[0].any(axis=0) & drawn[1].any(axis=0)
+    met = dataset["impacts_per_period"].isel(h=0).values > 0
+    np.testing.assert_array_equal(apart[omega < 1.6], (met[0] != met[1])[omega < 1.6])
+    assert texts(figure)[-1] == "both"
+    one = bifurcation(dataset, at={"direction": "down"})
+    assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
+
+
+def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
+    told = compare(dataset)
+    assert [text.split(": ")[0] for text in told] == ["up", "down"]
+    counts = [int(re.search(r"n = 1: (\d+) points", text)[1]) for text in told]
+    first = dataset.isel(h=0)
+    expected = ((first["impacts_per_period"] == 1) & (first["period"] == 1)).sum("omega").values
+    assert counts == expected.tolist() and counts[0] > counts[1] > 0
+    assert all(float(re.search(r"deviation (\S+)", text)[1]) < 1e-5 for text in told)
+    (down,) = compare(dataset, at={"direction": "down"})
+    assert down == told[1]
+    assert bifurcation(dataset, exact=True, coordinate="impact_v").legends
+    assert compare(dataset.sel(omega=slice(1.7, None))) == [
+        "up: no point follows a stable one-impact orbit",
+        "down: no point follows a stable one-impact orbit",
+    ]
+
+
+def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
+    monkeypatch.setattr(runner, "block_size", lambda _: 25)
+    blocks = []
+
+    def stopping(*arguments):
+        blocks.append(arguments[1])
+        if len(blocks) == 2:
+            raise KeyboardInterrupt
+        return compute_block(*arguments)
+
+    monkeypatch.setattr(runner, "compute_block", stopping)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(load_config("sweep.yaml"), "part.h5")
+    with open_sweep("part.h5") as dataset:
+        assert "up, $" in texts(bifurcation(dataset))[0]
+        figure = bifurcation(dataset, axes=["h"], at={"omega": 1.5})
+        assert texts(figure)[-1] == "not computed yet (2 of 4)"
+        with pytest.raises(PlotError, match="nothing to draw: no point has a poincare_x"):
+            bifurcation(dataset, at={"h": 0.06})
+
+
+def test_the_command_line(stored):
+    def call(*arguments):
+        return CliRunner().invoke(app, ["plot", str(stored), "-o", "picture.png", *arguments])
+
+    assert call("--at", "direction=down").exit_code == 0
+    for kind in ("section", "impacts", "trajectory", "map"):
+        assert call("--kind", kind, "--at", "direction=up").stdout == "picture.png\n"
+    told = call("--exact", "--at", "direction=down").stdout.splitlines()
+    assert told[0].startswith("down: n = 1: ") and told[1:] == ["picture.png"]
+    wrong = call("--at", "direction=dwn")
+    assert wrong.exit_code == 2
+    assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
+    assert "direction is not a swept axis" in call("--axis", "direction").stderr
+
+
+def test_a_direction_is_refused_where_there_is_one_only(folder):
+    changes = ["follow.direction=down", "record.trajectory=false", "oscillator.omega.num=5"]
+    run_sweep(load_config("sweep.yaml", changes), "one.h5")
+    with open_sweep("one.h5") as dataset:
+        assert "followed down along" in bifurcation(dataset).get_suptitle()
+        with pytest.raises(PlotError, match="the sweep was not followed in both"):
+            plot(dataset, "one.png", at={"direction": "down"})

@@ -1,0 +1,338 @@
+"""Refinement: bifurcations bracketed by a coarse sweep, against their closed forms."""
+
+import json
+import math
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+import sweeps.runner
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.changes import Change, Label, cascades, changes, labels, ratio
+from sweeps.classes import Motion
+from sweeps.cli import app
+from sweeps.errors import StoreError
+from vibroimpact.orbits import bifurcation
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
+
+CONFIG = """\
+name: around a flip
+oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 21}, f: 1.0}
+record: {transient: 300, periods: 100, impacts: 8, diagnostics: [period, lyapunov]}
+refine: {axis: omega, levels: 17}
+"""
+
+
+def refined(folder, *overrides, text=CONFIG, name="out.h5", **options):
+    source = folder / "c.yaml"
+    source.write_text(text)
+    return run_sweep(load_config(source, overrides), folder / name, **options)
+
+
+def found(path):
+    with open_sweep(path) as dataset:
+        return list(changes(dataset["omega"].values, labels(dataset.load())))
+
+
+def flip(n, low, high, R=0.8):
+    """Return where cos^2(pi n / omega) (omega^2 - ((1 - R) / (1 + R))^2) = 1 (h = 0, p = 1)."""
+    loss = ((1.0 - R) / (1.0 + R)) ** 2
+    return brentq(lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high)
+
+
+@pytest.fixture(scope="module")
+def around(tmp_path_factory):
+    return refined(tmp_path_factory.mktemp("around"))
+
+
+def test_a_flip_is_bracketed_to_the_last_level(around):
+    """The grid's interval is 0.005; no run of these lengths settles within 1e-3 of the flip."""
+    first = found(around)[0]
+    assert (str(first.before), str(first.after), first.kind) == ("1/1", "2/2", "flip")
+    assert first.low < flip(1, 2.6, 2.7) < first.high
+    assert first.high - first.low == pytest.approx(0.005 / 2**17, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("n", "axis", "direction", "near"),
+    [
+        (2, "{start: 3.33, stop: 3.73, num: 21}", "down", (3.3, 3.4)),
+        (2, "{start: 4.5, stop: 4.66, num: 9}", "up", (4.6, 4.7)),
+        (3, "{start: 5.32, stop: 5.92, num: 31}", "down", (5.3, 5.4)),
+        (3, "{start: 6.5, stop: 6.66, num: 9}", "up", (6.6, 6.7)),
+    ],
+)
+def test_the_edges_of_the_windows_are_found_from_a_followed_sweep(
+    tmp_path, n, axis, direction, near
+):
+    """From the zero start another motion is found near the lower edges."""
+    path = refined(
+        tmp_path,
+        f"oscillator.omega={axis}",
+        f"follow={{axis: omega, direction: {direction}}}",
+        "refine.levels=12",
+    )
+    edges = [one for one in found(path) if "/1" in f"{one.before} {one.after}"]
+    (edge,) = [
+        one for one in edges if one.kind == "flip" and f"{n}/1" in (str(one.before), str(one.after))
+    ]
+    assert edge.low < flip(n, *near) < edge.high
+    assert edge.high - edge.low < 1e-5
+
+
+@pytest.fixture(scope="module")
+def cascade(tmp_path_factory):
+    config = load_config(Path(__file__).parents[2] / "configs/feigenbaum.yaml")
+    return run_sweep(config, tmp_path_factory.mktemp("cascade") / "out.h5")
+
+
+def test_further_flips_of_a_cascade(cascade):
+    """Their distances shrink by a ratio on its way to Feigenbaum's 4.669."""
+    (run,) = cascades(found(cascade))
+    assert [str(one.before) for one in run][:3] == ["1/1", "2/2", "4/4"]
+    assert all(one.high - one.low < 1e-6 for one in run[:3])
+    assert 4.4 < ratio(*run[:3]) < 5.2
+
+
+def test_on_either_side_of_a_later_flip_motions_do_what_the_classes_say(cascade):
+    """Long runs from the file's own sections, far enough from the flip to settle in them."""
+    (run,) = cascades(found(cascade))
+    middle = 0.5 * (run[1].low + run[1].high)
+    with open_sweep(cascade) as dataset:
+        for omega, m in ((middle - 2e-4, 2), (middle + 2e-4, 4)):
+            near = dataset.sel(omega=omega, method="nearest").isel(section=-1)
+            osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
+            run_ = simulate(osc, 6000, x0=float(near.poincare_x), v0=float(near.poincare_v))
+            x = run_.section_x[-16:]
+            assert np.abs(x[m:] - x[:-m]).max() < 1e-9
+            assert np.abs(x[m // 2 :] - x[: -m // 2]).max() > 1e-3
+
+
+def test_the_grid_keeps_its_data_and_the_new_points_are_told(around, tmp_path):
+    plain = refined(tmp_path, "refine=null")
+    with open_sweep(around) as dataset, open_sweep(plain) as grid:
+        omega = dataset["omega"].values
+        assert (np.diff(omega) > 0.0).all() and np.isin(grid["omega"], omega).all()
+        assert dataset.attrs["points_added"] == len(omega) - 21
+        beside = {one.low for one in found(around)} | {one.high for one in found(around)}
+        kept = [w for w in grid["omega"].values if w not in beside]
+        for name in grid.data_vars:
+            same = dataset[name].sel(omega=kept).values
+            assert np.array_equal(same, grid[name].sel(omega=kept).values, equal_nan=True)
+    with xr.open_dataset(around, engine="h5netcdf") as dataset:
+        assert dataset["poincare_x"].dims == ("omega", "section")
+        assert (dataset["status"] == 1).all()
+
+
+def test_a_new_point_records_the_attractor(around):
+    """1e-8 from the flip a transient would have to be 1e8 periods long."""
+    first = found(around)[0]
+    with open_sweep(around) as dataset:
+        for value, m in ((first.low, 1), (first.high, 2)):
+            point = dataset.sel(omega=value)
+            x = point["poincare_x"].values
+            assert point["period"] == m
+            assert np.abs(x[m:] - x[:-m]).max() < 1e-10
+
+
+def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
+    """Also where the run was left between the grid and its refinement."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(sweeps.runner, "Refinement", interrupted)
+        refined(tmp_path)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset.sizes["omega"] == 21
+    for _ in range(2):  # the second has nothing to do
+        path = refined(tmp_path, resume=True, threads=1)
+        with open_sweep(path) as again, open_sweep(around) as first:
+            assert again.drop_attrs().identical(first.drop_attrs())
+            for name in first.variables:
+                assert again[name].values.tobytes() == first[name].values.tobytes()
+
+
+def test_compressed_too(around, tmp_path):
+    path = refined(tmp_path, "compression=gzip")
+    with open_sweep(path) as again, open_sweep(around) as first:
+        assert again["poincare_x"].values.tobytes() == first["poincare_x"].values.tobytes()
+    with h5py.File(path) as file:
+        assert file["poincare_x"].compression == "gzip"
+
+
+def test_a_damaged_refined_file_is_not_mended(around, tmp_path):
+    path = tmp_path / "out.h5"
+    path.write_bytes(around.read_bytes())
+    with h5py.File(path) as file:
+        at = file["poincare_x"].id.get_offset()
+    with path.open("r+b") as file:
+        file.seek(at + 100)
+        file.write(b"damage")
+    with pytest.raises(StoreError, match=r"points that were added.*--overwrite"):
+        refined(tmp_path, resume=True)
+
+
+def test_an_interval_ends_where_no_number_is_left_in_it(tmp_path):
+    path = refined(tmp_path, "oscillator.omega=[2.65, 2.66]", "refine.levels=52")
+    first = found(path)[0]
+    assert first.low < first.high <= np.nextafter(first.low, 3.0) + 4e-9
+
+
+def test_what_happens_at_a_graze_is_resolved(tmp_path):
+    """The one-impact orbit touches the stop again at 1.11292970401963, and is none below.
+
+    From one impact to two in a period it is not a single step, but all within 2e-4 of the graze: on
+    the grid of 0.025 there is one interval.
+    """
+    path = refined(
+        tmp_path,
+        "oscillator={h: 0.1, R: 0.5, omega: {start: 1.0, stop: 1.2, num: 9}, f: 1.0}",
+        "refine.levels=30",
+    )
+    graze = 1.11292970401963
+    first, *_, last = found(path)
+    assert (str(first.before), str(last.after)) == ("1/2", "1/1")
+    assert graze - 2e-4 < first.low < graze < last.high < graze + 2e-4
+    with open_sweep(path) as dataset:
+        alone = (dataset["period"] == 1) & (dataset["period_impacts"] == 1)
+        assert dataset["omega"].values[alone.values].min() > graze
+
+
+# -- what is told --------------------------------------------------------------------------------
+
+
+def told(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+def test_info_lists_the_brackets(cascade):
+    lines = told("info", cascade, "--bifurcations").splitlines()
+    assert lines[0].startswith("omega = 2.65334") and lines[0].split()[-4:] == [
+        "1/1",
+        "->",
+        "2/2",
+        "flip",
+    ]
+    assert lines[-1].startswith("cascade: omega = 2.653347")
+    assert "ratios of the distances 4." in lines[-1]
+
+
+def test_info_lists_the_changes_of_any_sweep(tmp_path):
+    """Line by line, at the distance of its grid."""
+    path = refined(
+        tmp_path, "refine=null", "oscillator.R=[0.5, 0.8]", "oscillator.omega=[2.64, 2.65, 2.67]"
+    )
+    assert told("info", path, "--bifurcations").splitlines() == [
+        "R = 0.5  omega = 2.65 .. 2.67  width 2.0e-02  1/1 -> 2/2  flip",
+        "R = 0.8  omega = 2.65 .. 2.67  width 2.0e-02  1/1 -> 2/2  flip",
+    ]
+    assert "does not change along R" in told("info", path, "--bifurcations", "--axis", "R")
+    refused = CliRunner().invoke(app, ["info", str(path), "--bifurcations", "--axis", "h"])
+    assert refused.exit_code == 2 and "h is not a swept axis" in refused.stderr
+    refused = CliRunner().invoke(app, ["info", str(path), "--axis", "R"])
+    assert refused.exit_code == 2 and "--bifurcations" in refused.stderr
+
+
+def test_info_needs_the_classes(tmp_path):
+    path = refined(tmp_path, "refine=null", "record.diagnostics=[]")
+    refused = CliRunner().invoke(app, ["info", str(path), "--bifurcations"])
+    assert refused.exit_code == 2 and "record.diagnostics: [period]" in refused.stderr
+
+
+def test_the_plan_says_that_points_are_added(tmp_path):
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    plan = told("run", tmp_path / "c.yaml", "-o", tmp_path / "out.h5", "--dry-run")
+    assert "where the class of the motion changes, halved 17 times" in plan
+
+
+ONE, TWO, FOUR, EIGHT = (Label(Motion.PERIODIC, m, m) for m in (1, 2, 4, 8))
+REST, CHAOS = Label(Motion.REST), Label(Motion.CHAOTIC)
+
+
+def test_points_of_no_known_class_are_passed_over():
+    given = [ONE, None, None, ONE, None, TWO, CHAOS]
+    assert list(changes(np.arange(7.0), given)) == [
+        Change(3.0, 5.0, ONE, TWO, between=1),
+        Change(5.0, 6.0, TWO, CHAOS),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kind"),
+    [
+        (ONE, TWO, "flip"),
+        (FOUR, TWO, "flip"),
+        (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 2, 4), "impact gained"),
+        (Label(Motion.PERIODIC, 1, 1), Label(Motion.PERIODIC, 1, 0), "impact gained"),
+        (ONE, FOUR, "jump"),
+        (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 4, 7), "jump"),
+        (ONE, REST, "rest"),
+        (CHAOS, REST, "rest"),
+        (CHAOS, TWO, "chaos"),
+    ],
+)
+def test_kinds_of_change(before, after, kind):
+    assert Change(0.0, 1.0, before, after).kind == kind
+
+
+def test_cascades_run_both_ways_and_break_where_a_flip_is_missing():
+    up = [Change(k, k, a, b) for k, (a, b) in enumerate([(ONE, TWO), (TWO, FOUR), (FOUR, EIGHT)])]
+    down = [Change(k, k, b, a) for k, (a, b) in enumerate([(FOUR, EIGHT), (TWO, FOUR), (ONE, TWO)])]
+    assert list(cascades(up)) == [up]
+    assert list(cascades(down)) == [down[::-1]]
+    assert list(cascades([*up, Change(5, 6, EIGHT, CHAOS), *down])) == [up, down[::-1]]
+    assert list(cascades([up[0], up[2]])) == []
+
+
+# -- bad input -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (["refine.axis=omga"], "refine.axis = omga is unknown (did you mean omega?)"),
+        (["refine.axis=R"], "R must be the only swept axis, and swept are: omega"),
+        (["oscillator.R=[0.7, 0.8]"], "swept are: R, omega"),
+        (["oscillator.omega=2.0"], "swept are: none"),
+        (["oscillator.omega=[2.0]"], "two or more values of it, in increasing order"),
+        (["oscillator.omega=[2.1, 2.0]"], "two or more values of it, in increasing order"),
+        (["refine.levels=0"], "refine.levels = 0 is not allowed; expected: how often"),
+        (["refine.levels=53"], "an integer from 1 to 52"),
+        (["refine.around=everything"], "refine.around = everything is not allowed"),
+        (["refine.lvls=3"], "unknown key refine.lvls (did you mean levels?)"),
+        (["refine={axis: omega}"], "refine.levels is missing"),
+        (["record.diagnostics=[lyapunov]"], "record.diagnostics: [period]"),
+        (["record.trajectory={every: 5}"], "is not kept where points are added"),
+        (["method={integrator: rk4, impact: cubic}"], "the impact rule exact, not cubic"),
+        (["method={accuracy: 1e-6}"], "no method.accuracy"),
+        (["follow={axis: omega, direction: both}"], "expected: up or down, or no refine"),
+    ],
+)
+def test_what_cannot_be_refined_is_refused(tmp_path, overrides, said):
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    options = [part for override in overrides for part in ("--set", override)]
+    result = CliRunner().invoke(app, ["run", str(tmp_path / "c.yaml"), *options, "--dry-run"])
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert not Path("around a flip.h5").exists()
+
+
+def test_the_schema_knows_it():
+    schema = json.loads(told("schema"))
+    assert set(schema["$defs"]["RefineSection"]["properties"]) == {"axis", "around", "levels"}
+
+
+def test_the_first_flip_with_damping_too(tmp_path):
+    path = refined(tmp_path, "oscillator.h=0.05", "refine.levels=10")
+    exact = bifurcation(Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0), "flip", "omega", 2.6, 2.7)
+    assert found(path)[0].low < exact < found(path)[0].high
