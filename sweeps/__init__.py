@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sweeps.coexisting import attractors as attractors
     from sweeps.config import SweepConfig as SweepConfig
     from sweeps.errors import StoreError as StoreError
     from sweeps.loading import ConfigError as ConfigError
@@ -15,6 +16,7 @@ _HOME = {
     "ConfigError": "sweeps.loading",
     "StoreError": "sweeps.errors",
     "SweepConfig": "sweeps.config",
+    "attractors": "sweeps.coexisting",
     "load_config": "sweeps.loading",
     "open_sweep": "sweeps.store",
     "run_sweep": "sweeps.runner",

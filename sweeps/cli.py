@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from sweeps.config import SweepConfig
+    from sweeps.selection import Cut
 
 
 class _Commands(TyperGroup):
@@ -292,7 +293,10 @@ def plot(
     ] = None,
     kind: Annotated[
         str | None,
-        typer.Option(metavar="KIND", help="bifurcation, map, section, impacts or trajectory."),
+        typer.Option(
+            metavar="KIND",
+            help="bifurcation, attractors, basins, map, section, impacts or trajectory.",
+        ),
     ] = None,
     axis: Annotated[
         list[str] | None,
@@ -373,13 +377,54 @@ def _plot(
         )
     except plotting.PlotError as error:
         stop(REFUSED, f"{file}: {error}")
-    for name, value in cuts.items():
-        if value != found[name]:
-            text = f"{name} = {value:g} is not on the grid; drawn at {name} = {found[name]:g}"
-            typer.echo(text, err=True)
+    _tell_moved(cuts, found, "drawn")
     for line in told:
         typer.echo(line)
     typer.echo(written)
+
+
+def _tell_moved(cuts: Cut, found: Cut, done: str) -> None:
+    for name, value in cuts.items():
+        if value != found[name]:
+            text = f"{name} = {value:g} is not on the grid; {done} at {name} = {found[name]:g}"
+            typer.echo(text, err=True)
+
+
+@app.command()
+def attractors(
+    file: SweepFile,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Where to look along a parameter; repeatable."),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="Write those of every parameter point to it."),
+    ] = None,
+) -> None:
+    """Show the attractors that the starts of a sweep find, and how many starts find each."""
+    from sweeps import attractor_table
+    from sweeps.coexisting import attractors
+    from sweeps.errors import StoreError
+    from sweeps.selection import PlotError, on_grid
+    from sweeps.store import open_sweep
+
+    cuts = _cuts(at or ())
+    if csv is not None and not (csv.suffix == ".csv" and csv.absolute().parent.is_dir()):
+        stop(REFUSED, f"--csv {csv} is not allowed; expected: a .csv file in an existing folder")
+    try:
+        with open_sweep(file) as dataset:
+            cut = attractor_table.cut(dataset, cuts)
+            found = attractors(cut)
+            _tell_moved(cuts, on_grid(dataset, cuts), "shown")
+            typer.echo(attractor_table.told(cut, found))
+            if csv is not None:
+                attractor_table.write_csv(csv, attractor_table.rows(cut, found))
+                typer.echo(csv)
+    except (PlotError, StoreError) as error:
+        stop(REFUSED, f"{file}: {error}" if isinstance(error, PlotError) else error)
+    except OSError as error:
+        stop(FAILED, error)
 
 
 def _cuts(texts: Sequence[str]) -> dict[str, float | str]:

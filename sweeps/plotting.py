@@ -15,7 +15,9 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from sweeps.attractor_table import parameter_axes
 from sweeps.overlay import Line, deviations
+from sweeps.plotting_attractors import attractor_diagram, basins
 from sweeps.plotting_bifurcation import bifurcation, branches_of, line_of
 from sweeps.plotting_maps import parameter_map
 from sweeps.plotting_marks import DPI
@@ -52,6 +54,8 @@ class Kind(NamedTuple):
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(bifurcation, ("axes", "coordinate", "exact")),
+    "attractors": Kind(attractor_diagram, ("axes", "coordinate")),
+    "basins": Kind(basins),
     "map": Kind(parameter_map, ("axes", "quantity")),
     "section": Kind(section),
     "impacts": Kind(impacts),
@@ -75,8 +79,10 @@ def plot(
     output : str or Path
         The picture; its ending is one of ``FORMATS``.
     kind : str, optional
-        One of ``KINDS``. By default ``map`` if a `quantity` is given, otherwise ``bifurcation``
-        where an axis was swept, otherwise ``trajectory`` if there is one, otherwise ``section``.
+        One of ``KINDS``. By default ``map`` if a `quantity` is given; otherwise, where x0 or v0
+        was swept, the period recorded, and no start chosen by the options, ``basins`` if nothing
+        else was swept and ``attractors`` if a parameter was; otherwise ``bifurcation`` where an
+        axis was swept, ``trajectory`` if there is one, and ``section``.
     at : mapping of str to float, optional
         Values of the swept axes that are not drawn: the nearest of the grid is taken, and by
         default the first. Where an axis was followed up and down, ``direction`` picks one; by
@@ -102,7 +108,7 @@ def plot(
     check_picture(output)
     options = {name: value for name, value in options.items() if value not in (None, False, ())}
     if kind is None:
-        kind = "map" if "quantity" in options else _default_kind(dataset)
+        kind = "map" if "quantity" in options else _default_kind(dataset, at or {}, options)
     if kind not in KINDS:
         raise PlotError(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
     for name in options:
@@ -174,7 +180,14 @@ def save(figure: Figure, output: Path) -> None:
         draft.unlink(missing_ok=True)
 
 
-def _default_kind(dataset: xr.Dataset) -> str:
+def _default_kind(dataset: xr.Dataset, at: Cut, options: Mapping[str, Any]) -> str:
+    starts = {"x0", "v0"} & set(swept_axes(dataset))
+    chosen = starts & {*at, *options.get("axes", ())} or "exact" in options
+    if starts and not chosen and "period" in dataset:
+        if parameter_axes(dataset):
+            return "attractors"
+        if len(starts) == 2 and not options:
+            return "basins"
     if swept_axes(dataset):
         return "bifurcation"
     return "trajectory" if "trajectory_x" in dataset else "section"

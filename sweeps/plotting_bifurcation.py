@@ -48,13 +48,24 @@ def line_of(
         If the file has no such axis or coordinate.
     """
     (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
+    return select(dataset, at, free=[axis, DIRECTION]), axis, held_coordinate(dataset, coordinate)
+
+
+def held_coordinate(dataset: xr.Dataset, asked: str | None) -> str:
+    """Return the coordinate asked for, by default the first that the file has.
+
+    Raises
+    ------
+    PlotError
+        If the file has no such coordinate.
+    """
     held = [name for name in COORDINATES if name in dataset]
-    if coordinate is None:
-        coordinate = next(iter(held), COORDINATES[0])
-    if coordinate not in held:
-        asked = coordinate or repr(coordinate)
-        raise PlotError(f"the file has no {asked} to draw; it has {listed(held) or 'none'}")
-    return select(dataset, at, free=[axis, DIRECTION]), axis, coordinate
+    if asked is None:
+        asked = next(iter(held), COORDINATES[0])
+    if asked not in held:
+        name = asked or repr(asked)
+        raise PlotError(f"the file has no {name} to draw; it has {listed(held) or 'none'}")
+    return asked
 
 
 def branches_of(line: xr.Dataset) -> list[xr.Dataset]:

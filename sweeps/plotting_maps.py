@@ -2,70 +2,49 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import (
     Colormap,
     LinearSegmentedColormap,
-    ListedColormap,
     LogNorm,
     Normalize,
     TwoSlopeNorm,
 )
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from sweeps.classes import Motion, classify, frequent_periods
-from sweeps.plotting_labels import entitle, label, log_spaced, set_scale, tick_in_decades
-from sweeps.plotting_marks import BLUE, STATUS_COLOURS, VERMILION, cell_edges
+from sweeps.plotting_cells import (
+    MOTIONS,
+    OTHER_PERIODIC,
+    PERIODIC,
+    REST,
+    Cells,
+    draw_cells,
+    draw_kinds,
+    missing,
+)
+from sweeps.plotting_labels import entitle, label, set_scale, tick_in_decades
+from sweeps.plotting_marks import BLUE, VERMILION
 from sweeps.selection import Cut, PlotError, Setting, chosen_axes, listed, select
 from vibroimpact.status import Status
 
-#: Colours of the most frequent period classes: Okabe and Ito's, without vermilion and black.
-_PERIODIC = ("#0072B2", "#56B4E9", "#009E73", "#F0E442", "#E69F00", "#CC79A7")
-_OTHER_PERIODIC = "#D3E4B4"
-_REST = "#D55E00"
 _NONE = "#FFFFFF"
-_MOTIONS = {
-    Motion.REST: ("with rest on the stop", _REST),
-    Motion.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
-    Motion.NEUTRAL: (r"quasi-periodic or unsettled, $\lambda_1 \approx 0$", "#6A3D9A"),
-    Motion.UNBOUNDED: ("unbounded", "#7A4A12"),
-    Motion.UNDECIDED: ("undecided", "#CCCCCC"),
-}
 _STATUSES = {
-    Status.COMPUTED: _PERIODIC[1],
-    Status.CERTIFIED: _PERIODIC[0],
-    Status.SETTLED: _PERIODIC[4],
-    Status.UNBOUNDED: _REST,
+    Status.COMPUTED: PERIODIC[1],
+    Status.CERTIFIED: PERIODIC[0],
+    Status.SETTLED: PERIODIC[4],
+    Status.UNBOUNDED: REST,
 }
-#: Of cells that are left open, as not computed.
-_OPEN: dict[str, Any] = {
-    "facecolor": "white", "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
-}  # fmt: skip
 _LOW_IS_DARK = "cividis"
 _SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#00263D", BLUE, "#F7F7F7", VERMILION, "#4A1D00"]
 )
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """The points of a map that have one colour: its label and which they are."""
-
-    text: str
-    colour: str
-    where: np.ndarray
-
-
-def period_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the kinds of motion, the most frequent periods by name."""
     if "period" not in cut:
         raise PlotError(
@@ -75,26 +54,26 @@ def period_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
     periodic = motion == Motion.PERIODIC
     kinds = []
     for colour, (mm, qq) in zip(
-        _PERIODIC, frequent_periods(m[periodic], q[periodic], len(_PERIODIC)), strict=False
+        PERIODIC, frequent_periods(m[periodic], q[periodic], len(PERIODIC)), strict=False
     ):
         where = periodic & (m == mm) & (q == qq)
-        kinds.append(_Kind(f"{mm}/{qq}" + (", no impact" if qq == 0 else ""), colour, where))
+        kinds.append(Cells(f"{mm}/{qq}" + (", no impact" if qq == 0 else ""), colour, where))
         periodic = periodic & ~where
-    kinds.append(_Kind("other m/q", _OTHER_PERIODIC, periodic))
-    for one, (text, colour) in _MOTIONS.items():
+    kinds.append(Cells("other m/q", OTHER_PERIODIC, periodic))
+    for one, (text, colour) in MOTIONS.items():
         if one is Motion.UNDECIDED and "lyapunov" not in cut:
             text = "no repetition found"
-        kinds.append(_Kind(text, colour, motion == one))
+        kinds.append(Cells(text, colour, motion == one))
     return kinds
 
 
-def status_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def status_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour what became of the points."""
     status = cut["status"].values
-    return [_Kind(one.name.lower(), colour, status == one) for one, colour in _STATUSES.items()]
+    return [Cells(one.name.lower(), colour, status == one) for one, colour in _STATUSES.items()]
 
 
-def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the larger Lyapunov exponent by sign and size."""
     larger = cut["lyapunov"].isel(exponent=0).values
     finite = larger[np.isfinite(larger)]
@@ -102,39 +81,39 @@ def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
     norm = TwoSlopeNorm(0.0, min(low, -1e-12), max(high, 1e-12))
     name = label(cut["lyapunov"]).replace(r"\lambda", r"\lambda_1").replace("Lyap", "larger Lyap")
     _draw_values(figure, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
-    return [_Kind(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]
+    return [Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]
 
 
-def rest_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def rest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the fraction of time at rest."""
     fraction = cut["rest_fraction"].values
     rests = np.ma.masked_where(~(fraction > 0.0), fraction)
     norm = Normalize(0.0, float(rests.max()) if rests.count() else 1.0)
     _draw_values(figure, cut, rests, norm, _LOW_IS_DARK, label(cut["rest_fraction"]))
-    return [_Kind("no rest", _NONE, fraction == 0.0)]
+    return [Cells("no rest", _NONE, fraction == 0.0)]
 
 
-def impacts_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def impacts_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the impacts per period; where the mass rests they are no property of the motion."""
     return _draw_log(
         figure, cut, "impacts_per_period", "no impact", cut["rest_fraction"].values > 0
     )
 
 
-def slowest_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def slowest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the speed of the slowest impact, dark at a graze; a chatter reaches any speed."""
     rests = cut["rest_fraction"].values > 0.0
     return _draw_log(figure, cut, "slowest_impact", "no impact", rests)
 
 
-def penetration_map(figure: Figure, cut: xr.Dataset) -> list[_Kind]:
+def penetration_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the deepest penetration."""
     nowhere = np.zeros(cut["status"].shape, dtype=bool)
     return _draw_log(figure, cut, "max_penetration", "none", nowhere)
 
 
 #: What a map can show: variables of the file.
-QUANTITIES: Mapping[str, Callable[[Figure, xr.Dataset], list[_Kind]]] = {
+QUANTITIES: Mapping[str, Callable[[Figure, xr.Dataset], list[Cells]]] = {
     "period": period_map,
     "impacts_per_period": impacts_map,
     "lyapunov": lyapunov_map,
@@ -182,7 +161,7 @@ def parameter_map(
     figure = Figure(figsize=(4.5, 4.4), layout="constrained")
     panel = figure.add_subplot()
     kinds = QUANTITIES[quantity](figure, cut)
-    _draw_kinds(figure, cut, [*kinds, *_missing(cut["status"].values)])
+    draw_kinds(figure, cut, [*kinds, *missing(cut["status"].values)])
     set_scale(panel.xaxis, cut[across].values)
     set_scale(panel.yaxis, cut[up].values)
     panel.set_xlabel(label(dataset[across]))
@@ -191,18 +170,9 @@ def parameter_map(
     return figure
 
 
-def _missing(status: np.ndarray) -> list[_Kind]:
-    """Return the kinds of the points that have no result."""
-    return [
-        _Kind(one.name.lower().replace("_", "-"), colour, status == one)
-        for one, colour in STATUS_COLOURS.items()
-        if one is not Status.PENDING
-    ]
-
-
 def _draw_log(
     figure: Figure, cut: xr.Dataset, name: str, none: str, rests: np.ndarray
-) -> list[_Kind]:
+) -> list[Cells]:
     """Draw a positive quantity on a logarithmic scale; `rests` are the points without a value."""
     values = cut[name].values
     positive = np.ma.masked_where(rests | ~(values > 0.0), values)
@@ -212,8 +182,8 @@ def _draw_log(
     _draw_values(figure, cut, positive, norm, _LOW_IS_DARK, label(cut[name]))
     computed = ~np.isin(cut["status"].values, [one for one in Status if one.failed])
     return [
-        _Kind(none, _NONE, computed & ~rests & ~(values > 0.0)),
-        _Kind("with rest on the stop", _REST, rests),
+        Cells(none, _NONE, computed & ~rests & ~(values > 0.0)),
+        Cells("with rest on the stop", REST, rests),
     ]
 
 
@@ -226,7 +196,7 @@ def _draw_values(
     text: str,
 ) -> None:
     """Draw values with their colour bar, which says if some are below it."""
-    mesh = _draw_cells(figure, cut, values, norm, colours)
+    mesh = draw_cells(figure, cut, values, norm, colours)
     if values.count() == 0:
         return
     low, high = mesh.get_clim()
@@ -237,65 +207,3 @@ def _draw_values(
     bar.set_label(text)
     if isinstance(norm, LogNorm) and high < 100.0 * low:
         tick_in_decades(bar.ax.yaxis)
-
-
-def _draw_cells(
-    figure: Figure,
-    cut: xr.Dataset,
-    values: np.ma.MaskedArray,
-    norm: Normalize,
-    colours: str | Colormap,
-) -> QuadMesh:
-    """Draw one cell per point, up to halfway to its neighbours; masked ones are left open."""
-    up, across = (cut[str(name)].values for name in cut["status"].dims)
-    edges = [cell_edges(along, log_spaced(along)) for along in (across, up)]
-    panel = figure.axes[0]
-    mesh = panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
-    panel.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
-    return mesh
-
-
-def _draw_kinds(figure: Figure, cut: xr.Dataset, kinds: Sequence[_Kind]) -> None:
-    """Draw the points of each kind and the legend of those that there are."""
-    kinds = [kind for kind in kinds if kind.where.any()]
-    index = np.full(cut["status"].shape, -1)
-    for number, kind in enumerate(kinds):
-        index[kind.where] = number
-    if kinds:
-        colours = ListedColormap([kind.colour for kind in kinds])
-        norm = Normalize(-0.5, len(kinds) - 0.5)
-        _draw_cells(figure, cut, np.ma.masked_equal(index, -1), norm, colours)
-    handles = [
-        Patch(facecolor=kind.colour, edgecolor="black", linewidth=0.4, label=kind.text)
-        for kind in kinds
-    ]
-    pending = cut["status"].values == Status.PENDING
-    if pending.any():
-        figure.axes[0].patch.set(**_OPEN)
-        handles.append(Patch(label=_share(pending)))
-        handles[-1].set(**_OPEN)
-    if handles:
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=_columns(handles), frameon=False,
-            handlelength=1.2, columnspacing=1.2, title=_title(kinds), title_fontsize=8.0,
-        )  # fmt: skip
-
-
-def _share(pending: np.ndarray) -> str:
-    return f"not computed yet ({np.count_nonzero(pending):,} of {pending.size:,})"
-
-
-def _columns(handles: Sequence[Patch]) -> int:
-    """Return how many columns of labels, filled one after the other, fit beside each other."""
-    lengths = [len(re.sub(r"[\\$_]|mbda|prox", "", str(patch.get_label()))) for patch in handles]
-    for columns in (4, 3, 2):
-        rows = math.ceil(len(lengths) / columns)
-        widths = [max(lengths[i : i + rows]) + 4 for i in range(0, len(lengths), rows)]
-        if sum(widths) <= 76:
-            return columns
-    return 1
-
-
-def _title(kinds: Sequence[_Kind]) -> str | None:
-    named = any("/" in kind.text for kind in kinds)
-    return "periodic m/q: m forcing periods, q impacts per repetition" if named else None

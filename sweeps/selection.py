@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -48,7 +49,7 @@ class Setting:
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
         """Read the configuration of an opened sweep."""
-        configuration = yaml.safe_load(dataset.attrs["configuration"])
+        configuration = _parsed(dataset.attrs["configuration"])
         defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
         fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
         phase = float(configuration["record"].get("phase", 0.0))
@@ -58,6 +59,13 @@ class Setting:
     def value(self, name: str, point: xr.Dataset) -> float:
         """Return a parameter's value at a point of the sweep."""
         return float(point[name] if name in point.coords else self.fixed[name])
+
+
+@lru_cache(maxsize=8)
+def _parsed(configuration: str) -> Mapping[str, Any]:
+    """Read a configuration, once for all parts of a picture."""
+    parsed: Mapping[str, Any] = yaml.safe_load(configuration)
+    return parsed
 
 
 def listed(names: Iterable[str]) -> str:

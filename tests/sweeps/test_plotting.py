@@ -30,6 +30,8 @@ def results(points, widths, seed=0):
     for name, variable in VARIABLES.items():
         width = {**widths, "exponent": 2, None: None}[variable.record]
         arrays[name] = random.normal(size=(points,) if width is None else (points, width))
+    arrays["period"] = random.integers(0, 3, points)
+    arrays["rest_fraction"] = random.integers(0, 2, points) / 4.0
     arrays["impact_v"][..., -1:] = np.nan
     arrays["status"] = np.zeros(points, np.int8)
     return arrays
@@ -41,7 +43,15 @@ def sweep(tmp_path):
     opened = []
 
     def make(
-        axes, *, sections=5, impacts=3, with_trajectory=True, name="a test", fixed=FIXED, **changed
+        axes,
+        *,
+        sections=5,
+        impacts=3,
+        with_trajectory=True,
+        name="a test",
+        fixed=FIXED,
+        diagnostics=(),
+        **changed,
     ):
         fixed = {key: value for key, value in fixed.items() if key not in axes}
         grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
@@ -60,6 +70,7 @@ def sweep(tmp_path):
             widths=widths,
             first_section=11,
             block_size=grid.size,
+            diagnostics=diagnostics,
         )
         with sweep_writer(path, layout) as store:
             store.write(
@@ -281,11 +292,12 @@ def test_a_title_says_more_only_where_there_is_more_to_say(sweep, status):
 
 
 def test_the_configuration_is_read_once_per_picture(sweep, tmp_path, monkeypatch):
-    dataset = sweep({"R": R, "omega": OMEGA})
+    dataset = sweep({"x0": R - 2.0, "v0": R, "omega": OMEGA}, diagnostics=["period"])
     read, calls = selection.yaml.safe_load, []
     monkeypatch.setattr(selection.yaml, "safe_load", lambda text: calls.append(1) or read(text))
     for kind in KINDS:
         calls.clear()
+        selection._parsed.cache_clear()
         plot(dataset, tmp_path / "a.png", kind)
         assert len(calls) == 1
 
@@ -352,7 +364,8 @@ def test_a_point_that_failed_is_titled_so(sweep):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_every_kind_is_written_in_every_format(sweep, tmp_path, kind, ending, start):
     output = tmp_path / f"a.{ending}"
-    assert plot(sweep({"R": R, "omega": OMEGA}), output, kind) == output
+    dataset = sweep({"x0": R - 2.0, "v0": R, "omega": OMEGA}, diagnostics=["period"])
+    assert plot(dataset, output, kind) == output
     assert output.read_bytes().startswith(start)
 
 
@@ -386,7 +399,10 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"kind": ""}, "no picture ''; choose one of"),
         ({"axes": [""]}, "'' is not a swept axis"),
         ({"coordinate": ""}, "no '' to draw; it has"),
-        ({"kind": "pie"}, "no picture 'pie'; choose one of bifurcation, map, section"),
+        (
+            {"kind": "pie"},
+            "no picture 'pie'; choose one of bifurcation, attractors, basins, map, sec",
+        ),
         ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
         ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
@@ -394,7 +410,10 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
         ({"coordinate": "status"}, "no status to draw; it has poincare_x, poincare_v"),
         ({"coordinate": "impact_v"}, "no impact_v to draw; it has poincare_x, poincare_v"),
-        ({"kind": "section", "axes": ["R"]}, "axes can be chosen for a bifurcation or map only"),
+        (
+            {"kind": "section", "axes": ["R"]},
+            "axes can be chosen for a bifurcation or attractors or map only",
+        ),
         ({"kind": "map", "exact": True}, "exact can be chosen for a bifurcation only, not a map"),
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         ({"kind": "trajectory"}, "has no trajectory_t, trajectory_x, trajectory_v: record it"),

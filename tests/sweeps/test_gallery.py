@@ -1,0 +1,198 @@
+"""The scenes of configs/: what their comments say, on coarser grids where that is enough."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import sweeps
+from sweeps import attractors, load_config, open_sweep, run_sweep
+from sweeps.attractor_table import rows
+from sweeps.classes import Motion, classify
+from sweeps.plotting import plot
+from vibroimpact import Oscillator, one_impact_orbit
+
+ROOT = Path(sweeps.__file__).parents[1]
+CONFIGS = ROOT / "configs"
+_spec = importlib.util.spec_from_file_location("naive", ROOT / "tests" / "naive.py")
+naive = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(naive)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Return a function that runs a scene with overrides and reads the file."""
+
+    def run(name, *overrides):
+        path = tmp_path / f"{name}.h5"
+        run_sweep(
+            load_config(CONFIGS / f"{name}.yaml", overrides), path, progress=False, overwrite=True
+        )
+        with open_sweep(path) as dataset:
+            plot(dataset, tmp_path / f"{name}.png")
+            return dataset.load()
+
+    return run
+
+
+def values(*given):
+    return "[" + ", ".join(map(str, given)) + "]"
+
+
+def classes(dataset):
+    """Return m/q, or the kind of motion, of every point."""
+    named = []
+    for motion, m, q in zip(
+        classify(dataset).ravel(), dataset["period"].values.ravel(),
+        dataset["period_impacts"].values.ravel(), strict=True,
+    ):  # fmt: skip
+        named.append(f"{m}/{q}" if motion == Motion.PERIODIC else Motion(motion).name.lower())
+    return named
+
+
+def slow_speeds(osc, q, **start):
+    """Return the last q impact speeds by RK4 and a cubic root, in plain Python, increasing."""
+    _, impacts = naive.shortened(osc, naive.rk4_step, 80, 100, **start, locate=naive.on_the_cubic)
+    return np.sort(impacts[-q:, 1])
+
+
+def inner(labels):
+    """Return which points have eight neighbours with their own label."""
+    same = np.zeros(labels.shape, bool)
+    same[1:-1, 1:-1] = True
+    for i in (-1, 0, 1):
+        for j in (-1, 0, 1):
+            same &= np.roll(labels, (i, j), axis=(0, 1)) == labels
+    return same
+
+
+def test_basins(scene):
+    """The fractions of the full grid are met on another one, and single starts by slow steps."""
+    grid = (
+        "start={x0: {start: -2.98, stop: -0.03, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
+    )
+    dataset = scene("basins", grid)
+    found = attractors(dataset)
+    table = {row.name: row for row in rows(dataset, found)}
+    assert set(table) == {"1/1", "2/3"}
+    assert table["1/1"].fraction == pytest.approx(0.181, abs=0.012)  # edge / grid: 0.01
+    assert_allclose(table["1/1"].speeds, [one_impact_orbit(Oscillator(0.0, 0.8, 1.3, 1.0)).v])
+    assert_allclose(table["2/3"].speeds, [0.7030, 1.1145, 2.2536], atol=1e-4)
+    own = found["attractor"].values
+    osc = naive.oscillator(0.0, 0.8, 1.3)
+    for row in table.values():
+        places = np.argwhere(inner(own) & (own == row.number))
+        for i, j in places[:: len(places) // 2][:3]:
+            start = {"x": dataset["x0"].values[i], "v": dataset["v0"].values[j]}
+            assert_allclose(slow_speeds(osc, row.q, **start), row.speeds, atol=1e-3)
+
+
+def test_basins_with_a_clearance(scene):
+    grid = (
+        "start={x0: {start: -2.98, stop: 0.57, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
+    )
+    dataset = scene("basins-clearance", grid)
+    table = {row.name: row for row in rows(dataset, attractors(dataset))}
+    assert set(table) == {"1/0", "2/1"}
+    assert table["2/1"].fraction == pytest.approx(0.360, abs=0.012)
+    orbit = one_impact_orbit(Oscillator(0.1, 0.8, 2.6, 1.0, clearance=0.6), n=2)
+    assert orbit.stable
+    assert_allclose(table["2/1"].speeds, [orbit.v], rtol=1e-9)
+
+
+def test_grazing(scene):
+    dataset = scene("grazing", f"oscillator.clearance={values(1.845, 1.9, 1.925)}")
+    found = {}
+    for row in rows(dataset, attractors(dataset)):
+        found.setdefault(row.parameters["clearance"], set()).add(row.name)
+    assert found == {1.845: {"1/1"}, 1.9: {"2/1", "1/0"}, 1.925: {"1/0"}}
+    for clearance, exists in ((1.9205, True), (1.9207, False)):
+        osc = Oscillator(0.1, 0.8, 0.7, 1.0, clearance=clearance)
+        assert one_impact_orbit(osc, n=2).stable == exists
+
+
+def test_the_free_oscillation_ends_at_its_graze(scene):
+    """Started on itself: f / sqrt(D) = 1.89079 at omega = 0.7, h = 0.1."""
+    state = -1.0 / (1.0 - 0.7**2 + 2j * 0.1 * 0.7)
+    assert abs(state) == pytest.approx(1.8908, abs=5e-5)
+    dataset = scene(
+        "grazing",
+        f"oscillator.clearance={values(abs(state) - 1e-4, abs(state) + 1e-4)}",
+        f"start={{x0: {state.imag}, v0: {(0.7j * state).imag}}}",
+    )
+    assert dataset["impacts_per_period"].values[0] > 0.3
+    assert dataset["impacts_per_period"].values[1] == 0.0
+
+
+def test_restitution(scene):
+    dataset = scene("restitution", f"oscillator.R={values(0.35, 0.45, 0.545, 0.5585, 0.58)}")
+    assert classes(dataset) == ["2/2", "4/4", "8/8", "16/16", "chaotic"]
+
+
+def test_cascade(scene):
+    """The first flip is at 4.6437, and 3/1 begins at 5.303."""
+    omega = values(4.63, 4.66, 4.715, 4.76, 5.29, 5.32)
+    found = classes(scene("cascade", f"oscillator.omega={omega}"))
+    assert found[:4] == ["2/1", "4/2", "8/4", "chaotic"]
+    assert found[4] != "3/1" and found[5] == "3/1"
+
+
+def test_impacts_are_added_one_by_one_down_to_rest(scene):
+    """The paper's third case has four; the chatter is complete below R = 0.4693426554."""
+    R = values(0.65, 0.55, 0.5, 0.48, 0.4694, 0.4693)
+    dataset = scene("impact-adding", f"oscillator.R={R}")
+    assert classes(dataset)[:4] == ["1/2", "1/3", "1/4", "1/5"]
+    assert (dataset["rest_fraction"].values > 0.0).tolist() == [False] * 5 + [True]
+    speeds = np.sort(dataset["impact_v"].values[2, -4:])
+    assert_allclose(
+        speeds, [0.036454221377120, 0.115762561014269, 0.321900878724339, 0.907496491171004]
+    )
+
+
+def test_damping(scene):
+    """3/2 and 4/3 by slow steps, too."""
+    dataset = scene("damping", f"oscillator.h={values(0.1, 0.19, 0.25, 0.35, 0.5)}")
+    assert classes(dataset) == ["chaotic", "rest", "3/2", "chaotic", "4/3"]
+    for place, h, q in ((2, 0.25, 2), (4, 0.5, 3)):
+        speeds = np.sort(dataset["impact_v"].values[place, -q:])
+        assert_allclose(slow_speeds(naive.oscillator(h, 0.8, 2.9), q), speeds, atol=1e-3)
+
+
+def test_quickstart(scene):
+    """The flip of 1/1 is at 2.65888454668484; 2/1 from 3.338 on."""
+    overrides = (
+        f"oscillator.omega={values(2.5, 2.65, 2.67, 2.95, 3.4)}",
+        "record.diagnostics=[period, lyapunov]",
+    )
+    found = classes(scene("quickstart", *overrides))
+    assert found == ["1/1", "1/1", "2/2", "chaotic", "2/1"]
+
+
+def test_chatter(scene):
+    """Rest up to about 0.361; at h = 0.05, omega = 0.3 for as long as by slow steps."""
+    dataset = scene(
+        "chatter", f"oscillator.omega={values(0.2, 0.3, 0.35, 0.37)}", "oscillator.h=0.03"
+    )
+    assert (dataset["rest_fraction"].values > 0.0).tolist() == [True, True, True, False]
+    dataset = scene("chatter", f"oscillator.omega={values(0.3, 0.31)}", "oscillator.h=0.05")
+    slow = naive.ExactOrbit(naive.oscillator(0.05, 0.8, 0.3), 4)
+    begin, end = slow.rests[-1]
+    fraction = (end - begin) * 0.3 / (2.0 * np.pi)
+    assert_allclose(dataset["rest_fraction"].values[0], fraction, atol=1e-6)
+
+
+def test_period_map(scene):
+    """The tongues of one impact in one, two and three periods, at R = 0.8 (windows at h = 0)."""
+    dataset = scene(
+        "period-map",
+        f"oscillator.R={values(0.79, 0.8)}",
+        f"oscillator.omega={values(2.0, 2.64, 2.68, 4.0, 6.0)}",
+    )
+    assert classes(dataset)[5:] == ["1/1", "1/1", "2/2", "2/1", "3/1"]
+
+
+def test_every_scene_says_what_one_sees():
+    for path in CONFIGS.glob("*.yaml"):
+        assert path.read_text().startswith("# "), path.name

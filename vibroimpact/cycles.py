@@ -1,0 +1,161 @@
+"""Periodic motions as cycles of section states: how far two are apart, and which are the same.
+
+A cycle is the states of a motion at m passages of the section, shape (m, 2), in time order but from
+any of the m on: a motion of m forcing periods can be reached at m phases. Distances are between
+states at matched places of two cycles, for the best of the rotations against each other, so that
+states that are nearly equal in one coordinate cannot be taken for each other.
+
+When an impact passes the section, the state there jumps from before to after it, though the motion
+does not. So a state before the impact is as near to one after it as both are to the stop and to the
+impact law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+#: Cycles closer than this, relative to their greatest coordinate, are one motion.
+TOLERANCE = 1e-3
+#: Numbers that are compared at a time.
+_PART = 2_000_000
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Motions of m forcing periods each.
+
+    Attributes
+    ----------
+    states : ndarray, shape (n, m, 2)
+        x and v, in one unit, say x and v / omega.
+    clearance, R : ndarray, shape (n,)
+        Of the stop, in the unit of x, and of the impact.
+    """
+
+    states: np.ndarray
+    clearance: np.ndarray
+    R: np.ndarray
+
+    def __getitem__(self, index: Any) -> Cycles:
+        """Return some of the motions."""
+        return Cycles(self.states[index], self.clearance[index], self.R[index])
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Forcing periods of a turn."""
+        return self.states.shape[1]
+
+    def last(self, m: int) -> Cycles:
+        """Return the last m states of each."""
+        return Cycles(self.states[:, -m:], self.clearance, self.R)
+
+
+def distances(a: Cycles, b: Cycles) -> np.ndarray:
+    """Return how far cycles are apart, irrespective of where each begins.
+
+    Parameters
+    ----------
+    a, b : Cycles
+        As many of both. Those of `b` may be k times as long; they are compared with k turns.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        The largest difference of a coordinate, in the rotation where that is least, over the
+        greatest absolute coordinate of both cycles; 0 where all are 0.
+    """
+    turns = b.m // a.m
+    found = np.empty(len(a))
+    rows = max(1, _PART // (2 * b.m))
+    for start in range(0, len(a), rows):
+        cut = slice(start, start + rows)
+        states = np.tile(a.states[cut], (1, turns, 1))
+        other = b[cut]
+        apart = np.full(len(states), np.inf)
+        for rotation in range(a.m):
+            difference = _differences(np.roll(states, rotation, axis=1), other).max(axis=1)
+            np.minimum(apart, difference, out=apart)
+        scale = np.maximum(sizes(states), sizes(other.states))
+        found[cut] = apart / np.where(scale > 0.0, scale, 1.0)
+    return found
+
+
+def _differences(states: np.ndarray, other: Cycles) -> np.ndarray:
+    """Return how far states at the same places are apart, directly or through an impact."""
+    direct = np.abs(states - other.states).max(axis=2)
+    speeds = states[:, :, 1], other.states[:, :, 1]
+    before, after = np.maximum(*speeds), np.minimum(*speeds)
+    if not (crossed := (before > 0.0) & (after < 0.0)).any():
+        return direct
+    gap = other.clearance[:, None] - np.minimum(states[:, :, 0], other.states[:, :, 0])
+    through = np.maximum(gap, np.abs(after + other.R[:, None] * before))
+    return np.where(crossed, np.minimum(direct, through), direct)
+
+
+def sizes(states: np.ndarray) -> np.ndarray:
+    """Return the greatest absolute coordinate of each cycle, shape (n,)."""
+    return np.abs(states).max(axis=(1, 2))
+
+
+def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
+    """Return the least divisor of m after which a cycle comes back to within `tolerance`.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n, m, 2)
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    n, m, _ = states.shape
+    found = np.full(n, m)
+    near = tolerance * sizes(states)
+    for divisor in range(m // 2, 0, -1):
+        if m % divisor == 0:
+            moved = np.abs(np.roll(states, divisor, axis=1) - states).max(axis=(1, 2))
+            found[moved <= near] = divisor
+    return found
+
+
+def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
+    """Find the cycles that are the same motion, within groups.
+
+    Cycles in the order of their mean first coordinate are chained where neighbours are within
+    `tolerance`; chains whose first cycles are within it are then taken together. So the result
+    does not depend on the order in which the cycles come, and cycles on their way to one motion
+    are not divided by where they happen to lie.
+
+    Parameters
+    ----------
+    cycles : Cycles
+    group : ndarray of int, shape (n,)
+        Only cycles of a group are compared.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        The index of a cycle that stands for the motion, its own for one in each.
+    """
+    order = np.lexsort((cycles.states[:, :, 0].mean(axis=1), group))
+    found = np.arange(len(order))
+    if len(order) < 2:
+        return found
+    near = distances(cycles[order[1:]], cycles[order[:-1]]) <= tolerance
+    begins = np.r_[True, ~(near & (group[order[1:]] == group[order[:-1]]))]
+    heads = order[begins]
+    found[order] = heads[np.cumsum(begins) - 1]
+    merged = np.arange(len(order))
+    while len(heads):
+        _, first, inverse = np.unique(group[heads], return_index=True, return_inverse=True)
+        leaders = heads[first][inverse]
+        same = distances(cycles[heads], cycles[leaders]) <= tolerance
+        merged[heads[same]] = leaders[same]
+        heads = heads[~same]
+    return merged[found]
