@@ -156,10 +156,7 @@ def integrate(
     threads = min(threads or threads_before, max(1, -(-n // LANES)))
     set_num_threads(threads)
     try:
-        run_blocks(
-            threads, np.zeros(1, np.int64), points, rule, code, lead, grid, transient, periods,
-            lyapunov, tally,
-        )  # fmt: skip
+        run_blocks(threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally)
     finally:
         set_num_threads(threads_before)
     results = _results(points, periods, tally)

@@ -208,7 +208,7 @@ def rebound(x_T, v_T, v, left, T, pt, lane):
     return min(x_T + impulse * response, pt.clearance), v_T + impulse * rate / T, final
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
     """One step from phase `theta`, with every impact in it; called through ``impacts.mend``."""
     events, flight = scratch

@@ -82,7 +82,7 @@ def value_and_slope(c, m, u):
     return fma(u, p, q), fma(2.0 * u, fma(u, dp, dq), p)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def expansion(c, u):
     """Return sum_k c[k] u^k over all ``TERMS``, and its first two derivatives.
 
@@ -145,7 +145,7 @@ def _first_guess(low, value_low, slope_low, high, value, slope):
     return low + (high - low) * (t + bend)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def _root(c, m, low, high, u):
     """The one root in (low, high) of a polynomial that rises through it.
 
@@ -167,7 +167,7 @@ def _root(c, m, low, high, u):
     return u
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def _turning_point(c, m, low, high):
     """Where the slope of a polynomial falls through zero between `low` and `high`."""
     for _ in range(60):
@@ -234,7 +234,7 @@ def first_crossing(c, m, end):
     return -1.0, turn
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def rising_root(c, value, slope):
     """The first crossing of a flight known to rise from u = 0 to u = 1, and its slope there.
 

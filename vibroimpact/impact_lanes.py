@@ -65,7 +65,7 @@ def parameters_of(w, j):
     )
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def gather(w, columns, points, table, n):
     """Fill the columns: each lane goes on from step `n` to the one that may take it to its stop."""
     for j in range(columns):
@@ -83,7 +83,7 @@ def gather(w, columns, points, table, n):
         w[OF_F + j], w[OF_P + j], w[OF_CLEARANCE + j] = pt.f, pt.p, pt.clearance
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def shorten_steps(w, columns, step):
     """Take the columns to their impacts, eqs (6)-(9)."""
     widest_vectors()
@@ -110,8 +110,8 @@ def land(w, j, x, v):
     w[ONCE + j] = select(x < w[OF_CLEARANCE + j], w[ONCE + j], 0.0)
 
 
-@jit(leaf=True)
-def take_remainders(w, columns, integrator):
+@jit(leaf=True, internal=True)
+def take_remainders(w, columns, integrator, points):
     """Take the columns from their rebounds to the ends of the steps.
 
     A loop for each integrator that is worth it: a loop around ``step`` is not vectorised.
@@ -132,11 +132,12 @@ def take_remainders(w, columns, integrator):
             land(w, j, x_T, v_T)
     else:
         for j in range(columns):
-            x_T, v_T = step(integrator, *launch(w, j))
+            x, v, s, c, T, _ = launch(w, j)
+            x_T, v_T = step(integrator, x, v, s, c, T, points[int(w[MET + j])])
             land(w, j, x_T, v_T)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def mend_side_by_side(w, met, first, points, integrator, grid, n, recording, tally):
     """Take the `met` lanes of row MET over the stride from step `n`.
 
@@ -144,7 +145,7 @@ def mend_side_by_side(w, met, first, points, integrator, grid, n, recording, tal
     """
     gather(w, met, points, grid.table, n)
     shorten_steps(w, (met + _VECTOR - 1) // _VECTOR * _VECTOR, grid.step)
-    take_remainders(w, met, integrator)
+    take_remainders(w, met, integrator, points)
     left = 0
     for j in range(met):
         i = int(w[MET + j])

@@ -6,6 +6,7 @@ No fast-math flag is set anywhere. Where a product and a sum should be fused, th
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import tempfile
 from collections.abc import Callable
@@ -56,6 +57,7 @@ def jit(
     inline: bool = False,
     leaf: bool = False,
     dissolve: bool = False,
+    internal: bool = False,
 ) -> Any:
     """Compile `function` with the options of this project, cached on disk.
 
@@ -74,7 +76,9 @@ def jit(
         caller holds. An impact costs half as much without them.
     """
     if function is None:
-        return lambda f: jit(f, parallel=parallel, inline=inline, leaf=leaf, dissolve=dissolve)
+        return lambda f: jit(
+            f, parallel=parallel, inline=inline, leaf=leaf, dissolve=dissolve, internal=internal
+        )
     options: dict[str, Any] = {
         "error_model": "numpy",
         "cache": True,
@@ -83,6 +87,8 @@ def jit(
         "inline": "always" if inline else "never",
         "_nrt": not leaf,
         "forceinline": dissolve,
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": internal,
     }
     users_folder = _config.CACHE_DIR
     _config.CACHE_DIR = _CACHE_FOLDER
@@ -90,6 +96,45 @@ def jit(
         return numba.njit(function, **options)
     finally:
         _config.CACHE_DIR = users_folder
+
+
+@intrinsic
+def call(context, address, arguments):
+    """Call the compiled function at `address`, which returns nothing, with a tuple of arguments.
+
+    LLVM does not see through the address: what is called so is not compiled again with its caller.
+    """
+    types_of_arguments = tuple(arguments)
+
+    def generate(context, builder, signature, values):
+        address, arguments = values
+        convention = context.call_conv
+        function = convention.get_function_type(types.none, types_of_arguments)
+        pointer = builder.inttoptr(address, function.as_pointer())
+        unpacked = [builder.extract_value(arguments, k) for k in range(len(types_of_arguments))]
+        status, _ = convention.call_function(
+            builder, pointer, types.none, types_of_arguments, unpacked
+        )
+        with builder.if_then(status.is_error, likely=False):
+            convention.return_status_propagate(builder, status)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, arguments), generate
+
+
+def address_of(function: Any, *arguments: Any) -> int:
+    """Return the address of a function, compiled for arguments of these types, for ``call``."""
+    signature = tuple(map(numba.typeof, arguments))
+    if signature not in function.overloads:
+        collecting = gc.isenabled()
+        gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
+        try:
+            function.compile(signature)
+        finally:
+            if collecting:
+                gc.enable()
+    result = function.overloads[signature]
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
 
 @intrinsic

@@ -18,7 +18,7 @@ from vibroimpact.exact_impacts import Lane
 from vibroimpact.flight import TERMS
 from vibroimpact.impact_lanes import mend_side_by_side
 from vibroimpact.impacts import EXACT, PLAIN
-from vibroimpact.jit import claim, jit, widest_vectors
+from vibroimpact.jit import address_of, call, claim, jit, widest_vectors
 from vibroimpact.lanes import (
     ALONG_F,
     ALONG_V,
@@ -52,7 +52,7 @@ from vibroimpact.tally import put_in_order, record_step
 _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def stretch(tangents, sums, always):
     """Orthonormalise the tangent vectors of a lane and add up their growth.
 
@@ -119,14 +119,15 @@ def glide_on(w, n, steps, guarded, table):
     return glide_stride(w, table, n, False)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def advance(w, taylor, first, points, rule, integrator, grid, recording, lyapunov, tally, scratch):
     """Steps over `grid`, stride by stride, and the rest of them singly."""
     widest_vectors()
     size = grid.table.shape[1]
-    n = 0
-    while n < size:
-        steps = STRIDE if n + STRIDE <= size else 1
+    strides = size // STRIDE
+    for k in range(strides + size % STRIDE):
+        n = k + min(k, strides) * (STRIDE - 1)
+        steps = STRIDE if k < strides else 1
         met = list_met(w, points.size, glide_on(w, n, steps, rule == EXACT, grid.table))
         if recording and lyapunov:
             glide_tangents(w, steps)
@@ -141,7 +142,6 @@ def advance(w, taylor, first, points, rule, integrator, grid, recording, lyapuno
         if recording and lyapunov:
             for i in range(points.size):
                 stretch(tangents_of(w, i), tally.sums[first + i], False)
-        n += steps
 
 
 @jit(inline=True)
@@ -156,26 +156,29 @@ def record_section(w, first, n, k, tally):
             sums.status = _NON_FINITE
 
 
-@jit(leaf=True)
+@jit(inline=True)
 def run_block(
-    w, taylor, scratch, first, points, rule, integrator, lead, grid, transient, periods,
+    w, taylor, scratch, first, points, plain, rule, integrator, lead, grid, transient, periods,
     lyapunov, tally,
 ):  # fmt: skip
-    """Run one block of at most ``LANES`` points from its start to the end of the record."""
-    widest_vectors()
+    """Run one block of at most ``LANES`` points from its start to the end of the record.
+
+    `plain` says if the rule is: as a literal, so that one of the two loops is not compiled.
+    """
     set_start(w, points, rule, sine_at_start(lead, grid))
     for k in range(-1, transient + periods):
         steps = lead if k < 0 else grid
         if k <= 0:
             set_maps(w, taylor, points, rule, integrator, steps)
-        if rule == PLAIN and k < transient:
-            advance_plain(w, first, points.size, steps, False, tally)
-        elif rule == PLAIN:
-            advance_plain(w, first, points.size, steps, True, tally)
+        if plain:
+            if k < transient:
+                advance_plain(w, first, points.size, steps, False, tally)
+            else:
+                advance_plain(w, first, points.size, steps, True, tally)
         else:
             advance(
-                w, taylor, first, points, rule, integrator, steps, k >= transient, lyapunov,
-                tally, scratch,
+                w, taylor, first, points, rule, integrator, steps, k >= transient, lyapunov, tally,
+                scratch,
             )  # fmt: skip
         if k >= transient:
             record_section(w, first, points.size, k - transient, tally)
@@ -184,33 +187,67 @@ def run_block(
     if lyapunov:
         for i in range(points.size):
             stretch(tangents_of(w, i), tally.sums[first + i], True)
-    if rule == PLAIN:
+    if plain:
         sum_up_plain(w, first, points.size, tally)
     for i in range(first, first + points.size):
         put_in_order(tally.impacts[i], tally.sums[i].impacts)
 
 
-@jit
+@jit(inline=True)
 def take_blocks(
-    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-):  # fmt: skip
+    claimed, points, plain, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+):
     """Run block after block, as long as there are any that no thread has taken yet."""
+    widest_vectors()
     w, taylor, scratch = new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch()
     lo = LANES * claim(claimed)
     while lo < points.size:
         run_block(
-            w, taylor, scratch, lo, points[lo : lo + LANES], rule, integrator, lead, grid,
+            w, taylor, scratch, lo, points[lo : lo + LANES], plain, rule, integrator, lead, grid,
             transient, periods, lyapunov, tally,
         )  # fmt: skip
         lo = LANES * claim(claimed)
 
 
+@jit(internal=True)
+def take_plain(
+    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+):  # fmt: skip
+    """The work of one thread with the rule ``plain``."""
+    take_blocks(
+        claimed, points, True, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+    )
+
+
+@jit(internal=True)
+def take_mended(
+    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+):  # fmt: skip
+    """The work of one thread with any other rule."""
+    take_blocks(
+        claimed, points, False, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+    )
+
+
 @jit(parallel=True)
-def run_blocks(
-    threads, claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-):
-    """Run every point on that many threads; `claimed` is a counter at 0, shape (1,), int64."""
+def on_threads(
+    threads, work, claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov,
+    tally,
+):  # fmt: skip
+    """Do the `work`, the address of one of the two functions before, on so many threads."""
     for _ in prange(threads):
-        take_blocks(
-            claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
+        call(
+            work,
+            (claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally),
         )
+
+
+def run_blocks(threads, points, rule, *others):
+    """Run every point on so many threads; arguments as for ``on_threads``.
+
+    Called by its name the work would be compiled in each of the four functions that ``prange``
+    makes: half of the time to compile.
+    """
+    arguments = (np.zeros(1, np.int64), points, rule, *others)
+    work = address_of(take_plain if rule == PLAIN else take_mended, *arguments)
+    on_threads(threads, work, *arguments)

@@ -94,14 +94,14 @@ def set_maps(w, taylor, points, rule, integrator, grid):
             w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i] = guard(T, pt)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def map_of(w, i):
     """Return the two rows of the affine map of lane `i`."""
     to_x = w[XX + i], w[XV + i], w[XS + i], w[XC + i]
     return to_x, (w[VX + i], w[VV + i], w[VS + i], w[VC + i])
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def glide(w, i, x, v, s, c, guarded):
     """Take lane `i` from (x, v) over a step; return also if it surely has not met its stop."""
     to_x, to_v = map_of(w, i)

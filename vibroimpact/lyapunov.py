@@ -21,7 +21,7 @@ from vibroimpact.stop import IMPACT, KIND, SPEED, TIME, pressing
 from vibroimpact.trigonometry import sin_cos
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def _fly(tangents, dt, T, rows):
     """Carry two tangent vectors, (x, v) after (x, v), over a flight of length `dt` <= `T`."""
     xx, vx = value_and_slope(rows[0], 0, dt / T)
@@ -38,7 +38,7 @@ def glide_tangent(x, v, to_x, to_v):
     return fma(to_x[0], x, to_x[1] * v), fma(to_v[0], x, to_v[1] * v)
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def carry_tangents(tangents, to_x, to_v, events, n, theta, T, rows, pt):
     """Carry two tangent vectors through a step with `n` events."""
     if n == 0:

@@ -83,7 +83,7 @@ def reverse(ring, lo, hi):
         lo += 1
 
 
-@jit(leaf=True)
+@jit(leaf=True, internal=True)
 def put_in_order(ring, count):
     """Unroll a ring that received `count` impacts into time order."""
     size = ring.shape[0]
