@@ -100,6 +100,24 @@ def test_without_a_transient_motions_are_followed_longer_too(tmp_path):
     assert str(point.label) == "1/1"
 
 
+def test_no_point_is_put_beside_one_of_the_grid(tmp_path):
+    """Where the class is not known between two values, their middle is on the grid."""
+    axis = "{start: 0.6740400525929372, stop: 0.830268176902766, num: 36}"
+    path = refined(tmp_path, *BESIDE_ANOTHER, f"oscillator.omega={axis}", "refine.levels=1")
+    plain = refined(
+        tmp_path, *BESIDE_ANOTHER, f"oscillator.omega={axis}", "refine=null", name="plain.h5"
+    )
+    with open_sweep(path) as dataset, open_sweep(plain) as grid:
+        omega = dataset["omega"].values
+        assert np.isin(grid["omega"], omega).all()
+        assert np.diff(omega).min() > 1e-3
+        unknown = dataset.isel(omega=[label is None for label in labels(dataset.load())])
+        for point in unknown["omega"].values[np.isin(unknown["omega"], grid["omega"])]:
+            assert np.array_equal(
+                unknown["poincare_x"].sel(omega=point), grid["poincare_x"].sel(omega=point)
+            )
+
+
 def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tmp_path):
     """As the points of the grid do, see test_follow.py; in chaos the start is not forgotten."""
     text = CONFIG.replace("{start: 2.6, stop: 2.7, num: 21}", "2.8")
