@@ -3,7 +3,8 @@
 The interval between two neighbours of different classes is halved, again and again, and the half
 goes on whose ends still differ; both do where the class in the middle is a third one. What the
 class is, beside a bifurcation, ``settling.py`` says. An interval in whose middle it is not known is
-left as it is.
+left as it is. Where there are points of no known class between two values, their middle may be one
+of them, which is then followed longer.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ class Refinement:
         self._levels, self._axis = config.refine.levels, config.refine.axis
         self._followed = config.follow.direction if config.follow else None
         self._settling = Settling(config, self._axis, threads)
+        self._values = line[self._axis].values
         self.points: dict[float, Results] = {}
         self.intervals = list(_intervals(list(self._grid(line))))
 
@@ -62,22 +64,25 @@ class Refinement:
 
     def _grid(self, line: xr.Dataset) -> Iterator[Point]:
         """Yield the points of the grid beside a change of class, with the attractors' classes."""
-        values, classes = line[self._axis].values, labels(line)
+        shown = labels(line)
+        numbers: dict[Label | None, int] = {None: -1}
+        classes = np.array([numbers.setdefault(label, len(numbers)) for label in shown])
         found: dict[int, Point] = {}
-        while beside := _beside_changes(values, classes) - set(found):
-            at = sorted(beside)
+        while (at := np.setdiff1d(_beside_changes(classes), list(found))).size:
             results = {
                 name: line[name].isel({self._axis: at}).values for name in VARIABLES if name in line
             }
-            for i, point in zip(at, self._settling.classified(values[at], results), strict=True):
-                if point.label not in (None, classes[i]):
+            points = self._settling.classified(self._values[at], results)
+            for i, point in zip(at.tolist(), points, strict=True):
+                if point.label not in (None, shown[i]):
                     self.points[point.value] = point.results
-                found[i], classes[i] = point, point.label
+                found[i] = point
+                classes[i] = numbers.setdefault(point.label, len(numbers))
         for i in sorted(found):
             yield found[i]
 
     def _halve(self) -> None:
-        middles = np.array([0.5 * (low.value + high.value) for low, high in self.intervals])
+        middles = np.array([self._middle(low.value, high.value) for low, high in self.intervals])
         starts = None
         if self._followed:
             first = 0 if self._followed == "up" else 1
@@ -87,15 +92,23 @@ class Refinement:
         for (low, high), middle in zip(self.intervals, found, strict=True):
             if middle.value in (low.value, high.value):  # they are next to each other
                 continue
-            self.points[middle.value] = middle.results
+            if middle.label or middle.value not in self._values:
+                self.points[middle.value] = middle.results
             halves += _intervals([low, middle, high]) if middle.label else ()
         self.intervals = halves[:MOST_INTERVALS]
 
+    def _middle(self, low: float, high: float) -> float:
+        """Return the middle of an interval, or the value of the grid that it misses by rounding."""
+        middle = 0.5 * (low + high)
+        near = self._values[np.searchsorted(self._values, middle - 1e-9 * (high - low))]
+        return float(near) if low < near <= middle + 1e-9 * (high - low) else middle
 
-def _beside_changes(values: np.ndarray, classes: Sequence[Label | None]) -> set[int]:
-    """Return the indices of the values on either side of a change of class."""
-    ends = [end for change in changes(values, classes) for end in (change.low, change.high)]
-    return set(np.flatnonzero(np.isin(values, ends)).tolist())
+
+def _beside_changes(classes: np.ndarray) -> np.ndarray:
+    """Return the indices on either side of a change, among the classes known: those >= 0."""
+    known = np.flatnonzero(classes >= 0)
+    before = np.flatnonzero(np.diff(classes[known]))
+    return np.union1d(known[before], known[before + 1])
 
 
 def _intervals(points: Sequence[Point]) -> Iterator[Interval]:

@@ -3,8 +3,9 @@
 Beside a bifurcation motions settle ever more slowly, and a record shows a class that is not the
 attractor's, or none. So the class of a motion that neither rests nor is chaotic is taken from the
 periodic orbit which shooting finds from its last section (`vibroimpact.periodic`), where that orbit
-is stable and near. A motion from which none is found is followed four times as long, ``LONGER``
-times over; then its class is not known.
+is stable and the motion stays near it throughout the record, and does not leave it. A motion from
+which none is found is followed four times as long, ``LONGER`` times over; then its class is not
+known.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from vibroimpact.periodic import doubled, periodic_orbit
 
 #: How often a motion that does not show its class is followed four times as long.
 LONGER = 3
-#: An orbit is near if it misses the last section by less than this share of the record's size.
+#: An orbit is near if it misses no section by more than this share of the record's size.
 _NEAR = 0.2
+#: By this share a motion may be farther from its orbit in the second half of its record: rounding.
+_ROUNDING = 1e-6
 #: How many periods are tried where no repetition was found: those after which it nearly repeats.
 _TRIED = 4
 
@@ -81,12 +84,12 @@ class Settling:
             x and v at the section to start from, by default the sweep's own start at t = 0.
         """
         points: list[Point] = [Point(float(value), None, {}) for value in values]
-        left = np.arange(len(values))
+        left, record = np.arange(len(values)), self._config.record
         for longer in range(LONGER + 1):
             if not left.size:
                 break
             some = None if starts is None else starts[left]
-            transient = 4**longer * self._config.record.transient
+            transient = 4**longer * (record.transient + record.periods) - record.periods
             found = self.classified(values[left], self._run(values[left], some, transient))
             for i, point in zip(left.tolist(), found, strict=True):
                 points[i] = point
@@ -116,7 +119,7 @@ class Settling:
         record = np.stack([point.results["poincare_x"], point.results["poincare_v"]], axis=1)
         if not np.isfinite(record).all():
             return point
-        oscillator, size = self._oscillator(point.value), np.abs(record).max(axis=0)
+        oscillator = self._oscillator(point.value)
         for m in _nearly_repeats(record) if shown is None else [shown.m]:
             phase = self._config.record.phase
             orbit = periodic_orbit(oscillator, *point.state, m, phase)
@@ -124,10 +127,12 @@ class Settling:
                 orbit = doubled(oscillator, orbit, phase)
             if orbit is None or not orbit.stable or orbit.rests > 0:
                 continue
-            if (np.abs(orbit.sections[0] - record[-1]) > _NEAR * size).any():
+            if not _goes_to(record, orbit.sections):
                 continue
-            value, label = np.array([point.value]), Label(Motion.PERIODIC, orbit.m, orbit.impacts)
-            anew = self._run(value, orbit.sections[:1], 0)
+            label = Label(Motion.PERIODIC, orbit.m, orbit.impacts)
+            anew = self._run(np.array([point.value]), orbit.sections[:1], 0)
+            # A record may be too short to show m, or q where it is not of whole repetitions.
+            anew["period"][:], anew["period_impacts"][:] = label.m, label.q
             return Point(point.value, label, {name: array[0] for name, array in anew.items()})
         return Point(point.value, None, point.results)
 
@@ -137,6 +142,7 @@ class Settling:
         points = self._config.grid.with_values(self._axis, values)
         if starts is not None:
             points["x0"], points["v0"] = starts.T
+            points["x0"] = np.minimum(points["x0"], points["clearance"])  # as where it is followed
         return compute(config, points, self._threads, at_section=starts is not None)
 
     def _oscillator(self, value: float) -> Oscillator:
@@ -151,6 +157,17 @@ class Settling:
             variables[name] = ((self._axis, record) if record else (self._axis,), array)
         attributes = {"name": self._config.name, "configuration": self._config.to_yaml()}
         return xr.Dataset(variables, {self._axis: values}, attributes)
+
+
+def _goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
+    """Whether a motion stays near an orbit throughout its record, and does not leave it."""
+    size = np.abs(record).max(axis=0)
+    size[size == 0.0] = 1.0
+    last = np.argmin((np.abs(orbit - record[-1]) / size).max(axis=1))
+    beside = orbit[(last + np.arange(1 - len(record), 1)) % len(orbit)]
+    missed = (np.abs(record - beside) / size).max(axis=1)
+    first, second = np.array_split(missed, 2)
+    return bool(missed.max() <= _NEAR and second.max() <= first.max() + _ROUNDING)
 
 
 def _nearly_repeats(record: np.ndarray) -> list[int]:

@@ -108,10 +108,15 @@ def periodic_orbit(
     if found is None:
         return None
     y, sections = found
-    least = next(k for k, state in enumerate(sections, 1) if map_.same(state, y, sections))
-    if least < m:
-        found = _newton(map_, y, least)
-    return None if found is None else map_.orbit(found[0], least)
+    for k in (k for k in range(1, m) if m % k == 0):
+        misses = map_.size(sections[k - 1] - y) / map_.size(sections)
+        shorter = _newton(map_, y, k) if misses <= _LEFT else None
+        orbit = None if shorter is None else map_.orbit(shorter[0], k)
+        # Beside the flip of an orbit one of twice the period is found that is off by up to `_LEFT`,
+        # and may be the orbit itself: it is that while it has not flipped.
+        if misses <= SAME or (orbit is not None and orbit.stable):
+            return orbit
+    return map_.orbit(y, m)
 
 
 def doubled(osc: Oscillator, orbit: PeriodicOrbit, phase: float = 0.0) -> PeriodicOrbit | None:

@@ -17,7 +17,9 @@ from sweeps.changes import Change, Label, cascades, changes, labels, ratio
 from sweeps.classes import Motion
 from sweeps.cli import app
 from sweeps.errors import StoreError
-from vibroimpact.orbits import bifurcation
+from sweeps.settling import Settling
+from vibroimpact.branches import sections
+from vibroimpact.orbits import bifurcation, one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -29,10 +31,14 @@ refine: {axis: omega, levels: 17}
 """
 
 
-def refined(folder, *overrides, text=CONFIG, name="out.h5", **options):
+def refined_config(folder, text, *overrides):
     source = folder / "c.yaml"
     source.write_text(text)
-    return run_sweep(load_config(source, overrides), folder / name, **options)
+    return load_config(source, overrides)
+
+
+def refined(folder, *overrides, text=CONFIG, name="out.h5", **options):
+    return run_sweep(refined_config(folder, text, *overrides), folder / name, **options)
 
 
 def found(path):
@@ -43,7 +49,9 @@ def found(path):
 def flip(n, low, high, R=0.8):
     """Return where cos^2(pi n / omega) (omega^2 - ((1 - R) / (1 + R))^2) = 1 (h = 0, p = 1)."""
     loss = ((1.0 - R) / (1.0 + R)) ** 2
-    return brentq(lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high)
+    return brentq(
+        lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high, xtol=1e-15
+    )
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +65,81 @@ def test_a_flip_is_bracketed_to_the_last_level(around):
     assert (str(first.before), str(first.after), first.kind) == ("1/1", "2/2", "flip")
     assert first.low < flip(1, 2.6, 2.7) < first.high
     assert first.high - first.low == pytest.approx(0.005 / 2**17, rel=1e-6)
+
+
+def test_a_bracket_holds_the_flip_however_narrow(tmp_path):
+    """1e-11 from it the multipliers of the orbit of twice the period are 1 to rounding."""
+    path = refined(tmp_path, "oscillator.omega=[2.652, 2.657]", "refine.levels=40")
+    (first,) = found(path)
+    assert first.low - 1e-14 < flip(1, 2.6, 2.7) < first.high + 1e-14
+    assert first.high - first.low < 1e-11
+
+
+BESIDE_ANOTHER = (
+    "oscillator={h: 0.01, R: 0.9, clearance: 0.3, f: 1.0, omega: [0.6918947, 0.7008220]}",
+    "record={transient: 50, periods: 20, diagnostics: [period, lyapunov]}",
+)
+
+
+def test_a_motion_that_passes_a_coexisting_orbit_is_not_taken_for_it(tmp_path):
+    """Where a new point is said to be periodic, a long run from the same start ends there."""
+    path = refined(tmp_path, *BESIDE_ANOTHER, "refine.levels=3")
+    with open_sweep(path) as dataset:
+        periodic = dataset.isel(omega=np.flatnonzero(dataset["period"] > 0))
+        assert periodic.sizes["omega"] < dataset.sizes["omega"]
+        for omega in periodic["omega"].values.tolist():
+            osc = Oscillator(h=0.01, R=0.9, omega=omega, f=1.0, clearance=0.3)
+            ends = simulate(osc, 3000).section_x[-1]
+            x = periodic["poincare_x"].sel(omega=omega).values
+            assert np.abs(x - ends).min() < 1e-6
+
+
+def test_without_a_transient_motions_are_followed_longer_too(tmp_path):
+    config = refined_config(tmp_path, CONFIG, "record.transient=0")
+    (point,) = Settling(config, "omega").computed(np.array([2.64]))
+    assert str(point.label) == "1/1"
+
+
+def test_no_point_is_put_beside_one_of_the_grid(tmp_path):
+    """Where the class is not known between two values, their middle is on the grid."""
+    axis = "{start: 0.6740400525929372, stop: 0.830268176902766, num: 36}"
+    path = refined(tmp_path, *BESIDE_ANOTHER, f"oscillator.omega={axis}", "refine.levels=1")
+    plain = refined(
+        tmp_path, *BESIDE_ANOTHER, f"oscillator.omega={axis}", "refine=null", name="plain.h5"
+    )
+    with open_sweep(path) as dataset, open_sweep(plain) as grid:
+        omega = dataset["omega"].values
+        assert np.isin(grid["omega"], omega).all()
+        assert np.diff(omega).min() > 1e-3
+        unknown = dataset.isel(omega=[label is None for label in labels(dataset.load())])
+        for point in unknown["omega"].values[np.isin(unknown["omega"], grid["omega"])]:
+            assert np.array_equal(
+                unknown["poincare_x"].sel(omega=point), grid["poincare_x"].sel(omega=point)
+            )
+
+
+def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tmp_path):
+    """As the points of the grid do, see test_follow.py; in chaos the start is not forgotten."""
+    text = CONFIG.replace("{start: 2.6, stop: 2.7, num: 21}", "2.8")
+    config = refined_config(
+        tmp_path, text, "refine.axis=clearance", "oscillator.clearance=[0.0, 0.1]"
+    )
+    starts = np.array([[0.04, -1.0], [0.0, -1.0], [-0.01, -1.0]])
+    beyond, on, below = Settling(config, "clearance").computed(np.zeros(3), starts)
+    assert str(beyond.label) == "chaos"
+    assert beyond.results["poincare_x"].tobytes() == on.results["poincare_x"].tobytes()
+    assert beyond.results["poincare_x"][0] != below.results["poincare_x"][0]
+
+
+def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tmp_path):
+    """The start is the unstable orbit of one period, just beyond its flip."""
+    omega = flip(1, 2.6, 2.7) + 1e-7
+    osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
+    config = refined_config(tmp_path, CONFIG, "record.periods=3")
+    start = sections(osc, one_impact_orbit(osc), 0.0)
+    (point,) = Settling(config, "omega").computed(np.array([omega]), start)
+    assert str(point.label) == "2/2"
+    assert (point.results["period"], point.results["period_impacts"]) == (2, 2)
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,16 @@ def test_either_side_of_a_flip_is_told_however_near(distance):
     assert share == pytest.approx(1.4433, rel=2e-3 + 20 * distance)
 
 
+@pytest.mark.parametrize("distance", [1e-10, 1e-11, 1e-12])
+@pytest.mark.parametrize("off", [1e-2, 1e-4, 1e-5])
+def test_before_a_flip_there_is_no_orbit_of_twice_the_period(distance, off):
+    """Though twice around any motion near by comes back to itself, to rounding."""
+    osc = replace(LIGHT, omega=FLIP - distance)
+    _, states, _ = beside(osc)
+    found = periodic_orbit(osc, states[0, 0] - off, states[0, 1] + off, 2)
+    assert (found.m, found.stable) == (1, True)
+
+
 def test_the_multiplier_at_a_flip_is_minus_one():
     _, _, (x, v) = beside(replace(LIGHT, omega=FLIP))
     found = periodic_orbit(replace(LIGHT, omega=FLIP), x, v)
