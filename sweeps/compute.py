@@ -68,9 +68,9 @@ def compute(
     Returns
     -------
     dict of str to ndarray
-        Arrays of shape (n, ...). Where they scale with f, one f is computed.
+        Arrays of shape (n, ...). Where they scale with f, as from rest, one f is computed.
     """
-    if scales_with_f(config):
+    if scales_with_f(config) and not at_section:
         return computed_once(points, lambda different: _compute(config, different, threads))
     return _compute(config, points, threads, at_section)
 

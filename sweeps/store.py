@@ -18,7 +18,7 @@ import xarray as xr
 
 from sweeps.errors import StoreError
 from sweeps.grid import Block
-from sweeps.layout import FORMAT, FORMAT_VERSION, Layout
+from sweeps.layout import ADDED, FORMAT, FORMAT_VERSION, Layout
 from sweeps.ledger import DamageError, Ledger, checksum
 from sweeps.variables import shown_bytes
 from vibroimpact.status import Status
@@ -143,9 +143,11 @@ class SweepFile:
         """Raise a StoreError that names the damaged blocks, if there are any."""
         indices = np.flatnonzero(self.damaged())
         if indices.size:
+            added = ADDED in self.layout.attributes  # points that no resumed run computes
+            how = "overwrite" if added else "resume to compute what is lost, and nothing else"
             raise StoreError(
                 f"{self.path} is damaged: {self.named(indices)}; run its configuration again "
-                "with --resume to compute what is lost, and nothing else"
+                f"with --{how}"
             )
 
     def named(self, indices: Iterable[int]) -> str:

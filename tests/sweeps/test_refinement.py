@@ -16,6 +16,7 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.changes import Change, Label, cascades, changes, labels, ratio
 from sweeps.classes import Motion
 from sweeps.cli import app
+from sweeps.compute import compute
 from sweeps.errors import StoreError
 from sweeps.settling import Settling
 from vibroimpact.branches import sections
@@ -131,6 +132,19 @@ def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tm
     assert beyond.results["poincare_x"][0] != below.results["poincare_x"][0]
 
 
+def test_a_point_that_starts_at_the_section_is_not_scaled(tmp_path):
+    """One f stands for the others only from rest."""
+    text = CONFIG.replace("f: 1.0", "f: [1.0, 3.0]").replace(
+        "{start: 2.6, stop: 2.7, num: 21}", "2.8"
+    )
+    config = refined_config(tmp_path, text, "refine=null", "record.transient=0")
+    points = config.grid.with_values("f", np.array([3.0]))
+    points["x0"], points["v0"] = -0.5, 1.0
+    results = compute(config, points, None, at_section=True)
+    run = simulate(Oscillator(h=0.0, R=0.8, omega=2.8, f=3.0), 100, x0=-0.5, v0=1.0)
+    assert results["poincare_x"][0].tobytes() == run.section_x.tobytes()
+
+
 def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tmp_path):
     """The start is the unstable orbit of one period, just beyond its flip."""
     omega = flip(1, 2.6, 2.7) + 1e-7
@@ -180,6 +194,9 @@ def test_further_flips_of_a_cascade(cascade):
     (run,) = cascades(found(cascade))
     assert [str(one.before) for one in run][:3] == ["1/1", "2/2", "4/4"]
     assert all(one.high - one.low < 1e-6 for one in run[:3])
+    # Where the least multiplier of the orbits is -1, far enough from it to be told otherwise.
+    for one, exact in zip(run, (flip(1, 2.6, 2.7), 2.71598725144, 2.72911791816), strict=False):
+        assert one.low < exact < one.high
     assert 4.4 < ratio(*run[:3]) < 5.2
 
 
@@ -261,6 +278,8 @@ def test_a_damaged_refined_file_is_not_mended(around, tmp_path):
         file.write(b"damage")
     with pytest.raises(StoreError, match=r"points that were added.*--overwrite"):
         refined(tmp_path, resume=True)
+    with pytest.raises(StoreError, match=r"run its configuration again with --overwrite"):
+        open_sweep(path)
 
 
 def test_an_interval_ends_where_no_number_is_left_in_it(tmp_path):

@@ -130,10 +130,13 @@ def test_coexisting_orbits_are_found_from_their_own_sides():
     assert sorted(run.impact_v) == pytest.approx([0.7030, 1.1145, 2.2536], abs=5e-5)
 
 
-def test_a_rest_forgets_every_deviation():
+@pytest.mark.parametrize("phase", [0.0, 1.0, 6.0])
+def test_a_rest_forgets_every_deviation(phase):
+    """It lasts from about 5.2 to 2 pi: only at the phase 1 the section is not in it."""
     osc = Oscillator(h=0.0, R=0.5, omega=0.5, f=1.0)
-    found = periodic_orbit(osc, *attractor(osc, 3))
+    found = periodic_orbit(osc, -0.5, 0.5, phase=phase)
     assert found.rests == 1 and found.stable
+    assert (found.sections == 0.0).all() == (phase != 1.0)
     assert (found.monodromy == 0.0).all() and (found.multipliers == 0.0).all()
 
 
