@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from sweeps.creation import create, pack, places, write_duration
 from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Block
-from sweeps.layout import ADDED, Layout, create, pack, places, write_duration
+from sweeps.layout import ADDED, Layout
 from sweeps.ledger import Ledger, checksum, flat_bytes, sync_folder, write_all
 from sweeps.merging import merged
 from sweeps.store import SweepFile, check_output, reason, sweep_file

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from sweeps.creation import create
 from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Grid
-from sweeps.layout import FORMAT_VERSION, Layout, create
+from sweeps.layout import FORMAT_VERSION, Layout
 from sweeps.sections import DIAGNOSTICS
 from sweeps.store import check_output, open_sweep, status_counts
 from sweeps.variables import VARIABLES, bytes_per_point, held_variables
@@ -337,7 +338,7 @@ def test_a_file_that_cannot_be_laid_out_leaves_nothing_and_loses_nothing(
     def fail(*_, **__):
         raise failure
 
-    monkeypatch.setattr(f"sweeps.layout.{where}", fail)
+    monkeypatch.setattr(f"sweeps.creation.{where}", fail)
     with pytest.raises(raised) as caught:
         lay_out(path)
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before

@@ -180,7 +180,7 @@ def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
         real(descriptor, part, start)
 
     last = 0
-    for module in ("ledger", "layout", "writer"):
+    for module in ("ledger", "creation", "writer"):
         monkeypatch.setattr(f"sweeps.{module}.write_all", write_all)
     ended = False
     while not ended:
@@ -431,7 +431,7 @@ def test_an_overwritten_file_stays_until_the_new_one_is_there(tmp_path, monkeypa
     def kill(*_):
         raise Killed
 
-    monkeypatch.setattr("sweeps.layout._seal", kill)
+    monkeypatch.setattr("sweeps.creation._seal", kill)
     with pytest.raises(Killed):
         fill(path, overwrite=True)
     xr.testing.assert_identical(data(path), whole)
