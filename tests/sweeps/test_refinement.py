@@ -76,6 +76,64 @@ def test_a_bracket_holds_the_flip_however_narrow(tmp_path):
     assert first.high - first.low < 1e-11
 
 
+def test_the_section_may_be_at_any_phase(tmp_path):
+    path = refined(
+        tmp_path, "oscillator.omega=[2.64, 2.66]", "refine.levels=22", "record.phase=2.0"
+    )
+    (first,) = found(path)
+    assert first.low < flip(1, 2.6, 2.7) < first.high
+    assert first.high - first.low < 1e-8
+
+
+def test_an_orbit_that_motions_leave_is_no_class(tmp_path):
+    """The start is the unstable orbit of one impact per period, and the record too short to see."""
+    osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
+    config = refined_config(tmp_path, CONFIG, "record.periods=4", "record.transient=0")
+    start = sections(osc, one_impact_orbit(osc), 0.0)
+    (point,) = Settling(config, "omega").computed(np.array([2.8]), start)
+    assert point.label is None or str(point.label) == "chaos"
+
+
+def test_a_point_of_the_grid_that_has_not_left_yet_gets_the_attractor(tmp_path):
+    """The start is the unstable orbit just beyond the flip: it seems to repeat after one period."""
+    omega = flip(1, 2.6, 2.7) + 1e-7
+    osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
+    ((x0, v0),) = sections(osc, one_impact_orbit(osc), 0.0).tolist()
+    common = (f"oscillator.omega=[{omega}, 2.66]", f"start={{x0: {x0}, v0: {v0}}}")
+    plain = refined(tmp_path, *common, "refine=null", name="plain.h5")
+    path = refined(tmp_path, *common, "refine.levels=1")
+    with open_sweep(plain) as grid, open_sweep(path) as dataset:
+        assert grid["period"].values.tolist() == [1, 2]
+        assert dataset["period"].values.tolist() == [2, 2]
+        x = dataset["poincare_x"].values[0]
+        assert np.abs(x[2:] - x[:-2]).max() < 1e-10
+        assert np.abs(x[1:] - x[:-1]).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("direction", "axis"),
+    [("up", [1.2, 1.4, 1.6, 1.8]), ("down", [*np.linspace(1.27, 1.4, 27).tolist(), 1.6, 1.8])],
+)
+def test_new_points_start_from_the_neighbour_before_them(tmp_path, direction, axis):
+    """Down, the free motion ends where its amplitude is the clearance; up, that with impacts does.
+
+    Between, both exist: 1.2861 and 1.6504. Down, the grid's last step, of 0.005, may kick the free
+    motion out of its basin before the graze: the bracket is then that of the kick.
+    """
+    h, clearance = 0.05, 1.5
+    path = refined(
+        tmp_path,
+        f"oscillator={{h: {h}, R: 0.8, clearance: {clearance}, f: 1.0, omega: {axis}}}",
+        f"follow={{axis: omega, direction: {direction}}}",
+        "refine.levels=10",
+    )
+    graze = brentq(lambda w: clearance**2 * ((1 - w * w) ** 2 + (2 * h * w) ** 2) - 1.0, 1.1, 1.5)
+    (end,) = [one for one in found(path) if (one.before.q > 0) != (one.after.q > 0)]
+    exact, kick = {"up": (1.6504, 1e-4), "down": (graze, 0.005)}[direction]
+    assert end.low - kick < exact < end.high + 1e-4
+    assert end.high - end.low < 1e-3
+
+
 BESIDE_ANOTHER = (
     "oscillator={h: 0.01, R: 0.9, clearance: 0.3, f: 1.0, omega: [0.6918947, 0.7008220]}",
     "record={transient: 50, periods: 20, diagnostics: [period, lyapunov]}",
