@@ -52,7 +52,7 @@ class Change:
     def kind(self) -> str:
         """What the two classes make it, which is no proof.
 
-        ``flip``: m and q double; ``impact gained``: m stays and q changes by one, as at a graze;
+        ``flip``: m and q double; ``impact +-1``: m stays and q changes by one, as at a graze;
         ``rest`` and ``chaos``: it begins or ends; ``jump``: anything else.
         """
         ends = {self.before.motion, self.after.motion}
@@ -62,7 +62,7 @@ class Change:
         one, other = sorted((self.before[1:], self.after[1:]))
         if other == (2 * one[0], 2 * one[1]):
             return "flip"
-        return "impact gained" if one[0] == other[0] and other[1] - one[1] == 1 else "jump"
+        return "impact +-1" if one[0] == other[0] and other[1] - one[1] == 1 else "jump"
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:

@@ -41,6 +41,8 @@ class Refinement:
     ----------
     intervals : list of tuple of Point
         Those that are halved next.
+    left_out : int
+        How many more there were, at higher values of the axis: they are left as they are.
     points : dict of float to mapping
         By the value of the axis, the results to put into the file: of new points, and of those
         of the grid whose record does not show the class of the attractor.
@@ -53,7 +55,8 @@ class Refinement:
         self._settling = Settling(config, self._axis, threads)
         self._values = line[self._axis].values
         self.points: dict[float, Results] = {}
-        self.intervals = list(_intervals(list(self._grid(line))))
+        self.left_out = 0
+        self.intervals = self._fewer(list(_intervals(list(self._grid(line)))))
 
     def __iter__(self) -> Iterator[int]:
         """Yield the number of each level, when its intervals are halved."""
@@ -95,7 +98,11 @@ class Refinement:
             if middle.label or middle.value not in self._values:
                 self.points[middle.value] = middle.results
             halves += _intervals([low, middle, high]) if middle.label else ()
-        self.intervals = halves[:MOST_INTERVALS]
+        self.intervals = self._fewer(halves)
+
+    def _fewer(self, intervals: list[Interval]) -> list[Interval]:
+        self.left_out += max(0, len(intervals) - MOST_INTERVALS)
+        return intervals[:MOST_INTERVALS]
 
     def _middle(self, low: float, high: float) -> float:
         """Return the middle of an interval, or the value of the grid that it misses by rounding."""

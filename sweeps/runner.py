@@ -23,7 +23,7 @@ from sweeps.compute import compute_block
 from sweeps.computer import Computer
 from sweeps.config import SweepConfig
 from sweeps.grid import Block, block_points
-from sweeps.layout import Layout
+from sweeps.layout import ADDED, Layout
 from sweeps.limits import block_size, estimate, reserved_widths
 from sweeps.locking import only_writer
 from sweeps.pilot import Pilot, choose
@@ -135,9 +135,11 @@ def _refine(
             found = f"{len(refinement.intervals):,} changes of class"
             status.update(f"refining: level {level} of {config.refine.levels}, {found}")
     writer.insert(config.refine.axis, refinement.points)
-    console.print(
-        f"refined: {len(refinement.points):,} points put beside the changes of class", markup=False
-    )
+    added = writer.layout.attributes[ADDED]
+    told = f"refined: {added:,} points added beside the changes of class"
+    if refinement.left_out:
+        told += f"; {refinement.left_out:,} changes were too many to follow further"
+    console.print(told, markup=False)
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:

@@ -101,6 +101,7 @@ class SweepWriter:
             if damaged.any():
                 self.damage = sweep.named(np.flatnonzero(damaged))
                 if ADDED in sweep.layout.attributes:
+                    os.close(self._descriptor)
                     raise StoreError(
                         f"{given} is damaged: {self.damage}; points that were added to its grid "
                         "cannot be computed again one by one: give --overwrite to begin anew"

@@ -18,6 +18,7 @@ from sweeps.classes import Motion
 from sweeps.cli import app
 from sweeps.compute import compute
 from sweeps.errors import StoreError
+from sweeps.refinement import Refinement
 from sweeps.settling import Settling
 from vibroimpact.branches import sections
 from vibroimpact.orbits import bifurcation, one_impact_orbit
@@ -366,6 +367,21 @@ def test_what_happens_at_a_graze_is_resolved(tmp_path):
         assert dataset["omega"].values[alone.values].min() > graze
 
 
+def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr("sweeps.refinement.MOST_INTERVALS", 1)
+    config = refined_config(
+        tmp_path, CONFIG, "oscillator.omega={start: 2.6, stop: 2.8, num: 21}", "refine.levels=3"
+    )
+    with open_sweep(
+        refined(tmp_path, "oscillator.omega={start: 2.6, stop: 2.8, num: 21}", "refine=null")
+    ) as grid:
+        refinement = Refinement(config, grid)
+        assert refinement.left_out > 0
+        assert list(refinement) == [1, 2, 3]
+    assert len(refinement.intervals) == 1
+    assert 2.65 < refinement.intervals[0][0].value < 2.66
+
+
 # -- what is told --------------------------------------------------------------------------------
 
 
@@ -432,8 +448,8 @@ def test_points_of_no_known_class_are_passed_over():
     [
         (ONE, TWO, "flip"),
         (FOUR, TWO, "flip"),
-        (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 2, 4), "impact gained"),
-        (Label(Motion.PERIODIC, 1, 1), Label(Motion.PERIODIC, 1, 0), "impact gained"),
+        (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 2, 4), "impact +-1"),
+        (Label(Motion.PERIODIC, 1, 1), Label(Motion.PERIODIC, 1, 0), "impact +-1"),
         (ONE, FOUR, "jump"),
         (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 4, 7), "jump"),
         (ONE, REST, "rest"),
