@@ -123,6 +123,13 @@ def on_write(monkeypatch, number, action):
         ["oscillator.f=[1, 2, 3]"],  # which scales
         ["method={accuracy: 1e-4}", "oscillator.omega.num=40"],
         ["oscillator.omega=2.5"],  # a single point
+        ["follow={axis: omega, direction: both}", "oscillator.R=[0.5, 0.8]"],
+        [
+            "follow={axis: omega, direction: down}",
+            "refine={axis: omega, levels: 5}",
+            "oscillator.omega={start: 2.6, stop: 2.7, num: 11}",
+            "record.diagnostics=[period, lyapunov]",
+        ],
     ],
 )
 def test_a_cluster_computes_the_same_bits(client, overrides):
