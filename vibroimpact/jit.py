@@ -122,17 +122,27 @@ def call(context, address, arguments):
     return types.void(types.intp, arguments), generate
 
 
+def _compile(function: Any, signature: tuple[Any, ...]) -> None:
+    collecting = gc.isenabled()
+    gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
+    try:
+        function.compile(signature)
+    finally:
+        if collecting:
+            gc.enable()
+
+
+# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB, which a
+# compilation does 200,000 times, or not, by the depth it starts from: 2 s of 16. Below a frame this
+# large it takes 1 MB at once.
+_compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
+
+
 def address_of(function: Any, *arguments: Any) -> int:
     """Return the address of a function, compiled for arguments of these types, for ``call``."""
     signature = tuple(map(numba.typeof, arguments))
     if signature not in function.overloads:
-        collecting = gc.isenabled()
-        gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
-        try:
-            function.compile(signature)
-        finally:
-            if collecting:
-                gc.enable()
+        _compile(function, signature)
     result = function.overloads[signature]
     return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
