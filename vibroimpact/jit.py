@@ -74,6 +74,11 @@ def jit(
     leaf : bool
         Leave out numba's reference counts: for functions that only look into arrays that their
         caller holds. An impact costs half as much without them.
+    dissolve : bool
+        Let LLVM merge it into the caller: a loop around a call is not vectorised.
+    internal : bool
+        Leave out the wrapper for Python, which takes as long to compile as a small function. To
+        call such a function from Python ends the process.
     """
     if function is None:
         return lambda f: jit(
