@@ -18,8 +18,8 @@ Measured here (two cores that other work shared, all on loopback, ``exact``, 300
 - A block takes 3 ms of processor time of submitter and scheduler together and 2.5 ms of its worker,
   whatever its size, and one process handles 165 blocks a second; so a block is half a second of
   work of a core at least (1 %).
-- 810,000 points, 2.0 GiB, two workers of one thread: 1.01 and 1.05 times the wall time of two
-  threads, and 10 to 12 % more processor time, with starting the workers; 374 MiB in the submitting
+- 810,000 points, 2.0 GiB, two workers of one thread: 1.06 times the 38 s of two threads where
+  nothing else ran (1.01 and 1.05 where it did), and 10 to 12 % more processor time, with starting the workers; 374 MiB in the submitting
   process at its peak (406 MiB in the run with threads), 280 MiB in a worker. The peak depends on
   the blocks, not on the sweep: 313 MiB with blocks of 22 MB; with blocks of 67 MB, the largest
   there are, 446 MiB for 1.1 GB and 470 MiB for 4.3 GB.
