@@ -10,7 +10,6 @@ from datetime import UTC, datetime
 from importlib import metadata
 from typing import Any, Self
 
-import h5py
 import numpy as np
 
 from sweeps.grid import Block, Grid, block_points
@@ -115,7 +114,7 @@ class Layout:
             "vibroimpact_version": _version("vibroimpact"),
             "numba_version": _version("numba"),
             "numpy_version": np.__version__,
-            "h5py_version": h5py.__version__,
+            "h5py_version": _version("h5py"),
             "platform": platform.platform(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
@@ -129,21 +128,6 @@ class Layout:
             axes = {DIRECTION: np.array(directions, object), **axes}
             blocks = ((slice(0, len(directions)), *block) for block in blocks)
         return cls(axes, records, tuple(held), tuple(blocks), attributes)
-
-    @classmethod
-    def read(cls, file: h5py.File) -> Self:
-        """Read the layout of a file."""
-        variables = tuple(name for name in VARIABLES if name in file)
-        held = dict.fromkeys(VARIABLES[name].record for name in variables)
-        axes = [scale.name.strip("/") for (scale,) in _scales(file["status"])]
-        attributes = {name: value for name, value in file.attrs.items() if name != "duration"}
-        return cls(
-            {axis: _values(file[axis]) for axis in axes},
-            {record: file[record][()] for record in held if record},
-            variables,
-            [tuple(slice(*cut) for cut in block) for block in file[BLOCKS][()].tolist()],
-            attributes,
-        )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -186,15 +170,6 @@ class Layout:
         if "sample" not in self.records:
             return self
         return replace(self, records={**self.records, "sample": np.arange(width)})
-
-
-def _scales(dataset: h5py.Dataset) -> list[list[h5py.Dataset]]:
-    """Return the dimension scales of each dimension."""
-    return [list(dimension.values()) for dimension in dataset.dims]
-
-
-def _values(scale: h5py.Dataset) -> np.ndarray:
-    return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
 
 
 def _version(package: str) -> str:

@@ -18,9 +18,9 @@ import xarray as xr
 
 from sweeps.errors import StoreError
 from sweeps.grid import Block
-from sweeps.layout import ADDED, FORMAT, FORMAT_VERSION, Layout
+from sweeps.layout import ADDED, BLOCKS, FORMAT, FORMAT_VERSION, Layout
 from sweeps.ledger import DamageError, Ledger, checksum
-from sweeps.variables import shown_bytes
+from sweeps.variables import VARIABLES, shown_bytes
 from vibroimpact.status import Status
 
 #: Endings that name another kind of file, which a slip would give to the data.
@@ -194,7 +194,7 @@ def _opened(path: Path, stack: ExitStack) -> SweepFile:
             _refuse_foreign(path)
         file = stack.enter_context(h5py.File(path, "r"))
         _check_format(path, file.attrs)
-        return SweepFile(path, file, ledger, Layout.read(file))
+        return SweepFile(path, file, ledger, _layout(file))
     except DamageError:
         raise StoreError(
             f"{path} is damaged outside its results, truncated, or changed by another program: "
@@ -202,6 +202,24 @@ def _opened(path: Path, stack: ExitStack) -> SweepFile:
         ) from None
     except OSError as error:
         raise StoreError(f"{path} cannot be read, it may be truncated: {reason(error)}") from error
+
+
+def _layout(file: h5py.File) -> Layout:
+    """Read what a file holds from its datasets and their scales."""
+    variables = tuple(name for name in VARIABLES if name in file)
+    held = dict.fromkeys(VARIABLES[name].record for name in variables)
+    axes = [scale for dimension in file["status"].dims for scale in dimension.values()]
+    return Layout(
+        {scale.name.strip("/"): _values(scale) for scale in axes},
+        {record: file[record][()] for record in held if record},
+        variables,
+        [tuple(slice(*cut) for cut in block) for block in file[BLOCKS][()].tolist()],
+        {name: value for name, value in file.attrs.items() if name != "duration"},
+    )
+
+
+def _values(scale: h5py.Dataset) -> np.ndarray:
+    return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
 
 
 def _refuse_foreign(path: Path) -> NoReturn:

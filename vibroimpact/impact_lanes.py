@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vibroimpact.integrators import newmark, rk4, step, verlet
+from vibroimpact.integrators import NEWMARK, RK4, VERLET, newmark, rk4, step, verlet
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.lanes import (
     C_0,
@@ -118,15 +118,15 @@ def take_remainders(w, columns, integrator, points):
     """
     widest_vectors()
     whole = (columns + _VECTOR - 1) // _VECTOR * _VECTOR
-    if integrator == 2:
+    if integrator == VERLET:
         for j in range(whole):
             x_T, v_T = verlet(*launch(w, j))
             land(w, j, x_T, v_T)
-    elif integrator == 3:
+    elif integrator == NEWMARK:
         for j in range(whole):
             x_T, v_T = newmark(*launch(w, j))
             land(w, j, x_T, v_T)
-    elif integrator == 4:
+    elif integrator == RK4:
         for j in range(whole):
             x_T, v_T = rk4(*launch(w, j))
             land(w, j, x_T, v_T)

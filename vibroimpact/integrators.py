@@ -229,30 +229,41 @@ class Integrator:
     source: str
 
 
+# The codes of the integrators in compiled code.
+EULER, SEMI_IMPLICIT_EULER, VERLET, NEWMARK, RK4, EXACT = range(6)
+
 INTEGRATORS: Mapping[str, Integrator] = {
-    "euler": Integrator(0, 1, euler, euler_limit, "Euler 1768, the explicit method"),
+    "euler": Integrator(EULER, 1, euler, euler_limit, "Euler 1768, the explicit method"),
     "semi-implicit-euler": Integrator(
-        1, 1, semi_implicit_euler, semi_implicit_euler_limit, "the symplectic Euler method"
+        SEMI_IMPLICIT_EULER,
+        1,
+        semi_implicit_euler,
+        semi_implicit_euler_limit,
+        "the symplectic Euler method",
     ),
-    "verlet": Integrator(2, 2, verlet, verlet_limit, "central differences: beta = 0, gamma = 1/2"),
-    "newmark": Integrator(3, 2, newmark, every_step, "Newmark 1959, beta = 1/4, gamma = 1/2"),
-    "rk4": Integrator(4, 4, rk4, rk4_limit, "Kutta 1901, the classical fourth-order method"),
-    "exact": Integrator(5, None, exact, every_step, "matrix exponential of the augmented system"),
+    "verlet": Integrator(
+        VERLET, 2, verlet, verlet_limit, "central differences: beta = 0, gamma = 1/2"
+    ),
+    "newmark": Integrator(NEWMARK, 2, newmark, every_step, "Newmark 1959, beta = 1/4, gamma = 1/2"),
+    "rk4": Integrator(RK4, 4, rk4, rk4_limit, "Kutta 1901, the classical fourth-order method"),
+    "exact": Integrator(
+        EXACT, None, exact, every_step, "matrix exponential of the augmented system"
+    ),
 }
 
 
 @jit
 def step(integrator, x, v, s, c, T, pt):
     """One step of the integrator with that code in ``INTEGRATORS``."""
-    if integrator == 0:
+    if integrator == EULER:
         return euler(x, v, s, c, T, pt)
-    if integrator == 1:
+    if integrator == SEMI_IMPLICIT_EULER:
         return semi_implicit_euler(x, v, s, c, T, pt)
-    if integrator == 2:
+    if integrator == VERLET:
         return verlet(x, v, s, c, T, pt)
-    if integrator == 3:
+    if integrator == NEWMARK:
         return newmark(x, v, s, c, T, pt)
-    if integrator == 4:
+    if integrator == RK4:
         return rk4(x, v, s, c, T, pt)
     return exact(x, v, s, c, T, pt)
 

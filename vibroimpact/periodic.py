@@ -172,10 +172,6 @@ class _Map:
         """Return the largest displacement of states, or velocity as a displacement."""
         return float(np.abs(states / (1.0, self._rate)).max())
 
-    def same(self, one: np.ndarray, other: np.ndarray, orbit: np.ndarray) -> bool:
-        """Whether two states of an orbit are the same."""
-        return self.size(one - other) <= SAME * self.size(orbit)
-
     def orbit(self, y: np.ndarray, m: int) -> PeriodicOrbit | None:
         """Return the orbit through a fixed point."""
         sections, monodromy, (impacts, rests, status) = self(y, m)
