@@ -4,22 +4,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sweeps.coexisting import attractors as attractors
-    from sweeps.config import SweepConfig as SweepConfig
+    from sweeps.analysis.attractors import attractors as attractors
+    from sweeps.config.loading import ConfigError as ConfigError
+    from sweeps.config.loading import load_config as load_config
+    from sweeps.config.sweep import SweepConfig as SweepConfig
+    from sweeps.engine.run import run_sweep as run_sweep
     from sweeps.errors import StoreError as StoreError
-    from sweeps.loading import ConfigError as ConfigError
-    from sweeps.loading import load_config as load_config
-    from sweeps.runner import run_sweep as run_sweep
-    from sweeps.store import open_sweep as open_sweep
+    from sweeps.store.reader import open_sweep as open_sweep
 
 _HOME = {
-    "ConfigError": "sweeps.loading",
+    "ConfigError": "sweeps.config.loading",
     "StoreError": "sweeps.errors",
-    "SweepConfig": "sweeps.config",
-    "attractors": "sweeps.coexisting",
-    "load_config": "sweeps.loading",
-    "open_sweep": "sweeps.store",
-    "run_sweep": "sweeps.runner",
+    "SweepConfig": "sweeps.config.sweep",
+    "attractors": "sweeps.analysis.attractors",
+    "load_config": "sweeps.config.loading",
+    "open_sweep": "sweeps.store.reader",
+    "run_sweep": "sweeps.engine.run",
 }
 __all__ = list(_HOME)
 

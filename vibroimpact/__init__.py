@@ -1,9 +1,15 @@
 """A forced oscillator with impacts: exact facts, integrators, impact rules and the sweep kernel."""
 
-from vibroimpact.orbits import OneImpactOrbit, bifurcation, one_impact_orbit, one_impact_orbits
+from vibroimpact.integrate import integrate
+from vibroimpact.orbits.one_impact import (
+    OneImpactOrbit,
+    bifurcation,
+    one_impact_orbit,
+    one_impact_orbits,
+)
+from vibroimpact.orbits.shooting import PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.paper import PaperRun, paper_procedure
-from vibroimpact.periodic import PeriodicOrbit, periodic_orbit
 from vibroimpact.status import Status
 from vibroimpact.trajectory import Trajectory, simulate
 
@@ -15,6 +21,7 @@ __all__ = [
     "Status",
     "Trajectory",
     "bifurcation",
+    "integrate",
     "one_impact_orbit",
     "one_impact_orbits",
     "paper_procedure",

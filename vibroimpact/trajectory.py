@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from vibroimpact.attractors import resolve
-from vibroimpact.impacts import EXACT, PLAIN
+from vibroimpact.integrate import resolve
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.phases import THETA, lead_in, one_period, sine_at_start
 from vibroimpact.status import Status
-from vibroimpact.stepping import advance, prepare
-from vibroimpact.stop import (
+from vibroimpact.step.one_step import advance, prepare
+from vibroimpact.step.phases import THETA, lead_in, one_period, sine_at_start
+from vibroimpact.step.rules import EXACT, PLAIN
+from vibroimpact.step.stop import (
     DISPLACEMENT,
     IMPACT,
     KIND,

@@ -40,7 +40,7 @@ from sweeps.bench.scenes import (
     least_steps,
 )
 from vibroimpact import bifurcation
-from vibroimpact.attractors import integrate
+from vibroimpact.integrate import integrate
 
 #: Steps of one timed run at least, all points together; with fewer, the call itself would be timed.
 _LEAST_WORK = 1_500_000

@@ -1,4 +1,4 @@
-"""What a step and an impact cost with each method: the constants of ``sweeps.pilot.COSTS``.
+"""What a step and an impact cost with each method: the constants of ``sweeps.engine.pilot.COSTS``.
 
 ``python -m sweeps.bench.costs`` measures them on the machine at hand and prints them beside those
 of the table. All methods run interleaved on one thread, each round over all of them, and the best
@@ -18,8 +18,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import nnls
 
-from sweeps.pilot import COSTS, Cost
-from vibroimpact.attractors import integrate
+from sweeps.engine.pilot import COSTS, Cost
+from vibroimpact.integrate import integrate
 from vibroimpact.oscillator import PARAMETERS, POINT
 
 POINTS, PERIODS, ROUNDS = 1024, 200, 5

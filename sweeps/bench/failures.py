@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
-from vibroimpact.attractors import integrate
+from vibroimpact.integrate import integrate
 
 
 class Method(NamedTuple):

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
-from vibroimpact.attractors import integrate
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.integrate import integrate
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 
 #: Steps per period in the paper, and the forcing periods over which impacts are counted.
 STEPS, PERIODS = 100, 20

@@ -8,8 +8,8 @@ from rich import box
 from rich.table import Table
 
 from sweeps.bench import paper
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 
 
 def tables(measured: paper.Measured) -> Iterator[tuple[str, Table]]:

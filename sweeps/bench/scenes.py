@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact import Oscillator
-from vibroimpact.attractors import integrate
-from vibroimpact.exact_impacts import steps_needed
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.integrate import integrate
+from vibroimpact.step.exact import steps_needed
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 
 #: Neighbours of a scene's point.
 NEIGHBOURS = 64

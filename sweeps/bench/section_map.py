@@ -13,8 +13,8 @@ import numpy as np
 
 from sweeps.bench.scenes import Method
 from vibroimpact import Oscillator, one_impact_orbit
-from vibroimpact.attractors import integrate
-from vibroimpact.integrators import exact
+from vibroimpact.integrate import integrate
+from vibroimpact.step.integrators import exact
 
 
 class _Difference(NamedTuple):

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 
 from sweeps.bench.costs import scene
-from vibroimpact.attractors import default_steps, integrate
+from vibroimpact.integrate import default_steps, integrate
 from vibroimpact.jit import fma, jit, widest_vectors
 
 #: Multiply-adds in a step of the affine map.

@@ -13,10 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.attractors import integrate
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.integrate import integrate
 from vibroimpact.oscillator import POINT
-from vibroimpact.stability import is_stable, spectral_radius
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.stability import is_stable, spectral_radius
 
 #: h / p of the table: none, light, half critical, critical, twice critical.
 ZETAS = np.array([0.0, 0.1, 0.5, 1.0, 2.0])

@@ -9,10 +9,10 @@ import pytest
 
 from limits import cpu_seconds
 from vibroimpact import Oscillator, one_impact_orbit, simulate
-from vibroimpact.attractors import integrate
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.integrate import integrate
 from vibroimpact.status import Status
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 

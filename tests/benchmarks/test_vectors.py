@@ -8,17 +8,17 @@ import pytest
 
 from limits import cpu_features
 from vibroimpact import Oscillator
-from vibroimpact.attractors import default_steps
-from vibroimpact.flight import TERMS
-from vibroimpact.impact_lanes import shorten_steps, take_remainders
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import advance
-from vibroimpact.lanes import LANES, SIZE, STRIDE
-from vibroimpact.phases import one_period
-from vibroimpact.plain_lanes import advance_plain
-from vibroimpact.stop import new_scratch
-from vibroimpact.tally import SUMS, Tally
+from vibroimpact.integrate import default_steps
+from vibroimpact.lanes.kernel import advance
+from vibroimpact.lanes.plain import advance_plain
+from vibroimpact.lanes.reduced_step import shorten_steps, take_remainders
+from vibroimpact.lanes.tally import SUMS, Tally
+from vibroimpact.lanes.workspace import LANES, SIZE, STRIDE
+from vibroimpact.step.flight import TERMS
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.phases import one_period
+from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.stop import new_scratch
 
 #: A step of a lane has eight multiply-adds, of which two begin with a product.
 FUSED = 6 * STRIDE

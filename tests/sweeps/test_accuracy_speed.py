@@ -27,9 +27,9 @@ from sweeps.bench.scenes import (
     Method,
 )
 from sweeps.bench.work_precision import MEAN
-from sweeps.cli import app
+from sweeps.cli.main import app
 from vibroimpact import Status, bifurcation, one_impact_orbit
-from vibroimpact.attractors import integrate
+from vibroimpact.integrate import integrate
 
 STATE, TIME, SPEED, DEPTH = ORBIT_ERRORS
 ONE_IMPACT = next(scene for scene in REGULAR if scene.name == "one impact")

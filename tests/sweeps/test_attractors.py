@@ -11,11 +11,11 @@ from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
 from sweeps import StoreError, attractors, load_config, open_sweep, run_sweep
-from sweeps.attractor_table import cut, rows
-from sweeps.classes import Motion
-from sweeps.cli import app
-from sweeps.plotting import PlotError, plot
-from sweeps.plotting_attractors import attractor_diagram, basins
+from sweeps.analysis.classes import Motion
+from sweeps.analysis.table import cut, rows
+from sweeps.cli.main import app
+from sweeps.plotting.attractors import attractor_diagram, basins
+from sweeps.plotting.pictures import PlotError, plot
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.status import Status
 
@@ -163,7 +163,7 @@ def test_parts_of_the_grid_of_starts_agree_with_the_whole(computed):
 def test_small_parts_of_the_file_give_the_same(computed, monkeypatch):
     dataset = computed()
     whole = attractors(dataset)
-    monkeypatch.setattr("sweeps.repeating._PART", 20)
+    monkeypatch.setattr("sweeps.analysis.periodic._PART", 20)
     xr.testing.assert_allclose(
         attractors(dataset)[["attractor", "fraction", "m", "q"]],
         whole[["attractor", "fraction", "m", "q"]],

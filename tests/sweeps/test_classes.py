@@ -3,10 +3,10 @@ import pytest
 import xarray as xr
 import yaml
 
-from sweeps.classes import Motion, classify, frequent_periods
-from vibroimpact.attractors import integrate
-from vibroimpact.diagnostics import period_class
-from vibroimpact.orbits import one_impact_orbit
+from sweeps.analysis.classes import Motion, classify, frequent_periods
+from vibroimpact.integrate import integrate
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.period_class import period_class
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 
@@ -97,7 +97,7 @@ def computed(h, R, omega, **start):
 
 def beside(h, R, omega):
     """Return a start beside the closed-form orbit: after a rebound, at the phase 0 next to it."""
-    from vibroimpact.branches import sections
+    from vibroimpact.orbits.one_impact_branches import sections
 
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
     x, v = sections(osc, one_impact_orbit(osc), 0.0)[0]

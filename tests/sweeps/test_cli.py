@@ -19,12 +19,12 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sweeps
-from sweeps import runner
-from sweeps.cli import app
-from sweeps.loading import load_config
-from sweeps.runner import block_size
-from vibroimpact.flight import LONGEST_STEP
+from sweeps.cli.main import app
+from sweeps.config.loading import load_config
+from sweeps.engine import run as runner
+from sweeps.engine.run import block_size
 from vibroimpact.status import Status
+from vibroimpact.step.flight import LONGEST_STEP
 
 CONFIG = """\
 name: small
@@ -76,7 +76,7 @@ def refused(*arguments):
 
 def process(*arguments):
     """Run the command line in its own process, as a user does."""
-    command = [sys.executable, "-m", "sweeps.cli", *arguments]
+    command = [sys.executable, "-m", "sweeps.cli.main", *arguments]
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
 
@@ -189,7 +189,7 @@ def test_output_option_wins_over_the_configuration():
 
 
 def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
-    monkeypatch.setitem(sys.modules, "sweeps.runner", None)
+    monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
     printed = done("run", "small.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
     # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, six numbers and the status.
@@ -272,7 +272,7 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
 
 
 def test_diagnostics_are_computed_where_they_are_asked_for():
-    with unittest.mock.patch("sweeps.compute.period_class") as period:
+    with unittest.mock.patch("sweeps.engine.compute.period_class") as period:
         done("run", "small.yaml", "--quiet")
     assert not period.called
     both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
@@ -289,7 +289,7 @@ def test_diagnostics_are_computed_where_they_are_asked_for():
 def test_any_block_size_gives_the_same_data(monkeypatch):
     small = ("--set", "method={}", "--set", "record.diagnostics=[period, lyapunov]")
     done("run", "small.yaml", "--quiet", *small)
-    monkeypatch.setattr("sweeps.runner.block_size", lambda _: 3)
+    monkeypatch.setattr("sweeps.engine.run.block_size", lambda _: 3)
     done("run", "small.yaml", "--quiet", *small, "-o", "blocks.h5")
     with (
         xr.open_dataset("small.h5", engine="h5netcdf") as first,
@@ -309,7 +309,7 @@ def test_any_block_size_gives_the_same_data(monkeypatch):
     ],
 )
 def test_a_block_is_done_in_about_a_second(monkeypatch, record, points, expected):
-    monkeypatch.setattr("sweeps.limits._available_memory", lambda: 20 * 10**9)
+    monkeypatch.setattr("sweeps.engine.plan._available_memory", lambda: 20 * 10**9)
     method = "method={impact: plain, steps_per_period: 10}"
     num = f"oscillator.omega={{start: 1, stop: 2, num: {points}}}"
     config = load_config("small.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])
@@ -328,7 +328,9 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
     def run_sweep(*_, **__):
         raise error
 
-    monkeypatch.setitem(sys.modules, "sweeps.runner", types.SimpleNamespace(run_sweep=run_sweep))
+    monkeypatch.setitem(
+        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+    )
     result = call("run", "small.yaml")
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
@@ -343,7 +345,9 @@ def test_an_interrupted_run_says_what_is_kept(monkeypatch):
             file["status"][3:] = -1
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "sweeps.runner", types.SimpleNamespace(run_sweep=run_sweep))
+    monkeypatch.setitem(
+        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+    )
     result = call("run", "small.yaml", "--overwrite")
     assert result.exit_code == 1
     assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
@@ -356,9 +360,9 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
-    monkeypatch.setattr("sweeps.loading.load_config", interrupt)
-    monkeypatch.setattr("sweeps.config.json_schema", interrupt)
+    monkeypatch.setattr("sweeps.store.reader.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.config.loading.load_config", interrupt)
+    monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
     file = {"info": ["small.h5"], "plot": ["small.h5"], "run": ["small.yaml"], "schema": []}
     result = call(command, *file[command])
     assert result.exit_code == 1
@@ -368,7 +372,7 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run(folder, number):
     endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
-    command = [sys.executable, "-m", "sweeps.cli", "run", "small.yaml", *endless]
+    command = [sys.executable, "-m", "sweeps.cli.main", "run", "small.yaml", *endless]
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
         deadline = time.monotonic() + 120
@@ -566,7 +570,7 @@ def test_help_imports_nothing_heavy(arguments, typers):
     heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers
     code = (
         "import sys\n"
-        "from sweeps.cli import main\n"
+        "from sweeps.cli.main import main\n"
         "try:\n"
         "    main()\n"
         "except SystemExit as end:\n"

@@ -18,17 +18,17 @@ from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 import sweeps
-from sweeps import client as clients
-from sweeps.cli import app
-from sweeps.client import check_address
-from sweeps.cluster import Cluster
-from sweeps.compute import compute, compute_block
+from sweeps.cli.main import app
+from sweeps.config.loading import load_config
+from sweeps.engine import client as clients
+from sweeps.engine.client import check_address
+from sweeps.engine.cluster import Cluster
+from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.plan import block_size
+from sweeps.engine.run import run_sweep
 from sweeps.errors import ClusterError, ClusterFailure
-from sweeps.limits import block_size
-from sweeps.loading import load_config
-from sweeps.runner import run_sweep
-from sweeps.store import open_sweep
-from sweeps.writer import SweepWriter
+from sweeps.store.reader import open_sweep
+from sweeps.store.writer import SweepWriter
 from vibroimpact.jit import NUMERICS
 from vibroimpact.status import Status
 
@@ -64,7 +64,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Let a sweep have enough blocks to be stopped between two of them."""
-    monkeypatch.setattr("sweeps.runner.block_size", lambda *_, **__: 20)
+    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 20)
 
 
 def config(*overrides):
@@ -281,9 +281,9 @@ def stranger(client):
 
     def pretend(numerics):
         def change():
-            import sweeps.cluster
+            import sweeps.engine.cluster
 
-            sweeps.cluster.NUMERICS = numerics
+            sweeps.engine.cluster.NUMERICS = numerics
 
         client.run(change, workers=[address])
 
@@ -322,12 +322,12 @@ def test_a_worker_without_this_package_is_refused(client):
     def hide():
         import sys
 
-        sys.modules["sweeps.cluster"] = None
+        sys.modules["sweeps.engine.cluster"] = None
 
     def show():
         import sys
 
-        del sys.modules["sweeps.cluster"]
+        del sys.modules["sweeps.engine.cluster"]
 
     client.run(hide)
     try:
@@ -361,7 +361,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         computer = Cluster(client)
         assert computer.cores == 4
         with monkeypatch.context() as patch:
-            patch.setattr("sweeps.compute.compute", watched)
+            patch.setattr("sweeps.engine.compute.compute", watched)
             found = list(computer.computed(compute_block, sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}
@@ -421,7 +421,7 @@ def test_the_command_says_where_it_computes(client):
 def command(*arguments):
     """Start the command line as a terminal does, in a process group of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments],
+        [sys.executable, "-m", "sweeps.cli.main", "run", "sweep.yaml", "-o", "out.h5", *arguments],
         env={"PYTHONPATH": str(ROOT), "PATH": ""},
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import yaml
 
-from sweeps import config as config_module
-from sweeps.config import json_schema
-from sweeps.loading import ConfigError, load_config
-from sweeps.sections import OscillatorSection, StartSection
-from vibroimpact.flight import LONGEST_STEP
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from sweeps.config import sweep as config_module
+from sweeps.config.loading import ConfigError, load_config
+from sweeps.config.schema import OscillatorSection, StartSection
+from sweeps.config.sweep import json_schema
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.stability import least_stable_steps
+from vibroimpact.step.flight import LONGEST_STEP
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.stability import least_stable_steps
 
 EXAMPLE = """\
 name: frequency-bifurcation

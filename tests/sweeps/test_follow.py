@@ -10,18 +10,20 @@ import yaml
 from typer.testing import CliRunner
 
 import sweeps
-from sweeps import limits, load_config, open_sweep, run_sweep, runner
-from sweeps.cli import app
-from sweeps.compute import compute, compute_block
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.cli.main import app
+from sweeps.config.loading import ConfigError
+from sweeps.engine import plan as limits
+from sweeps.engine import run as runner
+from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.follow import follow
+from sweeps.engine.plan import block_size, estimate
+from sweeps.engine.scaling import scales_with_f
 from sweeps.errors import StoreError
-from sweeps.following import follow
 from sweeps.grid import Grid
-from sweeps.limits import block_size, estimate
-from sweeps.loading import ConfigError
-from sweeps.scaling import scales_with_f
 from vibroimpact import Oscillator, Status, one_impact_orbit
-from vibroimpact.attractors import integrate
-from vibroimpact.orbits import bifurcation
+from vibroimpact.integrate import integrate
+from vibroimpact.orbits.one_impact import bifurcation
 from vibroimpact.trajectory import trajectories
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"

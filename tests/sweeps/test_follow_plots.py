@@ -10,15 +10,17 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
-from sweeps import load_config, open_sweep, plotting_bifurcation, run_sweep, runner
-from sweeps.cli import app
-from sweeps.compute import compute_block
-from sweeps.plotting import PlotError, compare, plot
-from sweeps.plotting_bifurcation import bifurcation
-from sweeps.plotting_density import BOTH_COLOUR, DIRECTION_COLOURS
-from sweeps.plotting_maps import parameter_map
-from sweeps.plotting_point import section, trajectory
-from sweeps.selection import swept_axes
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.selection import swept_axes
+from sweeps.cli.main import app
+from sweeps.engine import run as runner
+from sweeps.engine.compute import compute_block
+from sweeps.plotting import bifurcation as plotting_bifurcation
+from sweeps.plotting.bifurcation import bifurcation
+from sweeps.plotting.density import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.maps import parameter_map
+from sweeps.plotting.pictures import PlotError, compare, plot
+from sweeps.plotting.point import section, trajectory
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
 SWEEP = {

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import sweeps
-from sweeps.cli import app
+from sweeps.cli.main import app
+from sweeps.config.loading import ConfigError, load_config
 from sweeps.errors import StoreError
-from sweeps.loading import ConfigError, load_config
-from sweeps.store import open_sweep
+from sweeps.store.reader import open_sweep
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 FULL = """\

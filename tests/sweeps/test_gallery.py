@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 
 import sweeps
 from sweeps import attractors, load_config, open_sweep, run_sweep
-from sweeps.attractor_table import rows
-from sweeps.classes import Motion, classify
-from sweeps.plotting import plot
+from sweeps.analysis.classes import Motion, classify
+from sweeps.analysis.table import rows
+from sweeps.plotting.pictures import plot
 from vibroimpact import Oscillator, one_impact_orbit
 
 ROOT = Path(sweeps.__file__).parents[1]

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sweeps import limits
-from sweeps.background import in_background
-from sweeps.cli import app
-from sweeps.compute import compute
+from sweeps.cli.main import app
+from sweeps.config.loading import load_config
+from sweeps.engine import plan as limits
+from sweeps.engine.background import in_background
+from sweeps.engine.compute import compute
+from sweeps.engine.plan import block_size, estimate, expected_seconds, reserved_widths
+from sweeps.engine.run import run_sweep
 from sweeps.errors import StoreError
-from sweeps.layout import Layout
-from sweeps.limits import block_size, estimate, expected_seconds, reserved_widths
-from sweeps.loading import load_config
-from sweeps.runner import run_sweep
-from vibroimpact.kernel import LANES
+from sweeps.store.layout import Layout
+from vibroimpact.lanes.kernel import LANES
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}

@@ -6,10 +6,10 @@ import yaml
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.plotting import PlotError, plot
-from sweeps.plotting_maps import QUANTITIES, parameter_map
-from sweeps.plotting_marks import cell_edges
-from sweeps.variables import VARIABLES
+from sweeps.plotting.maps import QUANTITIES, parameter_map
+from sweeps.plotting.marks import cell_edges
+from sweeps.plotting.pictures import PlotError, plot
+from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.overlay import Line, _distance, deviations
-from sweeps.plotting import compare, plot
-from sweeps.plotting_bifurcation import COORDINATES, bifurcation
-from sweeps.selection import PlotError, select
-from vibroimpact.orbits import one_impact_orbit
+from sweeps.analysis.overlay import Line, _distance, deviations
+from sweeps.analysis.selection import PlotError, select
+from sweeps.plotting.bifurcation import COORDINATES, bifurcation
+from sweeps.plotting.pictures import compare, plot
+from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 
 CONFIG = """

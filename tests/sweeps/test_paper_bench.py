@@ -9,9 +9,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from sweeps.bench import paper
+from sweeps.bench.paper_picture import picture
 from sweeps.bench.paper_tables import tables
-from sweeps.cli import app
-from sweeps.plotting_paper import picture
+from sweeps.cli.main import app
 
 # Known of the three cases: impacts per period, their speeds, and the order to the letter, which
 # the acceleration of eq. (10) costs where h > 0.

@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from sweeps import load_config, open_sweep
 from sweeps.bench import costs
-from sweeps.cli import app
+from sweeps.cli.main import app
+from sweeps.config.loading import ConfigError
+from sweeps.config.schema import MethodSection
+from sweeps.engine.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, choose
+from sweeps.engine.reference import Reference
 from sweeps.grid import Grid
-from sweeps.loading import ConfigError
-from sweeps.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, choose
-from sweeps.reference import Reference
-from sweeps.sections import MethodSection
 
 # The motion rests in every period; meets the stop never; and has flips, chaos and windows.
 SCENES = {
@@ -268,7 +268,7 @@ def test_quiet_is_quiet_and_a_dry_run_runs_no_pilot(load, monkeypatch):
     load("free", 1e-2)
     quiet = call("run", "scene.yaml", "--quiet")
     assert (quiet.exit_code, quiet.output) == (0, "")
-    monkeypatch.setattr("sweeps.reference.integrate", None)
+    monkeypatch.setattr("sweeps.engine.reference.integrate", None)
     plan = call("run", "scene.yaml", "--dry-run", "-o", "b.h5")
     assert plan.exit_code == 0
     assert "the cheapest with an error <= 0.01, found by a pilot run" in plan.stdout

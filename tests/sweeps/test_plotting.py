@@ -5,16 +5,19 @@ import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 
-from sweeps import plotting, plotting_bifurcation, plotting_density, selection
+from sweeps.analysis import selection
 from sweeps.grid import Grid
-from sweeps.layout import Layout
-from sweeps.plotting import KINDS, PlotError, plot
-from sweeps.plotting_bifurcation import bifurcation
-from sweeps.plotting_marks import DPI
-from sweeps.plotting_point import impacts, section, trajectory
-from sweeps.store import open_sweep
-from sweeps.variables import VARIABLES
-from sweeps.writer import sweep_writer
+from sweeps.plotting import bifurcation as plotting_bifurcation
+from sweeps.plotting import density as plotting_density
+from sweeps.plotting import pictures as plotting
+from sweeps.plotting.bifurcation import bifurcation
+from sweeps.plotting.marks import DPI
+from sweeps.plotting.pictures import KINDS, PlotError, plot
+from sweeps.plotting.point import impacts, section, trajectory
+from sweeps.store.layout import Layout
+from sweeps.store.reader import open_sweep
+from sweeps.store.variables import VARIABLES
+from sweeps.store.writer import sweep_writer
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

@@ -11,17 +11,17 @@ import xarray as xr
 from scipy.optimize import brentq
 from typer.testing import CliRunner
 
-import sweeps.runner
+import sweeps.engine.run
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.changes import Change, Label, cascades, changes, labels, ratio
-from sweeps.classes import Motion
-from sweeps.cli import app
-from sweeps.compute import compute
+from sweeps.analysis.changes import Change, Label, cascades, changes, labels, ratio
+from sweeps.analysis.classes import Motion
+from sweeps.cli.main import app
+from sweeps.engine.compute import compute
+from sweeps.engine.refine import Refinement
+from sweeps.engine.settle import Settling
 from sweeps.errors import StoreError
-from sweeps.refinement import Refinement
-from sweeps.settling import Settling
-from vibroimpact.branches import sections
-from vibroimpact.orbits import bifurcation, one_impact_orbit
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
+from vibroimpact.orbits.one_impact_branches import sections
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -307,7 +307,7 @@ def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(sweeps.runner, "Refinement", interrupted)
+        patch.setattr(sweeps.engine.run, "Refinement", interrupted)
         refined(tmp_path)
     with open_sweep(tmp_path / "out.h5") as dataset:
         assert dataset.sizes["omega"] == 21
@@ -368,7 +368,7 @@ def test_what_happens_at_a_graze_is_resolved(tmp_path):
 
 
 def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr("sweeps.refinement.MOST_INTERVALS", 1)
+    monkeypatch.setattr("sweeps.engine.refine.MOST_INTERVALS", 1)
     config = refined_config(
         tmp_path, CONFIG, "oscillator.omega={start: 2.6, stop: 2.8, num: 21}", "refine.levels=3"
     )

@@ -7,11 +7,12 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from sweeps import compute, load_config, open_sweep, run_sweep
-from sweeps.cli import app
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.cli.main import app
+from sweeps.engine import compute
+from sweeps.engine.scaling import scales_with_f
 from sweeps.grid import Grid
-from sweeps.scaling import scales_with_f
-from sweeps.variables import VARIABLES
+from sweeps.store.variables import VARIABLES
 
 SWEEP = {
     "oscillator": {"h": 0.1, "R": 0.7, "f": [0.25, 1.0, 3.0, 8.0], "omega": [0.4, 1.9, 2.3]},

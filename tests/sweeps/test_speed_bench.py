@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from sweeps.bench import speed
 from sweeps.bench.speed_tables import table
-from sweeps.cli import app
+from sweeps.cli.main import app
 
 SPEEDS = {
     "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 0.4),

@@ -12,9 +12,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from sweeps.bench import failures, stability, stability_tables
-from sweeps.cli import app
-from sweeps.plotting_stability import picture
-from vibroimpact.integrators import INTEGRATORS
+from sweeps.bench.stability_picture import picture
+from sweeps.cli.main import app
+from vibroimpact.step.integrators import INTEGRATORS
 
 EXACT = failures.Method("exact", "exact")
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.creation import create
+from sweeps.config.schema import DIAGNOSTICS
 from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Grid
-from sweeps.layout import FORMAT_VERSION, Layout
-from sweeps.sections import DIAGNOSTICS
-from sweeps.store import check_output, open_sweep, status_counts
-from sweeps.variables import VARIABLES, bytes_per_point, held_variables
-from sweeps.writer import sweep_writer
+from sweeps.store.creation import create
+from sweeps.store.layout import FORMAT_VERSION, Layout
+from sweeps.store.reader import check_output, open_sweep, status_counts
+from sweeps.store.variables import VARIABLES, bytes_per_point, held_variables
+from sweeps.store.writer import sweep_writer
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -338,7 +338,7 @@ def test_a_file_that_cannot_be_laid_out_leaves_nothing_and_loses_nothing(
     def fail(*_, **__):
         raise failure
 
-    monkeypatch.setattr(f"sweeps.creation.{where}", fail)
+    monkeypatch.setattr(f"sweeps.store.creation.{where}", fail)
     with pytest.raises(raised) as caught:
         lay_out(path)
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before

@@ -14,14 +14,14 @@ import pytest
 import xarray as xr
 
 import sweeps
-from sweeps import ledger, writer
 from sweeps.errors import StoreError, StoreFailure
 from sweeps.grid import Grid
-from sweeps.layout import Layout
-from sweeps.locking import only_writer
-from sweeps.store import open_sweep
-from sweeps.variables import VARIABLES
-from sweeps.writer import sweep_writer
+from sweeps.store import ledger, writer
+from sweeps.store.layout import Layout
+from sweeps.store.lock import only_writer
+from sweeps.store.reader import open_sweep
+from sweeps.store.variables import VARIABLES
+from sweeps.store.writer import sweep_writer
 from vibroimpact.status import Status
 
 ROOT = Path(sweeps.__file__).parents[1]
@@ -378,7 +378,7 @@ def test_a_disk_that_fills_up_loses_nothing(tmp_path, whole):
 def holder(path):
     """Hold the lock of `path` in another process; it prints a line when it has it."""
     code = (
-        "import sys, time; from pathlib import Path; from sweeps.locking import only_writer\n"
+        "import sys, time; from pathlib import Path; from sweeps.store.lock import only_writer\n"
         "with only_writer(Path(sys.argv[1])):\n"
         "    print('held', flush=True); time.sleep(100)\n"
     )
@@ -431,7 +431,7 @@ def test_an_overwritten_file_stays_until_the_new_one_is_there(tmp_path, monkeypa
     def kill(*_):
         raise Killed
 
-    monkeypatch.setattr("sweeps.creation._seal", kill)
+    monkeypatch.setattr("sweeps.store.creation._seal", kill)
     with pytest.raises(Killed):
         fill(path, overwrite=True)
     xr.testing.assert_identical(data(path), whole)

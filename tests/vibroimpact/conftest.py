@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 
 TESTS = Path(__file__).parents[1]
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibroimpact.attractors import integrate
-from vibroimpact.branches import one_impact_branches, sections
-from vibroimpact.orbits import one_impact_orbit
+from vibroimpact.integrate import integrate
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.one_impact_branches import one_impact_branches, sections
 from vibroimpact.oscillator import Oscillator
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0)

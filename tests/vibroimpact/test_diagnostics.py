@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
-from vibroimpact.attractors import integrate
-from vibroimpact.diagnostics import LONGEST_PERIOD, TOLERANCE, period_class
-from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.orbits import bifurcation, one_impact_orbit
+from vibroimpact.integrate import integrate
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
+from vibroimpact.orbits.period_class import LONGEST_PERIOD, TOLERANCE, period_class
+from vibroimpact.step.integrators import INTEGRATORS
 
 
 def cycle(m, periods, seed=0):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.attractors import default_steps, integrate
-from vibroimpact.exact_impacts import time_to_rest
+from vibroimpact.integrate import default_steps, integrate
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.exact import time_to_rest
 
 PERIOD = 2.0 * math.pi
 GRAZES = ["graze_first_exact30", "graze_first_minus", "graze_first_minus6", "graze_first_plus6"]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, paper_procedure, simulate
-from vibroimpact.attractors import integrate
-from vibroimpact.stability import is_stable, least_stable_steps
+from vibroimpact.integrate import integrate
 from vibroimpact.status import Status
+from vibroimpact.step.stability import is_stable, least_stable_steps
 
 PAPER = {"paper_A": (0.5, 1.0), "paper_B": (0.0, 0.5), "paper_C": (0.5, 0.5)}
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
-from vibroimpact.attractors import default_steps
-from vibroimpact.exact_impacts import guard, reach
-from vibroimpact.flight import LONGEST_STEP, TERMS, expand, fill_rows, first_crossing
-from vibroimpact.flight import value_and_slope as evaluate
+from vibroimpact.integrate import default_steps
+from vibroimpact.step.exact import guard, reach
+from vibroimpact.step.flight import LONGEST_STEP, TERMS, expand, fill_rows, first_crossing
+from vibroimpact.step.flight import value_and_slope as evaluate
 
 NONE = -1.0
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from vibroimpact import Oscillator, simulate
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.reduced_step import (
+from vibroimpact.status import Status
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.reduced_step import (
     CUBIC,
     REDUCED_STEP,
     crossed,
@@ -18,8 +18,8 @@ from vibroimpact.reduced_step import (
     reduced_step,
     time_to_rest,
 )
-from vibroimpact.status import Status
-from vibroimpact.stop import (
+from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.stop import (
     IMPACT,
     KIND,
     RELEASE,
@@ -31,7 +31,7 @@ from vibroimpact.stop import (
     start,
     time_to_release,
 )
-from vibroimpact.trigonometry import sin_cos
+from vibroimpact.step.trigonometry import sin_cos
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
 # Those that are exact under a constant push, which a rebound within one step needs.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
-from vibroimpact.integrators import INTEGRATORS, affine_map, apply_map, step
+from vibroimpact.step.integrators import INTEGRATORS, affine_map, apply_map, step
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
 STATES = [(1.0, 0.0, 0.0, 1.0), (-0.3, 0.7, 0.6, -0.8), (0.0, 0.0, 0.28, 0.96), (-2.0, -1.5, 1, 0)]

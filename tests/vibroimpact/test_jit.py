@@ -9,11 +9,11 @@ from pathlib import Path
 import vibroimpact
 from vibroimpact.jit import fma
 
-# glide_step() is in lanes.py, the helper it calls in integrators.py.
+# glide_step() is in lanes/workspace.py, the helper it calls in step/integrators.py.
 PROGRAM = """\
 import numpy as np
 import vibroimpact
-from vibroimpact.lanes import LANES, LEVEL, SIZE, X, glide_step
+from vibroimpact.lanes.workspace import LANES, LEVEL, SIZE, X, glide_step
 w = np.ones(SIZE)
 w[LEVEL : LEVEL + LANES] = np.inf
 glide_step(w, np.array([[0.0], [0.25], [0.5]]), 0, False)
@@ -47,7 +47,7 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     )
     assert run(tmp_path) == (2.75, 0, 1)
     assert run(tmp_path) == (2.75, 1, 0)
-    helper = copy / "integrators.py"
+    helper = copy / "step/integrators.py"
     before = helper.read_text()
     after = before.replace("fma(xs, s, xc * c)", "fma(xs, s, 3.0 * xc * c)")
     assert after != before

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.attractors import default_steps, integrate
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
-from vibroimpact.kernel import LANES
+from vibroimpact.integrate import default_steps, integrate
+from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 from vibroimpact.trajectory import trajectories
 
 # One integrator for every rule.

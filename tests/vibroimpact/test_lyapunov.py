@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, Status
-from vibroimpact.attractors import integrate
-from vibroimpact.lyapunov import orthonormalise
-from vibroimpact.orbits import one_impact_orbit
+from vibroimpact.integrate import integrate
+from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.tangents import orthonormalise
 
 
 def test_the_exponents_add_up_to_the_loss():

@@ -11,7 +11,12 @@ import pytest
 from scipy.optimize import brentq
 
 from vibroimpact import Oscillator
-from vibroimpact.orbits import BIFURCATIONS, bifurcation, one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.one_impact import (
+    BIFURCATIONS,
+    bifurcation,
+    one_impact_orbit,
+    one_impact_orbits,
+)
 
 # h, omega, R, n, v, omega t0
 ORBITS = [

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, simulate
-from vibroimpact.attractors import integrate
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.integrate import integrate
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
 PERIODS = 20

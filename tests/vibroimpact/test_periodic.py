@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibroimpact.branches import sections
-from vibroimpact.orbits import one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.one_impact_branches import sections
+from vibroimpact.orbits.shooting import doubled, periodic_orbit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.periodic import doubled, periodic_orbit
 from vibroimpact.trajectory import simulate
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)

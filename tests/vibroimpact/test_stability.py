@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, simulate
-from vibroimpact.attractors import MOST_STEPS, default_steps, integrate
-from vibroimpact.integrators import INTEGRATORS
+from vibroimpact.integrate import MOST_STEPS, default_steps, integrate
 from vibroimpact.oscillator import POINT
-from vibroimpact.stability import free_map, is_stable, least_stable_steps, spectral_radius
 from vibroimpact.status import Status
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.stability import free_map, is_stable, least_stable_steps, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
 # Where the real axis leaves the region |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1.

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.impacts import IMPACT_RULES
-from vibroimpact.integrators import INTEGRATORS
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
 from vibroimpact.trajectory import trace, trajectories
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)

@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 
-from vibroimpact.trigonometry import sin_cos, sine_after
+from vibroimpact.step.trigonometry import sin_cos, sine_after
 
 
 def test_both_are_right_to_rounding():

@@ -1,0 +1,1 @@
+"""What the recorded motions are: period class, kind of motion, changes, attractors."""

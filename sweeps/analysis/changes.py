@@ -1,0 +1,121 @@
+"""Where the class of the motion changes along an axis: what a bifurcation looks like in a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.classes import Motion, classify
+
+#: What is told apart. Of the other kinds it is not known what the motion does in the long run.
+_DECIDED = (Motion.UNBOUNDED, Motion.REST, Motion.PERIODIC, Motion.CHAOTIC)
+_WORDS = {Motion.UNBOUNDED: "unbounded", Motion.REST: "rest", Motion.CHAOTIC: "chaos"}
+
+
+class Label(NamedTuple):
+    """The class of a motion: its kind, and for a periodic one m forcing periods and q impacts."""
+
+    motion: Motion
+    m: int = 0
+    q: int = 0
+
+    def __str__(self) -> str:
+        return _WORDS.get(self.motion, f"{self.m}/{self.q}")
+
+
+@dataclass(frozen=True)
+class Change:
+    """Two values of an axis between which the class changes.
+
+    Attributes
+    ----------
+    low, high : float
+        The nearest values whose classes are known.
+    before, after : Label
+        The classes there.
+    between : int
+        Points between them at which nothing can be said of the class.
+    """
+
+    low: float
+    high: float
+    before: Label
+    after: Label
+    between: int = 0
+
+    @property
+    def kind(self) -> str:
+        """What the two classes make it, which is no proof.
+
+        ``flip``: m and q double; ``impact +-1``: m stays and q changes by one, as at a graze;
+        ``rest`` and ``chaos``: it begins or ends; ``jump``: anything else.
+        """
+        ends = {self.before.motion, self.after.motion}
+        for motion, word in _WORDS.items():
+            if motion in ends:
+                return word
+        one, other = sorted((self.before[1:], self.after[1:]))
+        if other == (2 * one[0], 2 * one[1]):
+            return "flip"
+        return "impact +-1" if one[0] == other[0] and other[1] - one[1] == 1 else "jump"
+
+
+def labels(line: xr.Dataset) -> list[Label | None]:
+    """Return the class at every point of a line of computed points; None where it is not known.
+
+    Parameters
+    ----------
+    line : Dataset
+        A cut through an opened sweep with one swept axis left, with ``period``.
+    """
+    counts = zip(
+        line["period"].values.tolist(), line["period_impacts"].values.tolist(), strict=True
+    )
+    return [
+        label_of(Motion(motion), *mq)
+        for motion, mq in zip(classify(line).tolist(), counts, strict=True)
+    ]
+
+
+def label_of(motion: Motion, m: int, q: int) -> Label | None:
+    """Return the class of one motion; None where it is not known."""
+    if motion not in _DECIDED:
+        return None
+    return Label(motion, m, q) if motion is Motion.PERIODIC else Label(motion)
+
+
+def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
+    """Yield the changes of class along increasing values."""
+    known = [i for i, label in enumerate(classes) if label is not None]
+    for i, j in pairwise(known):
+        before, after = classes[i], classes[j]
+        if before is not None and after is not None and before != after:
+            yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
+
+
+def cascades(found: Sequence[Change]) -> Iterator[list[Change]]:
+    """Yield the runs of three flips and more, each of the orbit that the one before has made."""
+    flips = [change for change in found if change.kind == "flip"]
+    for upwards in (True, False):
+        run: list[Change] = []
+        reached = None
+        for flip in flips if upwards else reversed(flips):
+            ends = (flip.before, flip.after) if upwards else (flip.after, flip.before)
+            if ends[0].m > ends[1].m:
+                continue
+            if ends[0] != reached:
+                yield from [run] * (len(run) >= 3)
+                run = []
+            run, reached = [*run, flip], ends[1]
+        yield from [run] * (len(run) >= 3)
+
+
+def ratio(one: Change, two: Change, three: Change) -> float:
+    """Return how many times closer the third change is to the second than that to the first."""
+    first, second, third = (0.5 * (change.low + change.high) for change in (one, two, three))
+    return (second - first) / (third - second)

@@ -1,0 +1,95 @@
+"""What kind of motion each point of a sweep has: periodic, at rest, chaotic, or not known.
+
+What is said of a point is what its record shows, and no more. The first that holds decides:
+
+1. not computed, failed, or unbounded: by ``status``;
+2. with rest: the mass rested on the stop during the record, after a complete chatter or, with
+   R = 0, after an impact. Such a motion may be periodic, but its number of impacts depends on where
+   a chatter is cut off;
+3. periodic: the record repeats (`vibroimpact.orbits.period_class.period_class`);
+4. by the larger Lyapunov exponent, where it is recorded. Over the time t of a record of k forcing
+   periods, tangent vectors grow by exp(lambda_1 t). On a torus they grow linearly at the most, so
+   that more than k-fold growth is chaos. From 1/k to k is neutral: a quasi-periodic motion, or a
+   periodic one too close to its bifurcation to have settled. Less is a motion that settles and has
+   not repeated yet, which is undecided;
+5. undecided.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.selection import Setting
+from vibroimpact.status import Status
+
+
+class Motion(IntEnum):
+    """The kind of motion at one parameter point."""
+
+    PENDING = 0
+    FAILED = 1
+    UNBOUNDED = 2
+    REST = 3
+    PERIODIC = 4
+    CHAOTIC = 5
+    NEUTRAL = 6
+    UNDECIDED = 7
+
+
+def classify(dataset: xr.Dataset) -> np.ndarray:
+    """Name the kind of motion at every point.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep, or a cut through one, with ``period``; ``lyapunov`` is used where there.
+
+    Returns
+    -------
+    ndarray of int
+        A `Motion` per point, in the shape of ``status``.
+    """
+    status = dataset["status"].values
+    failed = np.isin(status, [one for one in Status if one.failed])
+    rules = [
+        (status == Status.PENDING, Motion.PENDING),
+        (failed, Motion.FAILED),
+        (status == Status.UNBOUNDED, Motion.UNBOUNDED),
+        (dataset["rest_fraction"].values > 0.0, Motion.REST),
+        (dataset["period"].values > 0, Motion.PERIODIC),
+    ]
+    if "lyapunov" in dataset:
+        folds = np.log(dataset.sizes["section"])
+        growth = _growth(dataset)
+        rules += [(growth > folds, Motion.CHAOTIC), (growth >= -folds, Motion.NEUTRAL)]
+    return np.select(
+        [condition for condition, _ in rules],
+        [int(motion) for _, motion in rules],
+        int(Motion.UNDECIDED),
+    )
+
+
+def _growth(dataset: xr.Dataset) -> np.ndarray:
+    """Return the logarithm of the growth of tangent vectors over the record."""
+    omega = dataset["omega"] if "omega" in dataset.coords else Setting.of(dataset).fixed["omega"]
+    duration = dataset.sizes["section"] * 2.0 * np.pi / omega
+    growth = dataset["lyapunov"].isel(exponent=0) * duration
+    return growth.transpose(*dataset["status"].dims).values
+
+
+def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> list[tuple[int, int]]:
+    """Return the most frequent (forcing periods, impacts) per repetition, in increasing order.
+
+    Parameters
+    ----------
+    period, impacts : ndarray of int, shape (n,)
+        Of the periodic points.
+    count : int
+        How many at the most.
+    """
+    found, numbers = np.unique(np.stack([period, impacts], axis=1), axis=0, return_counts=True)
+    frequent = found[np.argsort(-numbers, kind="stable")[:count]]
+    return sorted((int(m), int(q)) for m, q in frequent)

@@ -1,0 +1,175 @@
+"""Which attractors of neighbouring parameter points are one: a name for each, kept along the axes.
+
+An attractor goes on at the next value of an axis as the one whose cycle is nearest, if each is the
+nearest to the other and they are no further apart than ``REACH``. It keeps its identity through a
+flip: an orbit of m periods may go on as one of 2 m, or of m / 2, that lies near it, as the branches
+of a diagram do. It loses it in a jump, as at the end of a window.
+
+Along the longest axis chains are made so, over gaps of ``GAP`` of the axis, too: beside a flip the
+motion settles slowly, and for a few values no repetition is found. Along the other axes chains
+are joined, those with the longest border first, and never two that coexist somewhere; around a
+cusp, where one attractor leads to another, the identity therefore changes along some line.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from vibroimpact.orbits.cycles import Cycles, distances
+
+#: Attractors further apart than this, relative to their greatest coordinate, are two.
+REACH = 0.2
+#: The longest gap that is bridged, as a share of an axis.
+GAP = 1 / 32
+
+
+class Attractors:
+    """Periodic attractors, in the order of their parameter points.
+
+    Parameters
+    ----------
+    point : ndarray of int, shape (n,)
+        The number of the parameter point, increasing.
+    m : ndarray of int, shape (n,)
+        Forcing periods.
+    place : ndarray of int, shape (n,)
+        Where the cycle is in ``cycles[m]``.
+    cycles : mapping of int to Cycles
+    """
+
+    def __init__(
+        self,
+        point: np.ndarray,
+        m: np.ndarray,
+        place: np.ndarray,
+        cycles: Mapping[int, Cycles],
+    ) -> None:
+        self.point, self.m, self.place, self.cycles = point, m, place, cycles
+
+    def distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return how far pairs are apart; inf where one cannot be the other's flip."""
+        swap = self.m[a] > self.m[b]
+        a, b = np.where(swap, b, a), np.where(swap, a, b)
+        apart = np.full(len(a), np.inf)
+        for m in np.unique(self.m[a]):
+            for turns in (1, 2):
+                pairs = np.flatnonzero((self.m[a] == m) & (self.m[b] == turns * m))
+                if len(pairs):
+                    one = self.cycles[m][self.place[a[pairs]]]
+                    other = self.cycles[turns * m][self.place[b[pairs]]]
+                    apart[pairs] = distances(one, other)
+        return apart
+
+    def links(self, a: np.ndarray, b: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Pair attractors with those `step` points further that they go on as.
+
+        Parameters
+        ----------
+        a, b : ndarray of int
+            Attractors in increasing order, to be paired and to pair with.
+        step : int
+
+        Returns
+        -------
+        tuple of ndarray of int
+            Pairs, no attractor of `a` or `b` in two.
+        """
+        low = np.searchsorted(self.point[b], self.point[a] + step, side="left")
+        high = np.searchsorted(self.point[b], self.point[a] + step, side="right")
+        count = high - low
+        first = np.repeat(a, count)
+        within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+        second = b[np.repeat(low, count) + within]
+        apart = self.distances(first, second)
+        near = apart <= REACH
+        first, second, apart = first[near], second[near], apart[near]
+        mutual = _is_least(first, apart) & _is_least(second, apart)
+        return first[mutual], second[mutual]
+
+
+def _is_least(key: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Return which values are the first of the least ones that share their key."""
+    order = np.lexsort((value, key))
+    least = np.zeros(len(key), bool)
+    least[order[np.r_[True, np.diff(key[order]) != 0][: len(key)]]] = True
+    return least
+
+
+def identities(shape: tuple[int, ...], attractors: Attractors) -> np.ndarray:
+    """Return a number for each attractor, the same for those that are one.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the grid of parameter points.
+    attractors : Attractors
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    own = np.arange(len(attractors.point))
+    if not shape or not len(own):
+        return own
+    longest = int(np.argmax(shape))
+    before = own.copy()
+    for a, b in _along(shape, attractors, longest, max(1, int(GAP * shape[longest]))):
+        before[b] = a
+    while not np.array_equal(before, before[before]):  # twice as far back each time
+        before = before[before]
+    borders: Counter[tuple[int, int]] = Counter()
+    for axis in range(len(shape)):
+        if axis != longest and shape[axis] > 1:
+            for a, b in _along(shape, attractors, axis, 1):
+                pairs, lengths = np.unique(before[[a, b]], axis=1, return_counts=True)
+                borders.update(
+                    dict(zip(map(tuple, pairs.T.tolist()), lengths.tolist(), strict=True))
+                )
+    return _joined(before, attractors.point, borders) if borders else before
+
+
+def _along(
+    shape: tuple[int, ...], attractors: Attractors, axis: int, longest_step: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the links along an axis, those over gaps last; none has two ahead or behind."""
+    n = len(attractors.point)
+    stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
+    at = attractors.point // stride % shape[axis]
+    ends, begins = np.ones(n, bool), np.ones(n, bool)
+    for step in range(1, longest_step + 1):
+        a = np.flatnonzero(ends & (at < shape[axis] - step))
+        b = np.flatnonzero(begins & (at >= step))
+        a, b = attractors.links(a, b, step * stride)
+        ends[a] = begins[b] = False
+        yield a, b
+
+
+def _joined(
+    chain: np.ndarray, point: np.ndarray, borders: Mapping[tuple[int, int], int]
+) -> np.ndarray:
+    """Join chains along their borders, the longest first, but none that share a parameter point."""
+    foes: dict[int, set[int]] = {}
+    for apart in range(1, int(np.unique(point, return_counts=True)[1].max())):
+        both = np.flatnonzero(point[apart:] == point[:-apart])
+        pairs = np.unique(chain[[both, both + apart]], axis=1)
+        for a, b in pairs.T.tolist():
+            foes.setdefault(a, set()).add(b)
+            foes.setdefault(b, set()).add(a)
+    members = {a: [a] for pair in borders for a in pair}
+    home = {a: a for a in members}
+    for (a, b), _ in sorted(borders.items(), key=lambda item: (-item[1], item[0])):
+        a, b = home[a], home[b]
+        if a == b or any(home.get(foe, foe) == b for foe in foes.get(a, ())):
+            continue
+        if len(members[a]) < len(members[b]):
+            a, b = b, a
+        for one in members[b]:
+            home[one] = a
+        members[a] += members.pop(b)
+        foes[a] = foes.get(a, set()) | foes.pop(b, set())
+    names = np.arange(len(chain))
+    names[list(home)] = list(home.values())
+    return names[chain]

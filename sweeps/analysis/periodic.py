@@ -1,0 +1,202 @@
+"""The periodic motions of a sweep that are the same, found a part of the file at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.selection import Setting
+from sweeps.grid import Block, Grid
+from sweeps.store.variables import DIRECTION
+from vibroimpact.orbits.cycles import Cycles, representatives, shortest_turn
+
+#: Axes along which the oscillator is the same and only its past differs.
+STARTS = ("x0", "v0", DIRECTION)
+#: Section states that are read at a time.
+_PART = 4_000_000
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of the file, in C order: of which oscillator each is, and from which start.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Of the grid of parameter points, which is that of the file without its ``STARTS``.
+    parameters, starts : tuple of str
+        Its axes, and the others.
+    parameter, start : ndarray of int, shape (n,)
+        The number of the parameter point and of the start, each in C order.
+    values : mapping of str to ndarray, shape (n,)
+        omega, clearance and R.
+    """
+
+    shape: tuple[int, ...]
+    parameters: tuple[str, ...]
+    starts: tuple[str, ...]
+    parameter: np.ndarray
+    start: np.ndarray
+    values: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Self:
+        axes = tuple(map(str, dataset["status"].dims))
+        parameters = tuple(name for name in axes if name not in STARTS)
+        starts = tuple(name for name in axes if name in STARTS)
+        shape = tuple(dataset.sizes[name] for name in axes)
+
+        def numbers(kept: tuple[str, ...]) -> np.ndarray:
+            sizes = [dataset.sizes[name] if name in kept else 1 for name in axes]
+            own = np.arange(np.prod(sizes, dtype=np.int64)).reshape(sizes)
+            return np.broadcast_to(own, shape).ravel()
+
+        return cls(
+            tuple(dataset.sizes[name] for name in parameters),
+            parameters,
+            starts,
+            numbers(parameters),
+            numbers(starts),
+            {name: _along(dataset, name) for name in ("omega", "clearance", "R")},
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of parameter points."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    def cycles(self, at: np.ndarray, states: np.ndarray) -> Cycles:
+        """Return section states (x, v) of points, shape (k, m, 2), in the unit of x."""
+        omega, clearance, R = (self.values[name][at] for name in ("omega", "clearance", "R"))
+        scaled = np.stack([states[:, :, 0], states[:, :, 1] / omega[:, None]], axis=2)
+        return Cycles(scaled, clearance, R)
+
+
+def _along(dataset: xr.Dataset, name: str) -> np.ndarray:
+    """Return a parameter at every point, in C order."""
+    values = dataset[name] if name in dataset.coords else float(Setting.of(dataset).fixed[name])
+    whole = xr.zeros_like(dataset["status"], float) + values
+    return whole.transpose(*dataset["status"].dims).values.ravel()
+
+
+@dataclass(frozen=True)
+class Leaders:
+    """The points that stand for the periodic attractors.
+
+    Attributes
+    ----------
+    of : ndarray of int, shape (n,)
+        The leader of each point of the file; -1 where the motion is not periodic.
+    at : mapping of int to ndarray of int, shape (k,)
+        The leaders, by their number of forcing periods.
+    cycles : mapping of int to Cycles
+        Those of the leaders.
+    last : ndarray, shape (n, 2)
+        The last state of every record.
+    """
+
+    of: np.ndarray
+    at: Mapping[int, np.ndarray]
+    cycles: Mapping[int, Cycles]
+    last: np.ndarray
+
+
+def periodic(dataset: xr.Dataset, points: Points, period: np.ndarray, tolerance: float) -> Leaders:
+    """Find which periodic motions are the same, within parts of the file and then among these.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep.
+    points : Points
+    period : ndarray of int, shape (n,)
+        Forcing periods of each point's motion; 0 where it is not periodic.
+    tolerance : float
+        As for `vibroimpact.orbits.cycles.representatives`.
+
+    Returns
+    -------
+    Leaders
+    """
+    leader, last = np.full(period.size, -1), np.empty((period.size, 2))
+    parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for at, states in _ends(dataset, period):
+        last[at] = states[:, -1]
+        for m in np.unique(period[at[period[at] > 0]]).tolist():
+            rows = np.flatnonzero(period[at] == m)
+            turns = shortest_turn(points.cycles(at[rows], states[rows, -m:]).states, tolerance)
+            for turn in np.unique(turns).tolist():
+                its = rows[turns == turn]
+                heads = _leading(at[its], states[its, -turn:], points, leader, tolerance)
+                parts.setdefault(turn, []).append((at[its[heads]], states[its[heads], -turn:]))
+    final, kept, cycles = np.arange(period.size), {}, {}
+    for m, pieces in parts.items():
+        at, states = (np.concatenate(column) for column in zip(*pieces, strict=True))
+        heads = _leading(at, states, points, final, tolerance)
+        kept[m], cycles[m] = at[heads], points.cycles(at[heads], states[heads])
+    return Leaders(np.where(leader < 0, -1, final[leader]), kept, cycles, last)
+
+
+def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Read the last sections of the points, as many as one of them needs, a part at a time.
+
+    Yields
+    ------
+    at : ndarray of int, shape (k,)
+        The points.
+    states : ndarray, shape (k, longest period among them, 2)
+    """
+    for block, at in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
+        longest = max(1, int(period[at].max(initial=1)))
+        states = np.empty((len(at), longest, 2))
+        for i, name in enumerate(("poincare_x", "poincare_v")):
+            ends = dataset[name][(*block, slice(-longest, None))].values
+            states[:, :, i] = ends.reshape(len(at), longest)
+        yield at, states
+
+
+def _leading(
+    at: np.ndarray, states: np.ndarray, points: Points, leader: np.ndarray, tolerance: float
+) -> np.ndarray:
+    """Enter in `leader` who stands for the points `at`, and return the places of these in it."""
+    stands = representatives(points.cycles(at, states), points.parameter[at], tolerance)
+    leader[at] = at[stands]
+    return np.unique(stands)
+
+
+def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
+    """Read a record at some points, a part of the file at a time.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep.
+    name : str
+    at : ndarray of int, shape (k,)
+        The points, counted in C order over the file.
+
+    Returns
+    -------
+    ndarray, shape (k, record)
+    """
+    variable = dataset[name]
+    found = np.empty((len(at), variable.shape[-1]))
+    for block, numbers in _blocks(dataset, max(1, _PART // variable.shape[-1])):
+        wanted = np.flatnonzero(np.isin(at, numbers))
+        if len(wanted):
+            rows = np.searchsorted(numbers, at[wanted])
+            found[wanted] = variable[block].values.reshape(len(numbers), -1)[rows]
+    return found
+
+
+def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, np.ndarray]]:
+    """Split the file into blocks of at most `size` points, with the numbers of these."""
+    sizes = dataset["status"].sizes
+    grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
+    numbers = np.arange(grid.size).reshape(grid.shape)
+    for block in grid.blocks(size):
+        yield block, numbers[block].ravel()

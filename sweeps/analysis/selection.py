@@ -1,0 +1,183 @@
+"""What of an opened sweep a picture shows: the cut through its grid, and the values there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+import yaml
+
+from sweeps.config.values import suggestion
+from sweeps.store.variables import DIRECTION
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+#: Where a picture cuts: values of swept axes, and of ``direction`` a name.
+Cut = Mapping[str, float | str]
+
+
+class PlotError(Exception):
+    """A picture cannot be drawn as asked; the text is one paragraph for the user."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the configuration of a sweep says of all its points.
+
+    Attributes
+    ----------
+    name : str
+    fixed : mapping of str to object
+        The parameters, of which those that were not swept are numbers.
+    method : mapping of str to object
+    phase : float
+        Of the section [rad].
+    follow : mapping of str to str
+        The axis that was followed and the direction; empty if none was.
+    """
+
+    name: str
+    fixed: Mapping[str, Any]
+    method: Mapping[str, Any]
+    phase: float
+    follow: Mapping[str, str]
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Self:
+        """Read the configuration of an opened sweep."""
+        configuration = _parsed(dataset.attrs["configuration"])
+        defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
+        fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
+        phase = float(configuration["record"].get("phase", 0.0))
+        follow = configuration.get("follow") or {}
+        return cls(str(dataset.attrs["name"]), fixed, configuration["method"], phase, follow)
+
+    def value(self, name: str, point: xr.Dataset) -> float:
+        """Return a parameter's value at a point of the sweep."""
+        return float(point[name] if name in point.coords else self.fixed[name])
+
+
+@lru_cache(maxsize=8)
+def _parsed(configuration: str) -> Mapping[str, Any]:
+    """Read a configuration, once for all parts of a picture."""
+    parsed: Mapping[str, Any] = yaml.safe_load(configuration)
+    return parsed
+
+
+def listed(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+def swept_axes(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Name the swept axes in the order of the file."""
+    return tuple(str(name) for name in dataset["status"].dims if name != DIRECTION)
+
+
+def directions(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Name the directions that a sweep was followed in; none where there is no such dimension."""
+    return tuple(dataset[DIRECTION].values) if DIRECTION in dataset["status"].dims else ()
+
+
+def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
+    """Replace values by the nearest of the grid where they differ by more than rounding.
+
+    Raises
+    ------
+    PlotError
+        If there is no such swept axis, a value is outside it, or there is no such direction.
+    """
+    axes = swept_axes(dataset)
+    found: dict[str, float | str] = {}
+    for name, value in at.items():
+        if name == DIRECTION:
+            found[name] = _direction(dataset, str(value))
+            continue
+        if name not in axes:
+            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+        if isinstance(value, str):
+            raise PlotError(f"{name} = {value} is not a number")
+        values = dataset[name].values
+        low, high = float(values.min()), float(values.max())
+        slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
+        if not low - slack <= value <= high + slack:
+            raise PlotError(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
+        nearest = float(values[np.argmin(np.abs(values - value))])
+        found[name] = value if abs(nearest - value) <= slack else nearest
+    return found
+
+
+def _direction(dataset: xr.Dataset, name: str) -> str:
+    valid = directions(dataset)
+    if not valid:
+        raise PlotError("direction cannot be fixed here; the sweep was not followed in both")
+    if name not in valid:
+        meant = suggestion(name, valid)
+        raise PlotError(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
+    return name
+
+
+def select(dataset: xr.Dataset, at: Cut | None, free: Collection[str] = ()) -> xr.Dataset:
+    """Fix every swept axis but those `free` at the grid value nearest to `at`, or at its first.
+
+    Of two directions the first is taken, too, unless ``direction`` is `free` and not in `at`.
+    """
+    axes = [name for name in swept_axes(dataset) if name not in free]
+    for name in at or {}:
+        if name in free and name != DIRECTION:
+            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+    index = {name: 0 for name in axes}
+    ways = directions(dataset)
+    if ways and DIRECTION not in free:
+        index[DIRECTION] = 0
+    for name, value in on_grid(dataset, at or {}).items():
+        if isinstance(value, str):
+            index[name] = ways.index(value)
+        else:
+            index[name] = int(np.argmin(np.abs(dataset[name].values - value)))
+    return dataset.isel(index)
+
+
+def chosen_axes(dataset: xr.Dataset, asked: Sequence[str], count: int, kind: str) -> list[str]:
+    """Return the swept axes that a picture shows, by default the longest; of equals, the first.
+
+    Raises
+    ------
+    PlotError
+        If the file has not so many, or not the ones asked for.
+    """
+    axes = swept_axes(dataset)
+    if not axes:
+        raise PlotError(f"the file holds a single point: a {kind} needs a swept axis")
+    for name in asked:
+        if name not in axes:
+            raise PlotError(
+                f"{name or repr(name)} is not a swept axis; the file has {listed(axes)}"
+            )
+    needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
+    if len(axes) < count:
+        raise PlotError(f"{needed}; the file has only {listed(axes)}")
+    longest = sorted(axes, key=lambda name: -dataset.sizes[name])
+    chosen = [*dict.fromkeys(asked), *(name for name in longest if name not in asked)]
+    if len(asked) > count or len(set(asked)) < len(asked):
+        raise PlotError(f"{needed}, not {listed(asked)}")
+    return chosen[:count]
+
+
+def recorded(
+    dataset: xr.Dataset, names: tuple[str, ...], at: Cut | None
+) -> tuple[xr.Dataset, list[np.ndarray]]:
+    """Read variables at one point, without the padding."""
+    missing = [name for name in names if name not in dataset]
+    if missing:
+        raise PlotError(f"the file has no {listed(missing)}: record it and run the sweep again")
+    point = select(dataset[[*names, "status"]], at)
+    columns = np.array([point[name].values for name in names])
+    columns = columns[:, np.isfinite(columns).all(axis=0)]
+    if not columns.size:
+        outcome = Status(int(point["status"])).meaning
+        raise PlotError(f"there is nothing to draw at this point: {outcome}")
+    return point, list(columns)

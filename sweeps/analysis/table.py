@@ -1,0 +1,219 @@
+"""The attractors of a sweep as rows: for the terminal, a CSV file, and the legends of pictures."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.classes import Motion
+from sweeps.analysis.periodic import STARTS, Points, records
+from sweeps.analysis.selection import Cut, PlotError, listed, select, swept_axes
+
+#: As many impact speeds are named; of more, the slowest and the fastest.
+_MOST_SPEEDS = 4
+
+
+class Row(NamedTuple):
+    """One attractor at one parameter point.
+
+    Attributes
+    ----------
+    parameters : mapping of str to float
+        Where it is.
+    number, m, q : int
+    motion : Motion
+    fraction : float
+        Of the starts with a result.
+    speeds : ndarray, shape (q,)
+        Before each impact of a repetition, increasing; empty where they are not recorded.
+    point : int
+        The point of the file that stands for it, in C order.
+    """
+
+    parameters: Mapping[str, float]
+    number: int
+    motion: Motion
+    m: int
+    q: int
+    fraction: float
+    speeds: np.ndarray
+    point: int
+
+    @property
+    def name(self) -> str:
+        """Its class m/q, or its kind of motion."""
+        return f"{self.m}/{self.q}" if self.m else self.motion.name.lower()
+
+
+def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Name the swept axes that are not starts."""
+    return tuple(name for name in swept_axes(dataset) if name not in STARTS)
+
+
+def cut(dataset: xr.Dataset, at: Cut) -> xr.Dataset:
+    """Fix parameters at the grid values nearest to `at`, and leave all starts.
+
+    Raises
+    ------
+    PlotError
+        If one is not a swept parameter, or the value is outside the sweep.
+    """
+    axes = parameter_axes(dataset)
+    for name in at:
+        if name not in axes:
+            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+    free = [name for name in map(str, dataset["status"].dims) if name not in at]
+    return select(dataset, at, free=free)
+
+
+def rows(dataset: xr.Dataset, found: xr.Dataset) -> list[Row]:
+    """List the attractors in the order of the parameter points, the most frequent first.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep, or a cut through one.
+    found : Dataset
+        From `sweeps.analysis.attractors.attractors` of it.
+    """
+    points = Points.of(dataset)
+    file = np.empty((points.count, len(points.start) // points.count), np.int64)
+    file[points.parameter, points.start] = np.arange(len(points.start))
+    width = found.sizes["coexisting"]
+    table = {
+        name: found[name].values.reshape(points.count, width)
+        for name in ("number", "motion", "m", "q", "fraction", "representative")
+    }
+    at, rank = np.nonzero(table["number"] >= 0)
+    place = file[at, table["representative"][at, rank]]
+    speeds = _speeds(dataset, place, table["q"][at, rank])
+    indices = np.unravel_index(at, points.shape) if points.shape else ()
+    values = [
+        dataset[name].values[index].tolist()
+        for name, index in zip(points.parameters, indices, strict=True)
+    ]
+    where = [
+        dict(zip(points.parameters, value, strict=True)) for value in zip(*values, strict=True)
+    ]
+    where = where or [{}] * len(at)
+    return [
+        Row(
+            where[i],
+            int(table["number"][p, k]),
+            Motion(int(table["motion"][p, k])),
+            int(table["m"][p, k]),
+            int(table["q"][p, k]),
+            float(table["fraction"][p, k]),
+            speeds[i],
+            int(place[i]),
+        )
+        for i, (p, k) in enumerate(zip(at, rank, strict=True))
+    ]
+
+
+def _speeds(dataset: xr.Dataset, at: np.ndarray, impacts: np.ndarray) -> list[np.ndarray]:
+    """Return the speeds before the last impacts of points, as many as asked for, increasing."""
+    none = np.empty(0)
+    if "impact_v" not in dataset:
+        return [none] * len(at)
+    held = dataset.sizes["impact"]
+    last = records(dataset, "impact_v", at)
+    return [
+        np.sort(speed[held - q :]) if 0 < q <= held else none
+        for speed, q in zip(last, impacts.tolist(), strict=True)
+    ]
+
+
+def shown_speeds(row: Row) -> str:
+    """Write the impact speeds with four digits."""
+    speeds = row.speeds if len(row.speeds) <= _MOST_SPEEDS else row.speeds[[0, -1]]
+    joint = ", " if len(row.speeds) <= _MOST_SPEEDS else " to "
+    return joint.join(f"{speed:.4g}" for speed in speeds)
+
+
+def told(dataset: xr.Dataset, found: xr.Dataset) -> str:
+    """Describe the attractors: of one parameter point, or of each over the sweep."""
+    table = rows(dataset, found)
+    lines = _over_parameters(dataset, found, table) if found["attractors"].ndim else _at_one(table)
+    missing = int((found["attractor"] < 0).sum())
+    if missing:
+        lines.append(
+            f"{missing:,} of {found['attractor'].size:,} points without a result, left out"
+        )
+    return "\n".join(lines)
+
+
+def _at_one(table: Sequence[Row]) -> list[str]:
+    head = ("attractor", "class", "speeds before the impacts", "fraction of the starts")
+    return _columns(
+        head,
+        [
+            (str(row.number), row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}")
+            for row in table
+        ],
+    )
+
+
+def _over_parameters(dataset: xr.Dataset, found: xr.Dataset, table: Sequence[Row]) -> list[str]:
+    axes, counted = parameter_axes(dataset), found["attractors"]
+    head = ("attractor", "class", *axes, "parameter points", "fraction of the starts there")
+    lines = _columns(
+        head, [_summary(number, its, axes) for number, its in _by_number(table).items()]
+    )
+    starts = found["attractor"].size // counted.size
+    for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
+        noun = "attractor" if count == 1 else "attractors"
+        lines.append(f"{count} {noun} at {times:,} of {counted.size:,} parameter points")
+    return [*lines, f"{starts:,} {'start' if starts == 1 else 'starts'} at each"]
+
+
+def _by_number(table: Sequence[Row]) -> dict[int, list[Row]]:
+    found: dict[int, list[Row]] = {}
+    for row in table:
+        found.setdefault(row.number, []).append(row)
+    return dict(sorted(found.items()))
+
+
+def classes(its: Sequence[Row], most: int = 3) -> str:
+    """Name the classes of one attractor along the axes, as 1/1, 2/2."""
+    names = {row.name: None for row in sorted(its, key=lambda row: (row.m, row.q))}
+    more = ", ..." if len(names) > most else ""
+    return ", ".join(list(names)[:most]) + more
+
+
+def _summary(number: int, its: Sequence[Row], axes: Sequence[str]) -> tuple[str, ...]:
+    ranges = []
+    for name in axes:
+        values = [row.parameters[name] for row in its]
+        low, high = min(values), max(values)
+        ranges.append(f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}")
+    mean = float(np.mean([row.fraction for row in its]))
+    return (str(number), classes(its), *ranges, f"{len(its):,}", f"{mean:.4f}")
+
+
+def _columns(head: tuple[str, ...], body: Sequence[tuple[str, ...]]) -> list[str]:
+    lines = [head, *body]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return [
+        "  ".join(f"{text:{width}}" for text, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    ]
+
+
+def write_csv(path: Path, table: Sequence[Row]) -> None:
+    """Write every row, with the impact speeds separated by spaces."""
+    axes = list(table[0].parameters) if table else []
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow([*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"])
+        for row in table:
+            speeds = " ".join(map(repr, row.speeds.tolist()))
+            where = row.parameters.values()
+            writer.writerow(
+                [*where, row.number, row.motion.name.lower(), row.m, row.q, row.fraction, speeds]
+            )

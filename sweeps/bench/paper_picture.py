@@ -1,0 +1,143 @@
+"""The picture of the paper's cases: without and with its procedure, orders, stall, and impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from sweeps.bench import paper
+from sweeps.plotting.marks import BLUE, ORANGE, VERMILION, draw_stop, mathtext
+from sweeps.plotting.pictures import STYLE, save
+from vibroimpact import simulate
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
+
+#: Label, colour and marker of the procedures.
+_LOOKS = {
+    "without": ("without the procedure (plain)", VERMILION, "o"),
+    "with": ("with it (reduced-step)", BLUE, "s"),
+    "to the letter": ("with it, to the letter", ORANGE, "^"),
+    "exact": ("exact", "black", ""),
+}
+#: What is drawn of the first period; all its impacts are there.
+_TIMES, _DISPLACEMENTS = (4.3, 6.6), (-0.12, 0.16)
+
+
+def draw(measured: paper.Measured, output: Path) -> None:
+    """Draw what `paper.measure` returned into a file.
+
+    Raises
+    ------
+    PlotError
+        If the picture cannot be written.
+    """
+    with mpl.rc_context(STYLE):
+        save(picture(measured), output)
+
+
+def picture(measured: paper.Measured) -> Figure:
+    """Draw one row per case, then the stall and the impacts that every method finds."""
+    figure = Figure(figsize=(5.4, 8.8), layout="constrained")
+    rows = figure.add_gridspec(2, 1, height_ratios=(3.0, 1.3))
+    panels = rows[0].subgridspec(3, 2).subplots(squeeze=False)
+    below = rows[1].subgridspec(1, 2, width_ratios=(1.0, 1.1)).subplots(squeeze=False)
+    for row, (name, case) in zip(panels, measured.cases.items(), strict=True):
+        _draw_stop(row[0], name, case)
+        _draw_errors(row[1], measured.ladder, case)
+    for panel in panels[:2].ravel():
+        panel.tick_params(labelbottom=False)
+    panels[0, 1].set_title(f"error of times and speeds\nof the first {paper.FIRST} impacts")
+    panels[2, 0].set_xlabel("time $t$ [time]")
+    panels[2, 1].set_xlabel("steps per period")
+    _draw_stalls(below[0, 0], measured)
+    _draw_resolved(below[0, 1], measured)
+    figure.align_ylabels(panels[:, 0])
+    handles = [
+        Line2D([], [], color=colour, marker=marker, markersize=3.5, label=label)
+        for label, colour, marker in _LOOKS.values()
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    return figure
+
+
+def _draw_stop(panel: Axes, name: str, case: paper.Case) -> None:
+    """Draw the displacement near the stop, in the first period."""
+    draw_stop(panel.axhline, 0.0, label=False)
+    fine = simulate(case.oscillator, 2, steps_per_period=1000)
+    panel.plot(fine.t, fine.x, color="black", linewidth=0.8)
+    for key in ("without", "with"):
+        _, colour, marker = _LOOKS[key]
+        run = paper.PROCEDURES[key](case.oscillator, 2, paper.STEPS)
+        panel.plot(run.t, run.x, color=colour, linewidth=0.9, marker=marker, markersize=2.2)
+    panel.set_xlim(_TIMES)
+    panel.set_ylim(_DISPLACEMENTS)
+    panel.set_ylabel("displacement\n$x$ [length]")
+    osc = case.oscillator
+    panel.set_title(f"{name}\n$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$")
+    words = (
+        f"deepest {case.deepest['without']:.3f}, with it {case.deepest['with']:g}\n"
+        f"impacts in {paper.PERIODS} periods: {case.impacts['without']},\n"
+        f"with it {case.impacts['with']}, exact {case.impacts['exact']}"
+    )
+    panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize=7.5)
+
+
+def _draw_errors(panel: Axes, ladder: Sequence[int], case: paper.Case) -> None:
+    """Draw the error over the steps per period, with the order that it falls with."""
+    for line, (key, errors) in enumerate(case.errors.items()):
+        _, colour, marker = _LOOKS[key]
+        panel.loglog(ladder, errors, color=colour, marker=marker, markersize=3.5, linewidth=1.0)
+        panel.text(
+            0.04, 0.26 - 0.11 * line, f"order {case.orders[key]:.1f}", color=colour,
+            transform=panel.transAxes,
+        )  # fmt: skip
+    panel.set_ylim(1e-6, 10.0)
+
+
+def _draw_stalls(panel: Axes, measured: paper.Measured) -> None:
+    """Draw the impact speeds of a chatter over the time left to its end, up to the stall."""
+    exact, end = measured.chatter, measured.chatter.rests[0, 0]
+    before = exact.impact_t < end
+    panel.loglog(end - exact.impact_t[before], exact.impact_v[before], color="black", linewidth=0.8)
+    _, colour, marker = _LOOKS["to the letter"]
+    for steps, run in measured.stalls.items():
+        left = end - run.impact_t
+        panel.plot(left, run.impact_v, marker, color=colour, markersize=3.5)
+        last = left[-1], run.impact_v[-1]
+        panel.plot(*last, "x", color="black", markersize=7, zorder=3)
+        words = f"{steps} steps\n$t = {run.stalled_at:.4f}$"
+        panel.annotate(words, last, xytext=(8, 0), textcoords="offset points", fontsize=7.5)
+    panel.invert_xaxis()
+    panel.set_ylim(top=10.0)
+    panel.set_xlabel(f"time left until $t = {end:.5f}$ [time]")
+    panel.set_ylabel("speed before impact\n[length/time]")
+    osc = paper.CHATTER
+    panel.set_title(
+        "where the procedure stalls\n"
+        rf"$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$, $\omega = {mathtext(osc.omega)}$"
+    )
+
+
+def _draw_resolved(panel: Axes, measured: paper.Measured) -> None:
+    """Draw which methods find the impacts of the dissipative case, as a table."""
+    rules, integrators = list(IMPACT_RULES), list(INTEGRATORS)
+    panel.set(xlim=(-0.6, len(rules) - 0.4), ylim=(len(integrators) - 0.5, -0.5))
+    for (integrator, rule), (impacts, slowest) in measured.resolved.items():
+        colour = BLUE if measured.resolves(integrator, rule) else VERMILION
+        at = rules.index(rule), integrators.index(integrator)
+        words = f"{impacts:g}\n{slowest:.3f}"
+        panel.text(*at, words, color=colour, ha="center", va="center", fontsize=8.0)
+    panel.set_xticks(range(len(rules)), [_broken(rule) for rule in rules])
+    panel.set_yticks(range(len(integrators)), [_broken(name) for name in integrators])
+    panel.tick_params(length=0)
+    panel.set_title(f"impacts per period, slowest\nspeed, with {paper.STEPS} steps")
+
+
+def _broken(name: str) -> str:
+    """Break a long name at its last hyphen."""
+    return "-\n".join(name.rsplit("-", 1)) if len(name) > 10 else name

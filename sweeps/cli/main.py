@@ -1,0 +1,273 @@
+"""The command line: arguments and exit codes only.
+
+What a command needs is imported inside it, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+from sweeps.cli import bench as cli_bench
+from sweeps.cli import read as cli_read
+from sweeps.cli.exits import FAILED, REFUSED, check_threads, stop
+from sweeps.cli.read import targets
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from sweeps.config.sweep import SweepConfig
+
+
+class _Commands(TyperGroup):
+    """The commands, each of which Ctrl-C ends in the same way."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            stop(FAILED, "interrupted")
+
+
+app = typer.Typer(
+    cls=_Commands,
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+app.add_typer(cli_bench.app, name="bench")
+
+
+def main() -> None:
+    """Run the command line; exits with 0 done, 1 failed or interrupted, 2 request refused."""
+    try:
+        app(prog_name="vibroimpact")
+    except SystemExit as end:
+        if threading.active_count() > 1 and isinstance(end.code, int):
+            # An interrupted run is still in the kernel, and its file is closed.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code)
+        raise
+
+
+@contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM end the block like Ctrl-C."""
+
+    def interrupt(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from importlib import metadata
+
+        try:
+            typer.echo(f"vibroimpact {metadata.version('vibroimpact')}")
+        except metadata.PackageNotFoundError:
+            typer.echo("vibroimpact, run from a checkout that was not installed")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
+
+
+@app.command()
+def run(
+    configs: Annotated[
+        list[Path], typer.Argument(metavar="CONFIG...", help="The YAML file of each sweep.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT.h5",
+            help="The file to write, instead of CONFIG's; for a single CONFIG.",
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Replace a value, e.g. oscillator.h=0.2; repeatable."
+        ),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N "
+            "processes of this machine.",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Compute the sweep that each CONFIG describes, one after the other."""
+    from sweeps.config.loading import ConfigError, load_config
+    from sweeps.errors import ClusterError, StoreError
+    from sweeps.store.reader import check_output
+
+    existing = {"overwrite": overwrite, "resume": resume}
+    with _termination_as_interrupt():
+        try:
+            if resume and overwrite:
+                stop(REFUSED, "--resume and --overwrite exclude each other; give one of them")
+            check_threads(threads)
+            _check_cluster(dask, threads)
+            sweeps = [load_config(config, overrides or ()) for config in configs]
+            paths = targets(configs, output, [sweep.output for sweep in sweeps])
+            for path in paths:
+                check_output(path, **existing)
+            with _client(dask, quiet) as client:
+                if dry_run:
+                    texts = [
+                        _plan(sweep, path, threads, client, **existing)
+                        for sweep, path in zip(sweeps, paths, strict=True)
+                    ]
+                    typer.echo("\n\n".join(texts))
+                    return
+                for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
+                    again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
+                    _run(sweep, path, again, quiet, threads=threads, client=client, **existing)
+        except (ConfigError, StoreError, ClusterError) as error:
+            stop(REFUSED, error)
+    if not quiet:
+        from sweeps.engine.reports import next_command
+
+        typer.echo(next_command(paths))
+
+
+def _check_cluster(address: str | None, threads: int | None) -> None:
+    """Refuse an address that is none, and threads beside it."""
+    if address is None:
+        return
+    from sweeps.engine.client import check_address
+
+    check_address(address)
+    if threads is not None:
+        stop(
+            REFUSED,
+            f"--threads {threads} is not allowed with --dask, whose workers use the threads that "
+            "they were started with; for N processes of this machine give --dask local:N",
+        )
+
+
+@contextmanager
+def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
+    """Yield a client of the cluster at an address, and say where its dashboard is."""
+    if address is None:
+        yield None
+        return
+    from sweeps.engine.client import connected, dashboard
+
+    with connected(address) as client:
+        if not quiet:
+            typer.echo(dashboard(client), err=True)
+        yield client
+
+
+def _plan(
+    sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
+) -> str:
+    """Return what a sweep takes, or refuse it where that is too much."""
+    from sweeps.engine.cluster import computer_for
+    from sweeps.engine.plan import estimate
+    from sweeps.engine.reports import plan
+    from sweeps.store.reader import check_output
+
+    computer = computer_for(client, threads)
+    cost = estimate(sweep, computer.threads, computer.cores)
+    check_output(path, **existing, size=cost.disk)
+    return plan(sweep, path, cost)
+
+
+def _run(sweep: SweepConfig, path: Path, again: str, quiet: bool, **options: Any) -> None:
+    from sweeps.engine import reports
+    from sweeps.errors import ClusterFailure, StoreFailure
+
+    try:
+        from sweeps.engine.run import run_sweep
+
+        path = run_sweep(sweep, path, progress=not quiet, **options)
+    except KeyboardInterrupt:
+        stop(FAILED, f"interrupted; {reports.kept(path, again)}")
+    except (ClusterFailure, StoreFailure, OSError, MemoryError) as error:
+        reason = str(error) or type(error).__name__
+        stop(FAILED, f"the run failed: {reason}; {reports.kept(path, again)}")
+    if not quiet:
+        typer.echo(reports.summary(path))
+
+
+def _go_on(
+    configs: Sequence[Path],
+    output: Path | None,
+    overrides: Sequence[str],
+    threads: int | None,
+    dask: str | None,
+    quiet: bool,
+) -> str:
+    """Return the command that goes on with a run."""
+    command = ["vibroimpact", "run", *map(str, configs)]
+    command += ["-o", str(output)] if output else []
+    command += [part for override in overrides for part in ("--set", override)]
+    command += ["--threads", str(threads)] if threads else []
+    command += ["--dask", dask] if dask else []
+    command += ["--quiet"] if quiet else []
+    return shlex.join([*command, "--resume"])
+
+
+for command in (cli_read.plot, cli_read.attractors, cli_read.info):
+    app.command()(command)
+
+
+@app.command()
+def schema() -> None:
+    """Show the JSON schema of a sweep's configuration, for editors."""
+    import json
+
+    from sweeps.config.sweep import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+if __name__ == "__main__":
+    main()

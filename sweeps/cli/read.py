@@ -1,0 +1,247 @@
+"""The commands that read the files of sweeps: arguments and exit codes only.
+
+As in ``cli.py``, what a command needs is imported inside it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sweeps.cli.exits import FAILED, REFUSED, stop
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from sweeps.analysis.selection import Cut
+
+SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
+
+
+def targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) -> list[Path]:
+    """Return what is written for each source: `own`, or `output` for a single one."""
+    if output is None:
+        targets = list(own)
+    elif len(sources) == 1:
+        targets = [output]
+    else:
+        stop(
+            REFUSED,
+            f"-o {output} is not allowed here: it is for a single file, and {len(sources)} are "
+            "given; without it each has an output of its own",
+        )
+    first: dict[str, Path] = {}
+    for source, target in zip(sources, targets, strict=True):
+        other = first.setdefault(os.path.abspath(target), source)
+        if other is not source:
+            stop(REFUSED, f"{other} and {source} would both write {target}; give them one by one")
+    return targets
+
+
+def plot(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FIGURE",
+            help="The picture to write, OUT.png if not given; for a single OUT.h5.",
+        ),
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="bifurcation, attractors, basins, map, section, impacts or trajectory.",
+        ),
+    ] = None,
+    axis: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="The swept parameter as abscissa; for a map, then the ordinate."
+        ),
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Where to cut another swept parameter; of a sweep that was followed up and down, "
+            "direction=up or down; repeatable.",
+        ),
+    ] = None,
+    coordinate: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="poincare_x, poincare_v, impact_v or impact_phase, as ordinate."
+        ),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
+            "slowest_impact, max_penetration or status.",
+        ),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="Draw the closed-form one-impact orbits over a bifurcation diagram, and show how "
+            "far the points are from them.",
+        ),
+    ] = False,
+) -> None:
+    """Draw a picture from the file of each sweep."""
+    from sweeps.errors import StoreError
+    from sweeps.store.reader import open_sweep
+
+    cuts = _cuts(at or ())
+    options = {
+        "axes": tuple(axis or ()),
+        "coordinate": coordinate,
+        "quantity": quantity,
+        "exact": exact,
+    }
+    figures = targets(files, output, [file.with_suffix(".png") for file in files])
+    try:
+        for file in files:
+            open_sweep(file).close()  # before any is drawn
+        for file, figure in zip(files, figures, strict=True):
+            with open_sweep(file) as dataset:
+                _plot(dataset, file, figure, kind, cuts, options)
+    except StoreError as error:
+        stop(REFUSED, error)
+
+
+def _plot(
+    dataset: xr.Dataset,
+    file: Path,
+    figure: Path,
+    kind: str | None,
+    cuts: Mapping[str, float | str],
+    options: Mapping[str, Any],
+) -> None:
+    from sweeps.plotting import pictures as plotting
+
+    try:
+        found = plotting.on_grid(dataset, cuts)
+        written = plotting.plot(dataset, figure, kind, found, **options)
+        told = (
+            plotting.compare(dataset, options["axes"], found, options["coordinate"])
+            if options["exact"]
+            else []
+        )
+    except plotting.PlotError as error:
+        stop(REFUSED, f"{file}: {error}")
+    _tell_moved(cuts, found, "drawn")
+    for line in told:
+        typer.echo(line)
+    typer.echo(written)
+
+
+def _tell_moved(cuts: Cut, found: Cut, done: str) -> None:
+    for name, value in cuts.items():
+        if value != found[name]:
+            text = f"{name} = {value:g} is not on the grid; {done} at {name} = {found[name]:g}"
+            typer.echo(text, err=True)
+
+
+def attractors(
+    file: SweepFile,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Where to look along a parameter; repeatable."),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="Write those of every parameter point to it."),
+    ] = None,
+) -> None:
+    """Show the attractors that the starts of a sweep find, and how many starts find each."""
+    from sweeps.analysis import table as attractor_table
+    from sweeps.analysis.attractors import attractors
+    from sweeps.analysis.selection import PlotError, on_grid
+    from sweeps.errors import StoreError
+    from sweeps.store.reader import open_sweep
+
+    cuts = _cuts(at or ())
+    if csv is not None and not (csv.suffix == ".csv" and csv.absolute().parent.is_dir()):
+        stop(REFUSED, f"--csv {csv} is not allowed; expected: a .csv file in an existing folder")
+    try:
+        with open_sweep(file) as dataset:
+            cut = attractor_table.cut(dataset, cuts)
+            found = attractors(cut)
+            _tell_moved(cuts, on_grid(dataset, cuts), "shown")
+            typer.echo(attractor_table.told(cut, found))
+            if csv is not None:
+                attractor_table.write_csv(csv, attractor_table.rows(cut, found))
+                typer.echo(csv)
+    except (PlotError, StoreError) as error:
+        stop(REFUSED, f"{file}: {error}" if isinstance(error, PlotError) else error)
+    except OSError as error:
+        stop(FAILED, error)
+
+
+def _cuts(texts: Sequence[str]) -> dict[str, float | str]:
+    cuts: dict[str, float | str] = {}
+    for text in texts:
+        name, value = _cut(text)
+        if name in cuts:
+            stop(REFUSED, f"--at {text} is not allowed; {name} was given before")
+        cuts[name] = value
+    return cuts
+
+
+def _cut(text: str) -> tuple[str, float | str]:
+    name, _, value = text.partition("=")
+    if name.strip() == "direction":
+        return "direction", value.strip()
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        stop(REFUSED, f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5")
+
+
+def info(
+    file: SweepFile,
+    bifurcations: Annotated[
+        bool,
+        typer.Option("--bifurcations", help="List where the class of the motion changes instead."),
+    ] = False,
+    axis: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
+    ] = None,
+) -> None:
+    """Show what the file of a sweep holds, with its configuration."""
+    from sweeps.engine import reports
+    from sweeps.errors import StoreError
+    from sweeps.store.reader import open_sweep
+
+    if axis is not None and not bifurcations:
+        stop(REFUSED, f"--axis {axis} is not allowed here; expected: with --bifurcations")
+    try:
+        with open_sweep(file) as dataset:
+            if bifurcations:
+                typer.echo(_bifurcations(dataset, file, axis))
+            else:
+                typer.echo(reports.contents(dataset), nl=False)
+    except StoreError as error:
+        stop(REFUSED, error)
+
+
+def _bifurcations(dataset: xr.Dataset, file: Path, axis: str | None) -> str:
+    from sweeps.analysis.selection import PlotError
+    from sweeps.engine.reports import bifurcations
+
+    try:
+        return bifurcations(dataset, axis)
+    except PlotError as error:
+        stop(REFUSED, f"{file}: {error}")

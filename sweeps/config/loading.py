@@ -1,0 +1,241 @@
+"""Reading a configuration file: YAML whose every key remembers its line, and errors in words.
+
+Every error names the file, the line, the key, what was given and what is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from sweeps.config.schema import RecordSection, Trajectory, key_list
+from sweeps.config.sweep import SweepConfig
+from sweeps.config.values import Key, MisplacedError, Range, Section, nearest, suggestion
+
+#: A longer file is none that was typed; a long axis is better told as a range.
+_MOST_BYTES = 250_000
+#: The schema has four levels.
+_DEEPEST = 16
+
+
+class ConfigError(ValueError):
+    """The configuration is refused; the text is for the user, one line per error."""
+
+
+def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
+    """Read the configuration of a sweep.
+
+    Parameters
+    ----------
+    path : str or Path
+        A YAML file.
+    overrides : sequence of str
+        ``dotted.key=value`` with the value in YAML, each replacing or adding one key.
+
+    Returns
+    -------
+    SweepConfig
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, is not YAML, or asks for what is not allowed.
+    """
+    path = Path(path)
+    sources: dict[Key, str] = {}
+    data = _parse(_text(path), str(path), (), sources)
+    if not isinstance(data, dict):
+        given = _shown(data) if data else "empty"
+        raise ConfigError(f"{path}: the file is {given}; expected: {key_list(SweepConfig)}")
+    for override in overrides:
+        _override(data, override, sources)
+    try:
+        return SweepConfig.model_validate({"name": path.stem, **data})
+    except ValidationError as refusal:
+        errors = _without_echoes(refusal.errors())
+        texts = [_explained(error, data, sources, str(path)) for error in errors]
+        raise ConfigError("\n".join(texts)) from None
+
+
+def _text(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) <= _MOST_BYTES:
+            return data.decode("utf-8-sig")
+        reason = f"longer than {_MOST_BYTES:,} bytes"
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+    except ValueError as error:
+        reason = str(error)
+    raise ConfigError(f"{path}: cannot be read ({reason}); expected: a YAML file in UTF-8")
+
+
+class _Loader(yaml.BaseLoader):
+    """Scalars stay the text that was typed, which the schema reads and the messages repeat.
+
+    So ``1e-3`` is the number that YAML 1.1 takes for a text, and ``010`` or ``1:30`` are not the
+    8 and the 90 that it makes of them.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
+            problem = "aliases and tags are not allowed"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        if self._depth == _DEEPEST:
+            problem = f"more than {_DEEPEST} levels are not allowed"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
+    """Read YAML that stands at `key`, noting in `sources` where every key comes from."""
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise ConfigError(f"{origin}{place}: not valid YAML: {error.problem}") from None
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ConfigError(f"{origin}: not valid YAML: {' '.join(str(error).split())}") from None
+    return "" if node is None else _tree(node, origin, key, sources)
+
+
+def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> object:
+    def source(at: yaml.Node) -> str:
+        return origin if origin.startswith("--set") else f"{origin}, line {at.start_mark.line + 1}"
+
+    sources.setdefault(key, source(node))
+    if isinstance(node, yaml.SequenceNode):
+        return [_tree(item, origin, (*key, i), sources) for i, item in enumerate(node.value)]
+    if not isinstance(node, yaml.MappingNode):
+        return node.value
+    mapping: dict[str, object] = {}
+    for key_node, value_node in node.value:
+        here, name = source(key_node), key_node.value
+        if not isinstance(name, str):
+            raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
+        child = (*key, name)
+        if name in mapping:
+            raise ConfigError(
+                f"{here}: {_dotted(child)} is given twice, first in {sources[child]}; "
+                "each key is allowed once"
+            )
+        sources[child] = here
+        mapping[name] = _tree(value_node, origin, child, sources)
+    return mapping
+
+
+def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
+    origin = f"--set {override}"
+    dotted, equals, value = override.partition("=")
+    if not equals:
+        raise ConfigError(f"{origin}: expected key=value, for example oscillator.h=0.2")
+    key = tuple(dotted.strip().split("."))
+    target = data
+    for depth, name in enumerate(key[:-1], 1):
+        sources.setdefault(key[:depth], origin)
+        target = target.setdefault(name, {})
+        if not isinstance(target, dict):
+            raise ConfigError(
+                f"{origin}: {_dotted(key[:depth])} = {_shown(target)} has no keys; "
+                f"set {_dotted(key[:depth])} as a whole"
+            )
+    for replaced in [old for old in sources if old[: len(key)] == key]:
+        del sources[replaced]
+    sources[key] = origin
+    target[key[-1]] = _parse(value, origin, key, sources)
+
+
+def _without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out that a key is missing where it is only misspelt."""
+    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
+    meant = {(*loc[:-1], nearest(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
+    return [error for error in errors if error["type"] != "missing" or error["loc"] not in meant]
+
+
+def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
+    """Say in one line where an error of pydantic is, what was given and what is allowed."""
+    reason = error.get("ctx", {}).get("error")
+    if isinstance(reason, MisplacedError):
+        return f"{_source(reason.key, sources, path)}: {_dotted(reason.key)}: {reason}"
+    key, section, expected = _located(error["loc"])
+    where = f"{_source(key, sources, path)}: "
+    if error["type"] == "missing":
+        return f"{where}{_dotted(key)} is missing; expected: {expected}"
+    if error["type"] == "extra_forbidden":
+        meant = suggestion(str(key[-1]), section.model_fields)
+        return f"{where}unknown key {_dotted(key)}{meant}; expected: {key_list(section)}"
+    given = f"{_dotted(key)} = {_shown(_typed(data, key, error['input']))}"
+    return f"{where}{given} {reason or 'is not allowed'}; expected: {expected}"
+
+
+def _located(loc: Key) -> tuple[Key, type[Section], str]:
+    """Return the key at pydantic's `loc`, the section it is in, and what is expected there."""
+    key: list[str | int] = []
+    section: type[Section] = SweepConfig
+    inner: type[Section] | None = SweepConfig
+    expected = ""
+    for part in loc:
+        if isinstance(part, int):
+            key.append(part)
+        elif inner is None:
+            # Not a key: below a value of several forms, pydantic names the form (see `_form`).
+            inner = Trajectory if section is RecordSection else Range
+        else:
+            key.append(part)
+            section = inner
+            field = section.model_fields.get(part)
+            expected = field.description or "" if field else ""
+            inner = _section_of(field.annotation if field else None)
+    return tuple(key), section, expected
+
+
+def _section_of(kind: Any) -> type[Section] | None:
+    """Return the section that a field holds, or may hold beside null."""
+    kinds = (kind, *get_args(kind))
+    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Section)), None)
+
+
+def _typed(data: Any, key: Key, otherwise: object) -> object:
+    """Return what was typed at `key`, which pydantic may have converted already."""
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return otherwise
+    return data
+
+
+def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
+    """Where `key` or the closest section around it comes from."""
+    for length in range(len(key), -1, -1):
+        if key[:length] in sources:
+            return sources[key[:length]]
+    return path
+
+
+def _dotted(key: Key) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)[1:]
+
+
+def _shown(value: object) -> str:
+    """Show a value as it was typed, cut where it is long."""
+    if isinstance(value, dict):
+        text = "{" + ", ".join(f"{name}: {_shown(item)}" for name, item in value.items()) + "}"
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(map(_shown, value)) + "]"
+    else:
+        text = " ".join(str(value).split()) or "(nothing)"
+    return text if len(text) <= 80 else text[:77] + "..."

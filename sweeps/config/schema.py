@@ -1,0 +1,244 @@
+"""The sections of a configuration, each checked on its own: what may be given in them.
+
+The names, ranges and defaults of the parameters are those of ``vibroimpact.oscillator.PARAMETERS``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from sweeps.config.values import (
+    MisplacedError,
+    Number,
+    Section,
+    Values,
+    Whole,
+    boolean,
+    extremes,
+    form,
+    integer,
+    known,
+    null,
+    number,
+    off,
+    shortest,
+    suggestion,
+    whole,
+)
+from vibroimpact.integrate import MOST_STEPS
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
+
+#: What can be computed of each point beside what is always recorded.
+DIAGNOSTICS = ("period", "lyapunov")
+
+#: The two ways along an axis that is followed, and what may be asked for.
+BOTH = ("up", "down")
+DIRECTIONS = (*BOTH, "both")
+
+# Limits that turn a slip of the keyboard into a message instead of a lack of memory.
+_MOST_PERIODS = 1_000_000_000
+_MOST_RECORDED = 1_000_000
+
+
+def choice(meaning: str, table: Collection[str], default: str) -> Any:
+    text = f"{meaning}: {', '.join(table)}"
+    return Field(default, description=text, json_schema_extra={"enum": [*table]})
+
+
+def _parameter(name: str) -> Any:
+    parameter = PARAMETERS[name]
+    unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
+    text = (
+        f"{parameter.meaning}{unit}: {parameter.allowed}; "
+        "to sweep it, a list of such numbers or {start, stop, num, spacing: linear or log}"
+    )
+    return Field(... if parameter.default is None else parameter.default, description=text)
+
+
+class ParameterSection(Section):
+    @field_validator("*")
+    @classmethod
+    def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
+        for extreme in extremes(value):
+            if not PARAMETERS[str(info.field_name)].accepts(extreme):
+                contains = (
+                    "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
+                )
+                raise ValueError(f"{contains}is not allowed")
+        return value
+
+
+class OscillatorSection(ParameterSection):
+    """The parameters of the oscillator."""
+
+    h: Values = _parameter("h")
+    R: Values = _parameter("R")
+    omega: Values = _parameter("omega")
+    f: Values = _parameter("f")
+    p: Values = _parameter("p")
+    clearance: Values = _parameter("clearance")
+
+
+class StartSection(ParameterSection):
+    """The state at time 0."""
+
+    x0: Values = _parameter("x0")
+    v0: Values = _parameter("v0")
+
+
+class MethodSection(Section):
+    """How the motion is computed."""
+
+    integrator: Annotated[str, known(INTEGRATORS)] = choice(
+        "integrator between impacts", INTEGRATORS, "exact"
+    )
+    impact: Annotated[str, known(IMPACT_RULES)] = choice("rule for impacts", IMPACT_RULES, "exact")
+    steps_per_period: Annotated[
+        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(whole)] | None,
+        BeforeValidator(null),
+    ] = Field(
+        None,
+        description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
+        "or null for as many as the method needs",
+    )
+    accuracy: Annotated[
+        Annotated[float, Field(ge=1e-13, lt=1.0), BeforeValidator(number)] | None,
+        BeforeValidator(null),
+    ] = Field(
+        default=None,
+        description="instead of the three above, the error of the section state that is allowed, "
+        "relative to the motion: a number >= 1e-13 and < 1, or null; the engine then picks the "
+        "cheapest method that a pilot run finds to reach it",
+    )
+    allow_unstable: Annotated[bool, BeforeValidator(boolean)] = Field(
+        default=False,
+        description="compute although the step is too long for the integrator to be stable: "
+        "true or false",
+    )
+
+    @model_validator(mode="after")
+    def _leaves_thechoice(self) -> Self:
+        given = self.model_fields_set - {"accuracy"}
+        if self.accuracy is not None and given:
+            name = next(name for name in type(self).model_fields if name in given)
+            raise MisplacedError(
+                ("method", name),
+                f"{name} is for the engine to choose where method.accuracy is given; expected: "
+                "accuracy alone, or integrator, impact and steps_per_period without it",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.impact == "exact" and self.integrator != "exact":
+            others = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
+            raise MisplacedError(
+                ("method", "integrator"),
+                f"impact exact needs the integrator exact, not {self.integrator}; "
+                f"expected: integrator exact, or one of the impact rules {others}",
+            )
+        return self
+
+
+class Trajectory(Section):
+    """Which samples of the motion are kept."""
+
+    every: Whole = integer("time steps from one sample to the next", 1, _MOST_PERIODS)
+
+
+class RecordSection(Section):
+    """What is kept of each point."""
+
+    transient: Whole = integer(
+        "forcing periods computed before anything is kept", 0, _MOST_PERIODS, 200
+    )
+    periods: Whole = integer("forcing periods kept, with one section each", 1, _MOST_RECORDED, 100)
+    phase: Number = Field(
+        0.0,
+        ge=0.0,
+        lt=2.0 * math.pi,
+        description="forcing phase omega t of the section [rad]: a number >= 0 and < 2 pi",
+    )
+    impacts: Whole = integer("how many of the last impacts are kept", 0, _MOST_RECORDED, 64)
+    trajectory: Annotated[
+        Annotated[Literal[False], BeforeValidator(off), Tag("<scalar>")]
+        | Annotated[Trajectory, Tag("<mapping>")],
+        Discriminator(form),
+    ] = Field(
+        False,
+        description="samples of the motion: false, or {every: k} to keep each k-th time step",
+    )
+    diagnostics: tuple[
+        Annotated[str, known(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
+    ] = Field(
+        (),
+        description="what else to compute of each point: a list of names out of "
+        f"{', '.join(DIAGNOSTICS)}",
+    )
+
+    @field_validator("diagnostics")
+    @classmethod
+    def _once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(names)) < len(names):
+            raise ValueError("has a name twice")
+        return names
+
+
+def _followable(name: str) -> str:
+    if name in StartSection.model_fields:
+        raise ValueError("is a start, which every point but the first has from its neighbour")
+    if name not in OscillatorSection.model_fields:
+        raise ValueError("is unknown" + suggestion(name, OscillatorSection.model_fields))
+    return name
+
+
+class FollowSection(Section):
+    """An axis along which each point starts from its neighbour's final state."""
+
+    axis: Annotated[str, AfterValidator(_followable)] = Field(
+        description="axis along which each point starts from its neighbour's final state: a swept "
+        f"parameter out of {', '.join(OscillatorSection.model_fields)}",
+        json_schema_extra={"enum": [*OscillatorSection.model_fields]},
+    )
+    direction: Annotated[str, known(DIRECTIONS)] = choice(
+        "values of the axis increasing (up), decreasing (down), or once each way",
+        DIRECTIONS,
+        "up",
+    )
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Each way in which the axis is followed: up, down, or both."""
+        return BOTH if self.direction == "both" else (self.direction,)
+
+
+class RefineSection(Section):
+    """Where points are added."""
+
+    axis: Annotated[str, known(PARAMETERS)] = Field(
+        description=f"the only swept axis, in increasing order: one of {', '.join(PARAMETERS)}"
+    )
+    around: Literal["changes"] = Field(
+        "changes", description="where the class of the motion changes between neighbours: changes"
+    )
+    levels: Whole = integer("how often the interval of a change is halved", 1, 52)
+
+
+def key_list(section: type[Section]) -> str:
+    """Say which keys a section has."""
+    return f"a mapping with keys among {', '.join(section.model_fields)}"

@@ -1,0 +1,85 @@
+"""The steps per period of a sweep: the points that need the most, and what is unstable there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sweeps.config.values import MisplacedError
+from vibroimpact.integrate import MOST_STEPS
+from vibroimpact.oscillator import POINT
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.stability import least_stable_steps
+
+# Values of h looked at together: a long axis costs time, no memory.
+_CHUNK = 1 << 16
+
+
+def worst_points(integrator: str, h: np.ndarray, p: np.ndarray, omega: float) -> np.ndarray:
+    """Return the points of a grid that need the most steps per period, of all rules.
+
+    The step must be short for the largest h and p, which is what exact impacts ask for, and for
+    the integrator to be stable. The longest stable T is not monotone: Euler's is 2h / p^2, then
+    falls; that of Runge-Kutta has a minimum at h = 0.54 p. But along p, at any h, it has no minimum
+    within the axis, so that the ends of `p` will do.
+
+    Parameters
+    ----------
+    h, p : ndarray
+        All values of h, and the least and the greatest of p.
+    omega : float
+        The least omega.
+
+    Returns
+    -------
+    ndarray of dtype ``POINT``, shape (2,)
+        The point of the largest h and p, and the one that needs the most steps to be stable. Only
+        h, p and omega are set.
+    """
+    points = np.zeros(2, POINT)
+    points["h"], points["p"], points["omega"] = h.max(), p.max(), omega
+    most = 0.0
+    for end in (p.min(), p.max()):
+        for part in np.array_split(h, math.ceil(h.size / _CHUNK)):
+            steps = least_stable_steps(integrator, part, end, omega)
+            k = int(steps.argmax())
+            if steps[k] > most:
+                most, points[1]["h"], points[1]["p"] = steps[k], part[k], end
+    return points
+
+
+def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
+    """Refuse `steps` per period where the integrator is unstable with them at one of `points`.
+
+    Raises
+    ------
+    MisplacedError
+        Says where, what the limit is there, and how many steps would do.
+    """
+    all_least = least_stable_steps(integrator, points["h"], points["p"], points["omega"])
+    least = all_least.max()
+    if steps >= least:
+        return
+    worst = points[all_least.argmax()]
+    h, p, omega = worst["h"], worst["p"], worst["omega"]
+    there = f"h = {h:g}, p = {p:g}, omega = {omega:g}"
+    if least > MOST_STEPS:
+        others = [
+            name for name in INTEGRATORS if least_stable_steps(name, h, p, omega) <= MOST_STEPS
+        ]
+        need = "with no step"
+        if least < math.inf:
+            need = f"only from {least:.3g} steps per period on, more than the {MOST_STEPS} allowed,"
+        raise MisplacedError(
+            ("method", "integrator"),
+            f"{integrator} is stable {need} at {there}; expected: {'h > 0, ' if h == 0.0 else ''}"
+            f"one of {', '.join(others)}, or method.allow_unstable: true",
+        )
+    given, limit = 2.0 * math.pi * p / (omega * steps), INTEGRATORS[integrator].limit(h / p)
+    raise MisplacedError(
+        ("method", "steps_per_period"),
+        f"{steps} are not enough for {integrator} to be stable at {there}: p T = {given:.4g} "
+        f"there must be below {limit:.4g}; expected: an integer from {least:.0f} to {MOST_STEPS}, "
+        "null, or method.allow_unstable: true",
+    )

@@ -1,0 +1,339 @@
+"""The configuration of a sweep: what may be asked for, checked, as a `SweepConfig`.
+
+The names, ranges and defaults of the parameters are those of ``vibroimpact.oscillator.PARAMETERS``.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+import yaml
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+
+from sweeps.config.schema import (
+    FollowSection,
+    MethodSection,
+    OscillatorSection,
+    ParameterSection,
+    RecordSection,
+    RefineSection,
+    StartSection,
+    choice,
+    key_list,
+)
+from sweeps.config.steps import refuse_unstable, worst_points
+from sweeps.config.values import (
+    Key,
+    MisplacedError,
+    Section,
+    every,
+    extremes,
+    known,
+    length,
+    null,
+    shortest,
+)
+from sweeps.grid import Grid
+from vibroimpact.integrate import MOST_STEPS, default_steps
+
+#: How a complete file can be compressed.
+COMPRESSIONS = ("none", "gzip")
+
+# Limits that turn a slip of the keyboard into a message instead of a lack of memory.
+_MOST_POINTS = 1_000_000_000
+_MOST_SAMPLES = 10_000_000
+
+
+def _section(meaning: str, section: type[Section], **default: Any) -> Any:
+    return Field(description=f"{meaning}: {key_list(section)}", **default)
+
+
+class SweepConfig(Section):
+    """A sweep of the forced oscillator with impacts over a grid of its parameters."""
+
+    name: str = Field(
+        "sweep",
+        pattern=r"^[^/\\\x00-\x1f]+$",
+        description="name of the sweep: a text without slashes "
+        "(default: the name of the configuration file)",
+    )
+    oscillator: OscillatorSection = _section("parameters of eq. (1)", OscillatorSection)
+    start: StartSection = _section(
+        "state at time 0",
+        StartSection,
+        default_factory=StartSection,
+        validate_default=True,
+    )
+    method: MethodSection = _section(
+        "how to compute",
+        MethodSection,
+        default_factory=MethodSection,
+        validate_default=True,
+    )
+    record: RecordSection = _section("what to keep", RecordSection, default_factory=RecordSection)
+    follow: Annotated[FollowSection | None, BeforeValidator(null)] = Field(
+        None,
+        description="start each point along an axis from its neighbour's final state: "
+        f"{key_list(FollowSection)}, or null",
+    )
+    refine: Annotated[RefineSection | None, BeforeValidator(null)] = Field(
+        None,
+        description="put further points where the class of the motion changes: "
+        f"{key_list(RefineSection)}, or null",
+    )
+    output: Path = Field(
+        Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
+    )
+    compression: Annotated[str, known(COMPRESSIONS)] = choice(
+        "how the file is compressed when it is complete", COMPRESSIONS, "none"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _output_from_name(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "name" in data and "output" not in data:
+            return {**data, "output": f"{data['name']}.h5"}
+        return data
+
+    @field_validator("start")
+    @classmethod
+    def _before_stop(cls, start: StartSection, info: ValidationInfo) -> StartSection:
+        if "oscillator" not in info.data:
+            return start  # refused already
+        x0 = max(extremes(start.x0))
+        clearance = min(extremes(info.data["oscillator"].clearance))
+        if x0 > clearance:
+            given = "x0" in start.model_fields_set
+            raise MisplacedError(
+                ("start", "x0") if given else ("oscillator", "clearance"),
+                f"x0 = {shortest(x0)} lies beyond the stop at clearance = {shortest(clearance)}; "
+                "every x0 must be <= every clearance",
+            )
+        return start
+
+    @field_validator("start")
+    @classmethod
+    def _not_too_many(cls, start: StartSection, info: ValidationInfo) -> StartSection:
+        if "oscillator" in info.data:
+            sections = {"oscillator": info.data["oscillator"], "start": start}
+            lengths: dict[Key, int] = {
+                (title, name): length(value)
+                for title, section in sections.items()
+                for name, value in section.items()
+            }
+            points = math.prod(lengths.values())
+            if points > _MOST_POINTS:
+                raise MisplacedError(
+                    max(lengths, key=lambda key: lengths[key]),
+                    f"the axes make a grid of {points:,} points; "
+                    f"expected: at most {_MOST_POINTS:,}",
+                )
+        return start
+
+    @field_validator("method")
+    @classmethod
+    def _enough_steps(cls, method: MethodSection, info: ValidationInfo) -> MethodSection:
+        if "oscillator" not in info.data:
+            return method
+        steps = method.steps_per_period
+        try:
+            chosen = _default_steps(info.data["oscillator"], method)
+        except ValueError as error:
+            raise MisplacedError(("oscillator", "omega"), str(error)) from None
+        if steps is not None and method.impact == "exact" and steps < chosen:
+            raise MisplacedError(
+                ("method", "steps_per_period"),
+                f"{steps} are not enough for exact impacts here; "
+                f"expected: an integer from {chosen} to {MOST_STEPS}, or null",
+            )
+        if not method.allow_unstable:
+            points = _worst_points(info.data["oscillator"], method)
+            refuse_unstable(method.integrator, steps or chosen, points)
+        return method
+
+    @field_validator("record")
+    @classmethod
+    def _can_be_recorded(cls, record: RecordSection, info: ValidationInfo) -> RecordSection:
+        if "oscillator" not in info.data or "method" not in info.data:
+            return record
+        method = info.data["method"]
+        if "lyapunov" in record.diagnostics and method.impact != "exact":
+            raise MisplacedError(
+                ("record", "diagnostics"),
+                f"lyapunov needs the impact rule exact, not {method.impact}; "
+                "expected: method.impact: exact, or diagnostics without lyapunov",
+            )
+        steps = method.steps_per_period or _default_steps(info.data["oscillator"], method)
+        samples = _samples(record, int(steps))
+        if samples > _MOST_SAMPLES:
+            raise MisplacedError(
+                ("record", "trajectory"),
+                f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
+            )
+        return record
+
+    @field_validator("follow")
+    @classmethod
+    def _along_an_axis(cls, follow: FollowSection | None, info: ValidationInfo) -> Any:
+        if follow is None or "oscillator" not in info.data:
+            return follow
+        lengths = {
+            name: len(np.unique(every(value))) for name, value in info.data["oscillator"].items()
+        }
+        if lengths[follow.axis] < 2:
+            swept = [name for name, number in lengths.items() if number > 1]
+            raise MisplacedError(
+                ("follow", "axis"),
+                f"{follow.axis} has only one value, so that there is nothing to follow; expected: "
+                + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
+            )
+        return follow
+
+    @model_validator(mode="after")
+    def _can_be_refined(self) -> Self:
+        if self.refine is not None:
+            _refuse_refinement(self.refine.axis, self)
+        return self
+
+    @cached_property
+    def steps(self) -> int:
+        """Steps per forcing period, the same all over the grid."""
+        return self.method.steps_per_period or _default_steps(self.oscillator, self.method)
+
+    @cached_property
+    def widths(self) -> dict[str, int]:
+        """The width of each record of a point; that of ``sample`` without the impacts."""
+        return {
+            "section": self.record.periods,
+            "impact": self.record.impacts,
+            "sample": _samples(self.record, self.steps),
+        }
+
+    def with_method(self, method: MethodSection) -> Self:
+        """Return this sweep computed in another way.
+
+        Raises
+        ------
+        ValueError
+            If it would be refused had it been typed so.
+        """
+        return type(self).model_validate({**dict(self.items()), "method": method})
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The swept axes, in the order of the file, and the fixed values."""
+        axes: dict[str, np.ndarray] = {}
+        fixed: dict[str, float] = {}
+        for _, section in self.items():
+            if isinstance(section, ParameterSection):
+                for name, value in section.items():
+                    if isinstance(value, float):
+                        fixed[name] = value
+                    else:
+                        axes[name] = every(value)
+        return Grid(axes, fixed)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Each way in which an axis is followed; none where none is."""
+        return self.follow.directions if self.follow else ()
+
+    @property
+    def size(self) -> int:
+        """Number of points to compute: those of the grid, in each direction."""
+        return self.grid.size * max(1, len(self.directions))
+
+    def to_yaml(self) -> str:
+        """Return the configuration with every default but without where and how it is stored.
+
+        Loading it gives the same sweep: the same values and steps, and the axes in the same order.
+        """
+        plain = _plain(self)
+        del plain["output"], plain["compression"]
+        for name in ("follow", "refine"):
+            if plain[name] is None:
+                del plain[name]
+        if self.method.accuracy is not None:
+            plain["method"] = {"accuracy": self.method.accuracy}
+        else:
+            del plain["method"]["accuracy"]
+            plain["method"]["steps_per_period"] = self.steps
+        return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
+def _refuse_refinement(axis: str, config: SweepConfig) -> None:
+    axes, record = config.grid.axes, config.record
+    if list(axes) != [axis]:
+        swept = ", ".join(axes) or "none"
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} must be the only swept axis, and swept are: {swept}; expected: one axis, and "
+            "its name here",
+        )
+    if len(axes[axis]) < 2 or not (np.diff(axes[axis]) > 0.0).all():
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} cannot be refined; expected: two or more values of it, in increasing order",
+        )
+    if config.method.impact != "exact":
+        raise MisplacedError(
+            ("refine",),
+            f"the orbits beside a change are found with the impact rule exact, not "
+            f"{config.method.impact}; expected: method.impact: exact, or no refine",
+        )
+    if config.method.accuracy is not None:
+        raise MisplacedError(
+            ("refine",),
+            "the orbits beside a change are found with the exact engine; expected: no "
+            "method.accuracy, or no refine",
+        )
+    if "period" not in record.diagnostics:
+        raise MisplacedError(
+            ("refine",),
+            "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
+            "[period, lyapunov], or no refine",
+        )
+    if record.trajectory:
+        raise MisplacedError(
+            ("record", "trajectory"),
+            "is not kept where points are added; expected: false, or no refine",
+        )
+    if config.follow is not None and config.follow.direction == "both":
+        raise MisplacedError(
+            ("follow", "direction"),
+            "both branches cannot be refined at once; expected: up or down, or no refine",
+        )
+
+
+def _worst_points(oscillator: OscillatorSection, method: MethodSection) -> np.ndarray:
+    """Return the points of the grid that need the most steps per period."""
+    return worst_points(
+        method.integrator,
+        h=every(oscillator.h),
+        p=np.array(extremes(oscillator.p)),
+        omega=min(extremes(oscillator.omega)),
+    )
+
+
+def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> int:
+    """Return the steps per period that the method needs all over the grid."""
+    return default_steps(_worst_points(oscillator, method), method.impact, method.integrator)
+
+
+def _samples(record: RecordSection, steps: int) -> int:
+    return record.periods * steps // record.trajectory.every + 1 if record.trajectory else 0
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Section):
+        return {name: _plain(item) for name, item in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of the configuration file."""
+    return SweepConfig.model_json_schema()

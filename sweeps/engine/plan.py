@@ -1,0 +1,204 @@
+"""What a sweep takes, in time, disk and memory; known before a step of it is computed."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import psutil
+from numba import get_num_threads
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.compute import compute
+from sweeps.engine.scaling import scales_with_f
+from sweeps.errors import StoreError
+from sweeps.grid import Grid
+from sweeps.store.variables import bytes_per_point, shown_bytes
+from vibroimpact.lanes.workspace import LANES
+from vibroimpact.oscillator import POINT
+
+#: Results of one block in memory, more only for full lanes [bytes].
+_BLOCK_MEMORY = 64 * 2**20
+#: Blocks in memory at once, with what their computation needs: one is computed, one waits, one is
+#: written. From the peak of runs with blocks of 64 MB and 1 GB.
+_BLOCKS_HELD = 5
+#: Time steps of one block at most, all points together, so that it takes about a second.
+_BLOCK_STEPS = 200_000_000
+#: A sweep is reported and written in at least this many blocks where it has the points.
+_BLOCKS = 50
+
+#: The calibration ends with the trial that takes longer [s].
+_TRIAL = 0.1
+#: Points in it at least, where chains are followed.
+_LEAST_TRIED = 16
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a sweep takes.
+
+    Attributes
+    ----------
+    seconds : float
+        Expected from short trials, which do not see what comes later; without compilation.
+    file, disk, memory : int
+        Size of the file when it is complete and not compressed, room on the disk while it is
+        written, and memory for the blocks [bytes].
+    """
+
+    seconds: float
+    file: int
+    disk: int
+    memory: int
+
+
+def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Cost:
+    """Return what a sweep takes, with so many threads or `cores` times as many.
+
+    Raises
+    ------
+    StoreError
+        If there is not enough memory for one point, or one chain of points.
+    """
+    size = config.size
+    reserved = size * bytes_per_point(reserved_widths(config), config.record.diagnostics)
+    file = size * bytes_per_point(config.widths, config.record.diagnostics)
+    copied = bool(config.record.trajectory or config.refine) or config.compression != "none"
+    held = min(block_size(config), config.grid.size)
+    memory = _BLOCKS_HELD * held * _memory_per_point(config)
+    seconds = expected_seconds(config, threads) / cores
+    return Cost(seconds, file, reserved + copied * file, memory)
+
+
+def reserved_widths(config: SweepConfig) -> dict[str, int]:
+    """Return the widths of the records, with room for impacts in the trajectories."""
+    room = 8 * config.record.periods if config.record.trajectory else 0
+    return {**config.widths, "sample": config.widths["sample"] + room}
+
+
+def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
+    """Return the points of the grid per block: few enough for memory, and for signs of progress.
+
+    Where an axis is followed, a block holds whole chains of points along it, each in a lane.
+
+    The memory is that of this machine, also where others compute.
+
+    Parameters
+    ----------
+    config : SweepConfig
+    least : int
+        Points that a block has where they fit into memory.
+    blocks : int
+        A sweep has at least so many blocks where it has the points.
+
+    Raises
+    ------
+    StoreError
+        If there is not enough memory for one point, or one chain of points.
+    """
+    record = config.record
+    chain = _chain(config)
+    each = chain * _memory_per_point(config)
+    available = _available_memory()
+    if _BLOCKS_HELD * each > available:
+        raise StoreError(
+            f"{_unit(config)} takes about {shown_bytes(_BLOCKS_HELD * each)} of memory, and only "
+            f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
+        )
+    # Full sets of lanes are worth more memory, where there is plenty.
+    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * LANES * each)
+    fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // each)
+    work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
+    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 4 * LANES)
+    wanted = max(min(most, max(work, 2 * LANES)), math.ceil(least / chain))
+    # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
+    return chain * (min(fits, wanted) // LANES * LANES or fits)
+
+
+def _chain(config: SweepConfig) -> int:
+    """Return the points of the grid that are computed one after the other."""
+    return len(config.grid.axes[config.follow.axis]) if config.follow else 1
+
+
+def _unit(config: SweepConfig) -> str:
+    """Name what a block holds at least."""
+    if config.follow is None:
+        return "one point"
+    ways = " and ".join(config.directions)
+    return f"one chain of {_chain(config):,} points, followed {ways} along {config.follow.axis},"
+
+
+def _memory_per_point(config: SweepConfig) -> int:
+    """Return the bytes of the results of a point of the grid, and of the log for its samples."""
+    widths = reserved_widths(config)
+    each = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
+    return each * max(1, len(config.directions))
+
+
+def _available_memory() -> int:
+    available = int(psutil.virtual_memory().available)
+    if hasattr(psutil, "RLIMIT_AS"):
+        limit, _ = psutil.Process().rlimit(psutil.RLIMIT_AS)
+        if limit >= 0:
+            available = min(available, limit - psutil.Process().memory_info().vms)
+    return max(available, 0)
+
+
+def expected_seconds(config: SweepConfig, threads: int | None) -> float:
+    """Return how long a sweep will take, from trials of few points and ever more periods."""
+    # No more than a block holds: a few points take as long as a full set of lanes.
+    count = min(2 * LANES * (threads or get_num_threads()), _lanes(config))
+    # Of few lanes, several calls: one point need not be like the others.
+    calls = [
+        _chosen(config.grid, count, seed)
+        for seed in range(-(-_LEAST_TRIED // count) if config.follow else 1)
+    ]
+    size = config.size
+    if scales_with_f(config):
+        calls[0]["f"] = 1.0
+        calls, size = [np.unique(calls[0])], size // len(config.grid.axes["f"])
+    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be
+    tried = sum(points.size for points in calls)
+    whole = config.record.transient + config.record.periods
+    total = 1
+    while True:
+        trial = _shortened(config, total)
+        began = time.perf_counter()
+        for points in calls:
+            compute(trial, points, threads)
+        elapsed = time.perf_counter() - began
+        if elapsed > _TRIAL or total == whole:
+            return elapsed * whole / total * size / tried
+        total = min(2 * total, whole)
+
+
+def _lanes(config: SweepConfig) -> int:
+    """Return the points of a block that are computed side by side."""
+    return block_size(config) // _chain(config) * max(1, len(config.directions))
+
+
+def _shortened(config: SweepConfig, total: int) -> SweepConfig:
+    """Return the same sweep over `total` periods, with the same share of them recorded."""
+    record = config.record
+    periods = max(1, total * record.periods // (record.transient + record.periods))
+    shorter = {
+        "transient": total - periods,
+        "periods": periods,
+        "impacts": min(record.impacts, 8 * periods),
+    }
+    return config.model_copy(update={"record": record.model_copy(update=shorter)})
+
+
+def _chosen(grid: Grid, count: int, seed: int) -> np.ndarray:
+    """Return points picked at random, the same in every call with that seed."""
+    numbers = np.random.default_rng(seed).integers(grid.size, size=min(count, grid.size))
+    points = np.empty(numbers.size, POINT)
+    for name, value in grid.fixed.items():
+        points[name] = value
+    if grid.axes:
+        indices = np.unravel_index(numbers, grid.shape)
+        for (name, values), index in zip(grid.axes.items(), indices, strict=True):
+            points[name] = values[index]
+    return points

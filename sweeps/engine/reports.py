@@ -1,0 +1,233 @@
+"""What the commands tell about a sweep: before it is run, after it, and when it ended early.
+
+As in ``cli.py``, what a report needs is imported inside it.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from textwrap import indent
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
+
+    from sweeps.analysis.changes import Change
+    from sweeps.config.sweep import SweepConfig
+    from sweeps.engine.plan import Cost
+    from vibroimpact.status import Status
+
+
+def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
+    """Describe a sweep before it is run."""
+    from sweeps.engine.scaling import scales_with_f
+    from sweeps.store.variables import shown_bytes
+
+    periods = sweep.size * (sweep.record.transient + sweep.record.periods)
+    axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
+    steps = [
+        ("steps per period", f"{sweep.steps:,}"),
+        ("steps", f"{periods * sweep.steps:,}"),
+    ]
+    if sweep.method.accuracy is not None:
+        asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
+        steps = [("method", asked)]
+    scaled = [("f", "one value is computed, the others are scaled")] * scales_with_f(sweep)
+    followed = []
+    if sweep.follow:
+        followed = [("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}")]
+    if sweep.refine is not None:
+        halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"
+        scaled.append(("further points", halved))
+    compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
+    return _table(
+        [
+            ("name", sweep.name),
+            *(("axis", axis) for axis in axes or ["none, a single point"]),
+            *followed,
+            ("points", f"{sweep.size:,}"),
+            ("forcing periods", f"{periods:,}"),
+            *steps,
+            *scaled,
+            ("expected time", f"about {_duration(cost.seconds)}"),
+            ("size of the file", shown_bytes(cost.file) + compressed),
+            ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
+            ("output", str(path)),
+        ]
+    )
+
+
+def summary(path: Path) -> str:
+    """Describe a sweep after it was run."""
+    from sweeps.store.reader import open_sweep, status_counts
+
+    with open_sweep(path, verify=False) as dataset:
+        seconds = float(dataset.attrs["duration"])
+        outcome = f"{path}: {_outcomes(status_counts(dataset))}"
+    return f"{outcome} in {_duration(seconds)}"
+
+
+def next_command(paths: Iterable[Path]) -> str:
+    """Say what to type after sweeps were run."""
+    return f"next: vibroimpact plot {shlex.join(map(str, paths))}"
+
+
+def kept(path: Path, command: str) -> str:
+    """Say what a run that ended early left behind, and which command goes on."""
+    from sweeps.store.reader import StoreError, open_sweep, status_counts
+    from vibroimpact.status import Status
+
+    try:
+        with open_sweep(path, verify=False) as dataset:
+            counts = status_counts(dataset)
+    except StoreError:
+        return "nothing is kept"
+    points = sum(counts.values())
+    done = points - counts[Status.PENDING]
+    return f"{done:,} of {_count(points, 'point')} kept in {path}; to go on: {command}"
+
+
+def contents(dataset: xr.Dataset) -> str:
+    """Describe an opened sweep: outcome, axes, variables, attributes, pilot and configuration."""
+    from sweeps.store.reader import status_counts
+    from sweeps.store.variables import VARIABLES
+
+    attributes = dict(dataset.attrs)
+    configuration = attributes.pop("configuration")
+    pilot = attributes.pop("pilot", "")
+    if pilot:  # as a comment, so that what is below the table can be run again
+        pilot = "# pilot:\n" + indent(pilot, "#   ")
+    rows = [
+        ("name", str(attributes.pop("name"))),
+        ("points", _outcomes(status_counts(dataset))),
+        *(("axis", _axis(str(axis), dataset[axis].values)) for axis in dataset["status"].dims),
+    ]
+    names = [name for name in VARIABLES if name in dataset]
+    shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
+    width = max(map(len, shapes))
+    rows += [
+        ("variable", f"{shape:{width}}  {_meaning(dataset[name])}")
+        for name, shape in zip(names, shapes, strict=True)
+    ]
+    attributes["duration"] = _duration(float(attributes["duration"]))
+    rows += [(str(name), str(value)) for name, value in attributes.items()]
+    return f"{_table(rows)}\n\n{pilot}{configuration}"
+
+
+def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
+    """List where the class of the motion changes along an axis, one line per change.
+
+    Parameters
+    ----------
+    axis : str, optional
+        By default the longest; changes along it are listed for every value of the others.
+
+    Raises
+    ------
+    PlotError
+        If there is no such axis, or the classes were not recorded.
+    """
+    from sweeps.analysis.changes import cascades, changes, labels
+    from sweeps.analysis.selection import PlotError, chosen_axes
+
+    (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
+    if "period" not in dataset:
+        raise PlotError(
+            "the file has no period: run the sweep again with record.diagnostics: [period]"
+        )
+    names = ["status", "rest_fraction", "period", "period_impacts", "lyapunov"]
+    data = dataset[[name for name in names if name in dataset]]
+    data = data.assign_coords(section=dataset["section"]).sortby(along).load()
+    others = [name for name in data["status"].dims if name != along]
+    rows, remarks = [], []
+    for index in product(*(range(data.sizes[name]) for name in others)):
+        line = data.isel(dict(zip(others, index, strict=True)))
+        at = [f"{name} = {line[name].item()}" for name in others]
+        found = list(changes(line[along].values, labels(line)))
+        rows += [[*at, *_change(along, change)] for change in found]
+        remarks += [", ".join([*at, _cascade(along, run)]) for run in cascades(found)]
+    if not rows:
+        return f"the class of the motion does not change along {along}"
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return "\n".join([*lines, *remarks])
+
+
+def _cascade(axis: str, run: Sequence[Change]) -> str:
+    from sweeps.analysis.changes import ratio
+
+    flips = ", ".join(f"{0.5 * (one.low + one.high):.9g}" for one in run)
+    ratios = ", ".join(f"{ratio(*run[i : i + 3]):.4g}" for i in range(len(run) - 2))
+    return f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
+
+
+def _change(axis: str, change: Change) -> list[str]:
+    unknown = f"{_count(change.between, 'point')} between of no known class"
+    return [
+        f"{axis} = {change.low:.12g} .. {change.high:.12g}",
+        f"width {change.high - change.low:.1e}",
+        f"{change.before} -> {change.after}",
+        change.kind,
+        unknown if change.between else "",
+    ]
+
+
+def _sizes(variable: xr.DataArray) -> str:
+    return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
+
+
+def _meaning(variable: xr.DataArray) -> str:
+    unit = variable.attrs["units"]
+    return variable.attrs["long_name"] + ("" if unit == "1" else f" [{unit}]")
+
+
+def _duration(seconds: float) -> str:
+    """Write a time with the unit that suits it; NaN where a run was killed."""
+    if math.isnan(seconds):
+        return "unknown"
+    for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
+        if seconds < limit:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 86400:,.3g} days"
+
+
+def _table(rows: list[tuple[str, str]]) -> str:
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:{width}}  {text}" for name, text in rows)
+
+
+def _axis(name: str, values: np.ndarray) -> str:
+    from sweeps.store.variables import DIRECTION
+    from vibroimpact.oscillator import PARAMETERS
+
+    if name == DIRECTION:
+        return f"{name} = {', '.join(values)}"
+    unit = PARAMETERS[name].unit
+    ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
+    return f"{name} = {ends}, {_count(len(values), 'value')}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+def _outcomes(counts: Mapping[Status, int]) -> str:
+    """Say how many points there are, and of which there is more to say."""
+    from sweeps.store.variables import is_remarkable
+    from vibroimpact.status import Status
+
+    remarks = [
+        f"{number:,} {status.name} ({status.meaning})"
+        for status, number in counts.items()
+        if number and is_remarkable(status)
+    ]
+    points = sum(counts.values())
+    text = _count(points, "point")
+    if counts[Status.CERTIFIED] == points:
+        return f"{text}, all certified: every impact found, none missed"
+    return f"{text}, of which {'; '.join(remarks)}" if remarks else text

@@ -1,0 +1,227 @@
+"""The run of a sweep: blocks of points through the kernel into the store, with progress."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.background import in_background, no_interrupt_lost
+from sweeps.engine.cluster import computer_for
+from sweeps.engine.compute import compute_block
+from sweeps.engine.pilot import Pilot, choose
+from sweeps.engine.plan import block_size, estimate, reserved_widths
+from sweeps.engine.refine import Refinement
+from sweeps.engine.reports import plan
+from sweeps.engine.scaling import scales_with_f
+from sweeps.engine.workers import Computer
+from sweeps.grid import Block, block_points
+from sweeps.store.layout import ADDED, Layout
+from sweeps.store.lock import only_writer
+from sweeps.store.reader import check_output, open_sweep
+from sweeps.store.writer import SweepWriter, sweep_writer
+from vibroimpact.jit import NUMERICS
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+def run_sweep(
+    config: SweepConfig,
+    output: str | Path | None = None,
+    *,
+    threads: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    progress: bool = False,
+    client: Client | None = None,
+) -> Path:
+    """Compute a sweep and write it, block by block.
+
+    Parameters
+    ----------
+    config : SweepConfig
+        From `load_config`. Where it gives an accuracy, a pilot chooses the method, and the file
+        keeps the method with the record of the pilot.
+    output : str or Path, optional
+        The HDF5 file to write, instead of the configuration's.
+    threads : int, optional
+        Threads to use; all cores by default. The data do not depend on it. Not with a client,
+        whose workers use the threads that they have.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    resume : bool
+        Whether to compute what is missing in an existing file. It ends with the same data, to
+        the last bit, as after a run that was never stopped.
+    progress : bool
+        Whether to show on stderr what the run takes, and then points done, forcing periods per
+        second and time left.
+    client : distributed.Client, optional
+        Compute on the workers of its cluster. This process alone writes the file, block by block
+        as on one machine; a file begun here can be resumed there and the other way round.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    StoreError
+        If the output is refused, is being written by another process or belongs to another
+        sweep, or if there is too little disk or memory.
+    StoreFailure
+        If the output cannot be written.
+    ClusterError
+        If a worker has another version of the numerics.
+    ClusterFailure
+        If the scheduler is lost, or a block fails on a worker. What is done is kept.
+    """
+    if client is not None and threads is not None:
+        raise ValueError("threads is not allowed with a client, whose workers have their own")
+    path = Path(output) if output is not None else config.output
+    console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
+    with no_interrupt_lost() as check, only_writer(path):
+        check_output(path, overwrite=overwrite, resume=resume)
+        computer = computer_for(client, threads)
+        with console.status("preparing (the first run compiles, and keeps it for the next)"):
+            pilot = None
+            if config.method.accuracy is not None:
+                (pilot,) = in_background(map(choose, [config], [threads]))
+                config = config.with_method(pilot.method)
+                console.print(pilot.summary, markup=False)
+            (cost,) = in_background(map(estimate, [config], [computer.threads], [computer.cores]))
+        check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
+        console.print(plan(config, path, cost), markup=False)
+        layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
+        with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
+            check()  # the first block may take long
+            if writer.damage:
+                console.print(f"damaged, and computed again: {writer.damage}", markup=False)
+            with _Display(config, writer, console, computer) as display:
+                pending = writer.pending()
+                computed = computer.computed(compute_block, config, pending, display.computed)
+                for block, results in computed:
+                    check()
+                    writer.write(block, results)
+                    display.written(block)
+                    check()
+            if config.refine is not None and not writer.refined:
+                _refine(config, writer, path, threads, console)
+            writer.finish(compressed=config.compression != "none")
+    return path
+
+
+def _refine(
+    config: SweepConfig, writer: SweepWriter, path: Path, threads: int | None, console: Console
+) -> None:
+    """Put further points into a complete file, where its classes change."""
+    assert config.refine is not None
+    with console.status("refining") as status, open_sweep(path, verify=False) as line:
+        refinement = Refinement(config, line, threads)
+        for level in in_background(refinement):
+            found = f"{len(refinement.intervals):,} changes of class"
+            status.update(f"refining: level {level} of {config.refine.levels}, {found}")
+    writer.insert(config.refine.axis, refinement.points)
+    added = writer.layout.attributes[ADDED]
+    told = f"refined: {added:,} points added beside the changes of class"
+    if refinement.left_out:
+        told += f"; {refinement.left_out:,} changes were too many to follow further"
+    console.print(told, markup=False)
+
+
+def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
+    return Layout.of(
+        config.grid,
+        name=config.name,
+        configuration=config.to_yaml(),
+        pilot=pilot.record if pilot else None,
+        widths=reserved_widths(config),
+        first_section=config.record.transient + 1,
+        diagnostics=config.record.diagnostics,
+        block_size=block_size(config, **sizes),
+        scaled_along="f" if scales_with_f(config) else None,
+        followed_along=config.follow.axis if config.follow else None,
+        directions=config.directions,
+        numerics=NUMERICS,
+    )
+
+
+class _Display:
+    """A progress line on stderr: points done, forcing periods per second, time left."""
+
+    def __init__(
+        self, config: SweepConfig, writer: SweepWriter, console: Console, computer: Computer
+    ) -> None:
+        self._periods = config.record.transient + config.record.periods
+        self._size = config.size
+        self._there = self._size - sum(map(block_points, writer.pending()))
+        scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
+        self._name = config.name + scaled
+        self._computer = computer
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("points  {task.fields[speed]}"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=console.quiet,
+        )
+        self._task = TaskID(0)
+        self._began = 0.0
+        # Points counted in two threads, the first ahead of the second.
+        self._computed = 0
+        self._written = 0
+        self._left = False
+
+    def __enter__(self) -> _Display:
+        self._bar.start()
+        self._task = self._bar.add_task(
+            self._description, total=self._size, completed=self._there, speed=""
+        )
+        self._began = time.monotonic()
+        return self
+
+    def computed(self, points: int) -> None:
+        """Count points of a block in work, which goes no further once the run was left."""
+        if self._left:
+            raise RuntimeError("the run was left")
+        self._computed += points
+        self._show()
+
+    def written(self, block: Block) -> None:
+        """Count the points of a finished block."""
+        self._written += block_points(block)
+        self._show()
+
+    def _show(self) -> None:
+        done = max(self._computed, self._written)
+        elapsed = time.monotonic() - self._began
+        speed = done * self._periods / elapsed
+        self._bar.update(
+            self._task,
+            completed=self._there + done,
+            description=self._description,
+            speed=f"{speed:,.0f} periods/s",
+        )
+
+    @property
+    def _description(self) -> str:
+        return self._name + self._computer.described()
+
+    def __exit__(self, *_: object) -> None:
+        self._left = True
+        self._bar.stop()

@@ -1,0 +1,1 @@
+"""Pictures from a file. Beside `sweeps.bench`, only this room imports matplotlib."""

@@ -1,0 +1,209 @@
+"""Maps over two swept axes: the class of the motion, its Lyapunov exponent, its slowest impact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.colors import (
+    Colormap,
+    LinearSegmentedColormap,
+    LogNorm,
+    Normalize,
+    TwoSlopeNorm,
+)
+from matplotlib.figure import Figure
+
+from sweeps.analysis.classes import Motion, classify, frequent_periods
+from sweeps.analysis.selection import Cut, PlotError, Setting, chosen_axes, listed, select
+from sweeps.plotting.cells import (
+    MOTIONS,
+    OTHER_PERIODIC,
+    PERIODIC,
+    REST,
+    Cells,
+    draw_cells,
+    draw_kinds,
+    missing,
+)
+from sweeps.plotting.labels import entitle, label, set_scale, tick_in_decades
+from sweeps.plotting.marks import BLUE, VERMILION
+from vibroimpact.status import Status
+
+_NONE = "#FFFFFF"
+_STATUSES = {
+    Status.COMPUTED: PERIODIC[1],
+    Status.CERTIFIED: PERIODIC[0],
+    Status.SETTLED: PERIODIC[4],
+    Status.UNBOUNDED: REST,
+}
+_LOW_IS_DARK = "cividis"
+_SIGNED = LinearSegmentedColormap.from_list(
+    "signed", ["#00263D", BLUE, "#F7F7F7", VERMILION, "#4A1D00"]
+)
+
+
+def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour the kinds of motion, the most frequent periods by name."""
+    if "period" not in cut:
+        raise PlotError(
+            "the file has no period: run the sweep again with record.diagnostics: [period]"
+        )
+    motion, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
+    periodic = motion == Motion.PERIODIC
+    kinds = []
+    for colour, (mm, qq) in zip(
+        PERIODIC, frequent_periods(m[periodic], q[periodic], len(PERIODIC)), strict=False
+    ):
+        where = periodic & (m == mm) & (q == qq)
+        kinds.append(Cells(f"{mm}/{qq}" + (", no impact" if qq == 0 else ""), colour, where))
+        periodic = periodic & ~where
+    kinds.append(Cells("other m/q", OTHER_PERIODIC, periodic))
+    for one, (text, colour) in MOTIONS.items():
+        if one is Motion.UNDECIDED and "lyapunov" not in cut:
+            text = "no repetition found"
+        kinds.append(Cells(text, colour, motion == one))
+    return kinds
+
+
+def status_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour what became of the points."""
+    status = cut["status"].values
+    return [Cells(one.name.lower(), colour, status == one) for one, colour in _STATUSES.items()]
+
+
+def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour the larger Lyapunov exponent by sign and size."""
+    larger = cut["lyapunov"].isel(exponent=0).values
+    finite = larger[np.isfinite(larger)]
+    low, high = np.quantile(finite, [0.01, 1.0]) if len(finite) else (-1.0, 1.0)
+    norm = TwoSlopeNorm(0.0, min(low, -1e-12), max(high, 1e-12))
+    name = label(cut["lyapunov"]).replace(r"\lambda", r"\lambda_1").replace("Lyap", "larger Lyap")
+    _draw_values(figure, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
+    return [Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]
+
+
+def rest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour the fraction of time at rest."""
+    fraction = cut["rest_fraction"].values
+    rests = np.ma.masked_where(~(fraction > 0.0), fraction)
+    norm = Normalize(0.0, float(rests.max()) if rests.count() else 1.0)
+    _draw_values(figure, cut, rests, norm, _LOW_IS_DARK, label(cut["rest_fraction"]))
+    return [Cells("no rest", _NONE, fraction == 0.0)]
+
+
+def impacts_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour the impacts per period; where the mass rests they are no property of the motion."""
+    return _draw_log(
+        figure, cut, "impacts_per_period", "no impact", cut["rest_fraction"].values > 0
+    )
+
+
+def slowest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour the speed of the slowest impact, dark at a graze; a chatter reaches any speed."""
+    rests = cut["rest_fraction"].values > 0.0
+    return _draw_log(figure, cut, "slowest_impact", "no impact", rests)
+
+
+def penetration_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+    """Colour the deepest penetration."""
+    nowhere = np.zeros(cut["status"].shape, dtype=bool)
+    return _draw_log(figure, cut, "max_penetration", "none", nowhere)
+
+
+#: What a map can show: variables of the file.
+QUANTITIES: Mapping[str, Callable[[Figure, xr.Dataset], list[Cells]]] = {
+    "period": period_map,
+    "impacts_per_period": impacts_map,
+    "lyapunov": lyapunov_map,
+    "rest_fraction": rest_map,
+    "slowest_impact": slowest_map,
+    "max_penetration": penetration_map,
+    "status": status_map,
+}
+
+
+def parameter_map(
+    dataset: xr.Dataset,
+    *,
+    axes: Sequence[str] = (),
+    at: Cut | None = None,
+    quantity: str | None = None,
+) -> Figure:
+    """Draw a quantity over two swept axes, one cell per point.
+
+    Points that failed are grey, and those not computed yet hatched.
+
+    Parameters
+    ----------
+    axes : sequence of str, optional
+        Abscissa and ordinate, by default the two longest; of equals, the later is the abscissa.
+    quantity : str, optional
+        One of ``QUANTITIES``, by default the first that the file has.
+
+    Raises
+    ------
+    PlotError
+        If the file has no such axes or quantity.
+    """
+    chosen = chosen_axes(dataset, axes, 2, "map")
+    if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
+        chosen.reverse()
+    across, up = chosen
+    held = [name for name in QUANTITIES if name in dataset]
+    if quantity is None:
+        quantity = held[0]
+    if quantity not in held:
+        asked = quantity or repr(quantity)
+        raise PlotError(f"the file has no {asked} to draw; it has {listed(held)}")
+    cut = select(dataset, at, free=chosen).sortby(chosen).transpose(up, across, ...)
+    figure = Figure(figsize=(4.5, 4.4), layout="constrained")
+    panel = figure.add_subplot()
+    kinds = QUANTITIES[quantity](figure, cut)
+    draw_kinds(figure, cut, [*kinds, *missing(cut["status"].values)])
+    set_scale(panel.xaxis, cut[across].values)
+    set_scale(panel.yaxis, cut[up].values)
+    panel.set_xlabel(label(dataset[across]))
+    panel.set_ylabel(label(dataset[up]))
+    entitle(figure, Setting.of(dataset), cut, 66)
+    return figure
+
+
+def _draw_log(
+    figure: Figure, cut: xr.Dataset, name: str, none: str, rests: np.ndarray
+) -> list[Cells]:
+    """Draw a positive quantity on a logarithmic scale; `rests` are the points without a value."""
+    values = cut[name].values
+    positive = np.ma.masked_where(rests | ~(values > 0.0), values)
+    given = positive.compressed()
+    low, high = (np.quantile(given, 0.005), given.max()) if len(given) else (0.1, 1.0)
+    norm = LogNorm(low, max(high, low * 1.001))
+    _draw_values(figure, cut, positive, norm, _LOW_IS_DARK, label(cut[name]))
+    computed = ~np.isin(cut["status"].values, [one for one in Status if one.failed])
+    return [
+        Cells(none, _NONE, computed & ~rests & ~(values > 0.0)),
+        Cells("with rest on the stop", REST, rests),
+    ]
+
+
+def _draw_values(
+    figure: Figure,
+    cut: xr.Dataset,
+    values: np.ma.MaskedArray,
+    norm: Normalize,
+    colours: str | Colormap,
+    text: str,
+) -> None:
+    """Draw values with their colour bar, which says if some are below it."""
+    mesh = draw_cells(figure, cut, values, norm, colours)
+    if values.count() == 0:
+        return
+    low, high = mesh.get_clim()
+    below = values.min() < low
+    bar = figure.colorbar(
+        mesh, ax=figure.axes[0], pad=0.02, aspect=35, extend="min" if below else "neither"
+    )
+    bar.set_label(text)
+    if isinstance(norm, LogNorm) and high < 100.0 * low:
+        tick_in_decades(bar.ax.yaxis)

@@ -1,0 +1,179 @@
+"""What the file of a sweep holds, but for its data: axes, records, blocks, attributes."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import Any, Self
+
+import numpy as np
+
+from sweeps.grid import Block, Grid, block_points
+from sweeps.store.ledger import ROW
+from sweeps.store.variables import DIRECTION, FIXED_WIDTHS, VARIABLES, held_variables
+
+FORMAT = "vibroimpact-sweep"
+FORMAT_VERSION = 2
+
+#: The attribute of a refined sweep that counts the points added to its grid.
+ADDED = "points_added"
+
+#: Where the file says in which blocks it is written; not at the root, where xarray would see it.
+BLOCKS = "store/blocks"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the file of a sweep holds, but for its data.
+
+    Attributes
+    ----------
+    axes : mapping of str to ndarray
+        The leading dimensions of every result: the swept axes, and before them ``direction``
+        where one was followed up and down.
+    records : mapping of str to ndarray
+        The record dimensions and their coordinates. ``sample`` may prove too short.
+    variables : tuple of str
+        Those of ``VARIABLES`` that there are, in that order.
+    blocks : sequence of Block
+        In which the points are written, each whole or not at all.
+    attributes : mapping of str to str or int
+        Of the file, the configuration among them.
+    """
+
+    axes: Mapping[str, np.ndarray]
+    records: Mapping[str, np.ndarray]
+    variables: tuple[str, ...]
+    blocks: Sequence[Block]
+    attributes: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        grid: Grid,
+        *,
+        name: str,
+        configuration: str,
+        pilot: str | None = None,
+        widths: Mapping[str, int],
+        first_section: int,
+        diagnostics: Collection[str] = (),
+        block_size: int,
+        scaled_along: str | None = None,
+        followed_along: str | None = None,
+        directions: Sequence[str] = (),
+        numerics: str = "",
+    ) -> Self:
+        """Lay out a new sweep.
+
+        Parameters
+        ----------
+        grid : Grid
+        name : str
+            The name of the sweep.
+        configuration : str
+            As YAML, kept as it is.
+        pilot : str, optional
+            How its method was chosen, as YAML, kept as it is.
+        widths : mapping of str to int
+            Width of the record dimensions ``section``, ``impact`` and ``sample``; 0 leaves the
+            variables of one out. ``sample`` is a guess.
+        first_section : int
+            The number of the forcing period of the first section; the others follow.
+        diagnostics : collection of str
+            The diagnostics whose variables there are.
+        block_size : int
+            Points of the grid per block, at most; all directions of a point are in one.
+        scaled_along : str, optional
+            The axis along which one value is computed and the others are scaled.
+        followed_along : str, optional
+            The axis along which each point starts from its neighbour: no block splits it.
+        directions : sequence of str
+            In which it is followed; of two, the data have a leading dimension.
+        numerics : str
+            What names the code that computes the data.
+        """
+        held = held_variables(widths, diagnostics)
+        records = {
+            record: np.arange({**widths, **FIXED_WIDTHS}[record])
+            for record in dict.fromkeys(v.record for v in held.values() if v.record)
+        }
+        if "section" in records:
+            records["section"] += first_section
+        attributes = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "name": name,
+            "configuration": configuration,
+            **({} if pilot is None else {"pilot": pilot}),
+            "numerics": numerics,
+            "vibroimpact_version": _version("vibroimpact"),
+            "numba_version": _version("numba"),
+            "numpy_version": np.__version__,
+            "h5py_version": _version("h5py"),
+            "platform": platform.platform(),
+            "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        }
+        if scaled_along is not None:
+            attributes["scaled_along"] = scaled_along
+        blocks: Iterable[Block] = grid.blocks(
+            block_size, whole=followed_along or scaled_along, at_any_size=bool(followed_along)
+        )
+        axes = dict(grid.axes)
+        if len(directions) > 1:
+            axes = {DIRECTION: np.array(directions, object), **axes}
+            blocks = ((slice(0, len(directions)), *block) for block in blocks)
+        return cls(axes, records, tuple(held), tuple(blocks), attributes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(len(values) for values in self.axes.values())
+
+    def shape_of(self, name: str) -> tuple[int, ...]:
+        """Return the shape of a variable."""
+        record = VARIABLES[name].record
+        return (*self.shape, len(self.records[record])) if record else self.shape
+
+    @property
+    def size(self) -> int:
+        """Bytes that a file takes at most, compressed or not."""
+        data = sum(
+            math.prod(self.shape_of(name)) * np.dtype(VARIABLES[name].dtype).itemsize
+            for name in self.variables
+        )
+        coordinates = 8 * sum(map(len, (*self.axes.values(), *self.records.values())))
+        texts = sum(len(str(text)) for text in self.attributes.values())
+        each_block = 16 * len(self.axes) + ROW.itemsize
+        # Incompressible data grow by less than 1 %; HDF5 takes about 20 kB, and more for chunks.
+        return (
+            data * 102 // 100 + coordinates + 2 * texts + each_block * len(self.blocks) + (1 << 17)
+        )
+
+    def with_points(self, axis: str, values: np.ndarray) -> Self:
+        """Return the same with further values of its only axis, which are told in an attribute."""
+        everywhere = np.union1d(self.axes[axis], values)
+        size = max(block_points(block) for block in self.blocks)
+        return replace(
+            self,
+            axes={axis: everywhere},
+            blocks=tuple(Grid({axis: everywhere}, {}).blocks(size)),
+            attributes={**self.attributes, ADDED: len(everywhere) - len(self.axes[axis])},
+        )
+
+    def with_samples(self, width: int) -> Self:
+        """Return the same with another width of the trajectories, if there are any."""
+        if "sample" not in self.records:
+            return self
+        return replace(self, records={**self.records, "sample": np.arange(width)})
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"  # run from a checkout that was not installed

@@ -1,0 +1,209 @@
+"""Attractors of many parameter points at once: the kernel's arrays in, named results out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import get_num_threads, set_num_threads
+
+from vibroimpact.lanes.kernel import run_blocks
+from vibroimpact.lanes.tally import SUMS, Tally
+from vibroimpact.lanes.workspace import LANES
+from vibroimpact.status import Status
+from vibroimpact.step.exact import steps_needed
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.phases import lead_in, one_period
+from vibroimpact.step.rules import EXACT, IMPACT_RULES
+from vibroimpact.step.stability import least_stable_steps
+
+#: More steps per forcing period are not chosen, and the rule ``exact`` is refused where it needs
+#: more.
+MOST_STEPS = 1_000_000
+#: The steps per forcing period of the paper.
+PAPER_STEPS = 100
+
+
+def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
+    """Return the steps per forcing period where none are asked for.
+
+    For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or as
+    many as the integrator needs to be stable at every point, if there are as many.
+
+    Raises
+    ------
+    ValueError
+        If that is more than ``MOST_STEPS``.
+    """
+    h, p, omega = points["h"], points["p"], points["omega"]
+    if impact != "exact":
+        stable = least_stable_steps(integrator, h, p, omega).max(initial=1.0)
+        return max(PAPER_STEPS, int(stable)) if stable <= MOST_STEPS else PAPER_STEPS
+    with np.errstate(over="ignore"):
+        steps = float(steps_needed(h, p, omega).max(initial=1.0))
+    if not steps <= MOST_STEPS:
+        raise ValueError(
+            f"exact impacts would need {steps:.3g} steps per forcing period here, expected: "
+            f"at most {MOST_STEPS}; omega is too small against p and h"
+        )
+    return int(steps)
+
+
+def resolve(
+    points: np.ndarray, integrator: str, impact: str, steps_per_period: int | None
+) -> tuple[int, int, int]:
+    """Check a method; return the codes of rule and integrator, and the steps per period.
+
+    Raises
+    ------
+    ValueError
+        As from `integrate`.
+    """
+    for name, given, table in (
+        ("integrator", integrator, INTEGRATORS),
+        ("impact", impact, IMPACT_RULES),
+    ):
+        if not isinstance(given, str) or given not in table:
+            raise ValueError(f"{name} must be one of {', '.join(table)}, not {given!r}")
+    if impact == "exact" and integrator != "exact":
+        raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
+    steps = steps_per_period
+    if steps is None or impact == "exact":
+        least = default_steps(points, impact, integrator)
+        steps = least if steps is None else steps
+        if impact == "exact" and steps < least:
+            raise ValueError(
+                f"steps_per_period must be >= {least} for exact impacts here, not {steps}"
+            )
+    return IMPACT_RULES[impact].code, INTEGRATORS[integrator].code, steps
+
+
+def integrate(
+    points: np.ndarray,
+    *,
+    integrator: str = "exact",
+    impact: str = "exact",
+    steps_per_period: int | None = None,
+    transient: int = 200,
+    periods: int = 100,
+    phase: float = 0.0,
+    at_section: bool = False,
+    impacts: int = 64,
+    lyapunov: bool = False,
+    threads: int | None = None,
+) -> dict[str, np.ndarray]:
+    """Run every parameter point from its start and record its attractor.
+
+    The record spans the `periods` forcing periods that follow `transient` of them, counted from
+    the first passage of the phase `phase`. An impact belongs to it if it comes after its start,
+    so that one at the start itself does not.
+
+    Parameters
+    ----------
+    points : ndarray of dtype ``POINT``, shape (n,)
+        Valid parameter points; ``Oscillator.at`` makes one.
+    integrator, impact : str
+        Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
+    steps_per_period : int, optional
+        Steps of length T = 2 pi / (omega steps_per_period), stable or not; by default as from
+        ``default_steps``.
+    transient, periods : int
+        Forcing periods left out, and recorded.
+    phase : float
+        omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. The grid of steps is
+        laid so that it falls on a grid point.
+    at_section : bool
+        Whether the start is the state at a passage of `phase`, not at t = 0: the last section of
+        one run, as the start of another, continues it.
+    impacts : int
+        How many of the last impacts to keep.
+    lyapunov : bool
+        Whether to compute the Lyapunov exponents; with the rule ``exact`` only.
+    threads : int, optional
+        Threads to use; all by default. The results do not depend on it.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``poincare_x``, ``poincare_v`` : (n, periods), state at the end of each recorded period;
+        ``impact_phase``, ``impact_v`` : (n, impacts), omega t mod 2 pi [rad] and speed before
+        the last impacts, in time order, NaN where there were fewer; ``impacts_per_period``,
+        ``slowest_impact`` (speed before it, NaN without an impact), ``max_penetration``,
+        ``rest_fraction``, ``chatters`` (complete ones), ``near_grazes``, ``status`` : (n,), over
+        the recorded periods. Where ``status`` is a failure the numbers are NaN, and the counts
+        0. With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first; -inf
+        after a rest, which leaves nothing of the past. The rule ``plain`` knows no rest; only
+        ``exact`` looks for near grazes.
+
+    Raises
+    ------
+    ValueError
+        For an unknown integrator or impact rule, the rule ``exact`` with another integrator, or
+        too few steps per period for it.
+    """
+    rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
+    if lyapunov and rule != EXACT:
+        raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
+    n = points.size
+    tally = Tally(
+        sections=np.empty((n, periods, 2)),
+        impacts=np.full((n, impacts, 2), np.nan),
+        sums=np.zeros(n, dtype=SUMS),
+    )
+    tally.sums["slowest_impact"] = np.inf
+    tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
+    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
+    threads_before = get_num_threads()
+    # A thread without lanes of its own costs time to wake, more than a few lanes take.
+    threads = min(threads or threads_before, max(1, -(-n // LANES)))
+    set_num_threads(threads)
+    try:
+        run_blocks(threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally)
+    finally:
+        set_num_threads(threads_before)
+    results = _results(points, periods, tally)
+    if not lyapunov:
+        del results["lyapunov"]
+    return results
+
+
+def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.ndarray]:
+    """Name the results, and withhold those of the points that failed."""
+    sums, sections = tally.sums, tally.sections
+    duration = periods * 2.0 * np.pi / points["omega"]
+    sums["status"][_grows(points, sums, sections)] = Status.UNBOUNDED
+    failed = sums["status"] >= Status.UNRESOLVED
+    no_impact = sums["impacts"] == 0
+    growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
+    return {
+        "poincare_x": sections[:, :, 0],
+        "poincare_v": sections[:, :, 1],
+        "impact_phase": tally.impacts[:, :, 0],
+        "impact_v": tally.impacts[:, :, 1],
+        "impacts_per_period": np.where(failed, np.nan, sums["impacts"] / periods),
+        "slowest_impact": np.where(failed | no_impact, np.nan, sums["slowest_impact"]),
+        "max_penetration": np.where(failed, np.nan, sums["max_penetration"]),
+        "rest_fraction": np.where(failed, np.nan, np.minimum(sums["rested"] / duration, 1.0)),
+        "chatters": np.where(failed, 0, sums["chatters"]),
+        "near_grazes": np.where(failed, 0, sums["near_grazes"]),
+        "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),
+        "status": sums["status"].astype(np.int8),
+    }
+
+
+def _grows(points: np.ndarray, sums: np.ndarray, sections: np.ndarray) -> np.ndarray:
+    """Whether the motion grew through the record, as one without bound does.
+
+    It can only where nothing is dissipated, R = 1 and h = 0. There it does where the energy of each
+    third of the sections exceeds by 1 % all of the third before it. A beat much longer than the
+    record looks the same: fewer than 30 periods, or a motion without impacts, say nothing.
+    """
+    grows = np.zeros(points.size, dtype=bool)
+    third = sections.shape[1] // 3
+    free = np.flatnonzero((points["R"] == 1.0) & (points["h"] == 0.0) & (sums["impacts"] > 0))
+    if third >= 10 and free.size > 0:
+        x, v = sections[free, -3 * third :, 0], sections[free, -3 * third :, 1]
+        with np.errstate(over="ignore"):
+            energy = v * v + (points["p"][free, None] * x) ** 2
+        thirds = energy.reshape(free.size, 3, third)
+        low, high = thirds.min(axis=2), thirds.max(axis=2)
+        grows[free] = (low[:, 1:] > 1.01 * high[:, :-1]).all(axis=1)
+    return grows

@@ -1,0 +1,165 @@
+"""The rule ``reduced-step`` in the lanes: the impacts of a stride side by side, in vectors.
+
+A column of the workspace is one lane that meets its stop in the stride. What is mended here is what
+nearly every impact is: one in the stride, with a rebound that lasts to its end. The arithmetic is
+that of ``reduced_step``, without a branch; whatever else happens is left to it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.lanes.tally import list_impact
+from vibroimpact.lanes.workspace import (
+    C_0,
+    C_TR,
+    LEFT,
+    MET,
+    OF_CLEARANCE,
+    OF_F,
+    OF_H,
+    OF_OMEGA,
+    OF_P,
+    OF_R,
+    ONCE,
+    S_0,
+    S_TR,
+    STEP,
+    STRIDE,
+    T_R,
+    THETA_0,
+    V_0,
+    V_T,
+    V_TR,
+    X_0,
+    X_T,
+    V,
+    X,
+    glide,
+)
+from vibroimpact.step.integrators import NEWMARK, RK4, VERLET, newmark, rk4, step, verlet
+from vibroimpact.step.phases import COS, SIN, THETA
+from vibroimpact.step.reduced_step import single_impact
+
+# Columns of a vector of 512 bits.
+_VECTOR = 8
+
+
+class Parameters(NamedTuple):
+    """The parameters of eq. (1) of one column, named as in a parameter point."""
+
+    h: float
+    R: float
+    omega: float
+    f: float
+    p: float
+    clearance: float
+
+
+@jit(inline=True)
+def parameters_of(w, j):
+    """Return the parameters of column `j`: from rows, which vectors can be loaded from."""
+    return Parameters(
+        w[OF_H + j], w[OF_R + j], w[OF_OMEGA + j], w[OF_F + j], w[OF_P + j], w[OF_CLEARANCE + j]
+    )
+
+
+@jit(leaf=True, internal=True)
+def gather(w, columns, points, table, n):
+    """Fill the columns: each lane goes on from step `n` to the one that may take it to its stop."""
+    for j in range(columns):
+        i = int(w[MET + j])
+        x, v, safe, k = w[X + i], w[V + i], True, n
+        for q in range(n, n + STRIDE - 1):
+            x_T, v_T, further = glide(w, i, x, v, table[SIN, q], table[COS, q], False)
+            safe &= further
+            x, v, k = select(safe, x_T, x), select(safe, v_T, v), k + safe
+        s, c, pt = table[SIN, k], table[COS, k], points[i]
+        w[X_T + j], w[V_T + j], _ = glide(w, i, x, v, s, c, False)
+        w[STEP + j], w[THETA_0 + j], w[S_0 + j], w[C_0 + j] = k, table[THETA, k], s, c
+        w[X_0 + j], w[V_0 + j] = x, v
+        w[OF_H + j], w[OF_R + j], w[OF_OMEGA + j] = pt.h, pt.R, pt.omega
+        w[OF_F + j], w[OF_P + j], w[OF_CLEARANCE + j] = pt.f, pt.p, pt.clearance
+
+
+@jit(leaf=True, internal=True)
+def shorten_steps(w, columns, step):
+    """Take the columns to their impacts, eqs (6)-(9)."""
+    widest_vectors()
+    for j in range(columns):
+        pt = parameters_of(w, j)
+        T = step / pt.omega
+        T_r, w[V_TR + j], w[S_TR + j], w[C_TR + j], sure = single_impact(
+            w[X_0 + j], w[V_0 + j], w[X_T + j], w[V_T + j], w[THETA_0 + j], T, pt
+        )
+        w[T_R + j], w[LEFT + j], w[ONCE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
+
+
+@jit(inline=True)
+def launch(w, j):
+    """Return what an integrator needs to take the remainder of the step of column `j`."""
+    pt = parameters_of(w, j)
+    return pt.clearance, -pt.R * w[V_TR + j], w[S_TR + j], w[C_TR + j], w[LEFT + j], pt
+
+
+@jit(inline=True)
+def land(w, j, x, v):
+    """Put the end of the step into column `j`."""
+    w[X_T + j], w[V_T + j] = x, v
+    w[ONCE + j] = select(x < w[OF_CLEARANCE + j], w[ONCE + j], 0.0)
+
+
+@jit(leaf=True, internal=True)
+def take_remainders(w, columns, integrator, points):
+    """Take the columns from their rebounds to the ends of the steps.
+
+    A loop for each integrator that is worth it: a loop around ``step`` is not vectorised.
+    """
+    widest_vectors()
+    whole = (columns + _VECTOR - 1) // _VECTOR * _VECTOR
+    if integrator == VERLET:
+        for j in range(whole):
+            x_T, v_T = verlet(*launch(w, j))
+            land(w, j, x_T, v_T)
+    elif integrator == NEWMARK:
+        for j in range(whole):
+            x_T, v_T = newmark(*launch(w, j))
+            land(w, j, x_T, v_T)
+    elif integrator == RK4:
+        for j in range(whole):
+            x_T, v_T = rk4(*launch(w, j))
+            land(w, j, x_T, v_T)
+    else:
+        for j in range(columns):
+            x, v, s, c, T, _ = launch(w, j)
+            x_T, v_T = step(integrator, x, v, s, c, T, points[int(w[MET + j])])
+            land(w, j, x_T, v_T)
+
+
+@jit(leaf=True, internal=True)
+def mend_side_by_side(w, met, first, points, integrator, grid, n, recording, tally):
+    """Take the `met` lanes of row MET over the stride from step `n`.
+
+    Returns how many of them are left in it, not moved, because theirs is not a single impact.
+    """
+    gather(w, met, points, grid.table, n)
+    shorten_steps(w, (met + _VECTOR - 1) // _VECTOR * _VECTOR, grid.step)
+    take_remainders(w, met, integrator, points)
+    left = 0
+    for j in range(met):
+        i = int(w[MET + j])
+        x, v, once = w[X_T + j], w[V_T + j], w[ONCE + j] > 0.0
+        for q in range(n + 1, n + STRIDE):
+            x_T, v_T, safe = glide(w, i, x, v, grid.table[SIN, q], grid.table[COS, q], False)
+            later = q > w[STEP + j]
+            x, v, once = select(later, x_T, x), select(later, v_T, v), once & (safe | (not later))
+        if once:
+            w[X + i], w[V + i] = x, v
+            if recording:
+                phase = w[THETA_0 + j] + points[i].omega * w[T_R + j]
+                list_impact(tally.impacts[first + i], tally.sums[first + i], phase, w[V_TR + j])
+        else:
+            w[MET + left] = i
+            left += 1
+    return left

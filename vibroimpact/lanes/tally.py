@@ -1,0 +1,94 @@
+"""What is kept of the recorded periods of each point."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.jit import jit
+from vibroimpact.step.stop import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
+
+#: What is summed up over the recorded periods of a point, beside its last status.
+SUMS = np.dtype(
+    [
+        ("impacts", np.int64),
+        ("slowest_impact", float),
+        ("max_penetration", float),
+        ("rested", float),
+        ("chatters", np.int64),
+        ("near_grazes", np.int64),
+        ("growth_1", float),
+        ("growth_2", float),
+        ("status", np.int64),
+    ]
+)
+
+
+class Tally(NamedTuple):
+    """What is kept of the recorded periods, one row per point.
+
+    Attributes
+    ----------
+    sections : ndarray, shape (n, periods, 2)
+        x and v at the end of each period.
+    impacts : ndarray, shape (n, capacity, 2)
+        Phase and speed of the last impacts: a ring, put into time order at the end.
+    sums : ndarray of dtype ``SUMS``, shape (n,)
+    """
+
+    sections: np.ndarray
+    impacts: np.ndarray
+    sums: np.ndarray
+
+
+@jit(inline=True)
+def list_impact(ring, sums, phase, speed):
+    """Count an impact, and put it into the ring of its lane."""
+    if ring.shape[0] > 0:
+        slot = sums.impacts % ring.shape[0]
+        while phase >= 2.0 * math.pi:  # twice at the most
+            phase -= 2.0 * math.pi
+        ring[slot, 0], ring[slot, 1] = phase, speed
+    sums.slowest_impact = min(sums.slowest_impact, speed)
+    sums.impacts += 1
+
+
+@jit(inline=True)
+def record_step(events, n, x_T, rested, grazes, theta, pt, row, tally):
+    """Add the events of one mended step to the tally of the lane in that row."""
+    sums = tally.sums[row]
+    depth = x_T - pt.clearance
+    for k in range(n):
+        kind = events[k, KIND]
+        if kind == IMPACT:
+            depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
+            speed = events[k, SPEED]
+            list_impact(tally.impacts[row], sums, theta + pt.omega * events[k, TIME], speed)
+        elif kind == REST:
+            sums.chatters += 1
+    sums.rested += rested
+    sums.near_grazes += grazes
+    sums.max_penetration = max(sums.max_penetration, depth)
+
+
+@jit(inline=True)
+def reverse(ring, lo, hi):
+    """Turn the rows of `ring` from `lo` to before `hi` around."""
+    while hi - lo > 1:
+        hi -= 1
+        for k in range(2):
+            ring[lo, k], ring[hi, k] = ring[hi, k], ring[lo, k]
+        lo += 1
+
+
+@jit(leaf=True, internal=True)
+def put_in_order(ring, count):
+    """Unroll a ring that received `count` impacts into time order."""
+    size = ring.shape[0]
+    if count > size > 0:
+        oldest = count % size
+        reverse(ring, 0, oldest)
+        reverse(ring, oldest, size)
+        reverse(ring, 0, size)

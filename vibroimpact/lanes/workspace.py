@@ -1,0 +1,171 @@
+"""Lanes: the workspace of a block of points, side by side, so that vector registers are filled.
+
+A lane is one parameter point. The steps per period are an integer, so omega t_n mod 2 pi is one
+table for every lane, also where omega is swept, and the loops hold no trigonometry. Every loop
+over lanes is a plain loop without branches, taken four steps at a time, so that what a lane needs
+stays in registers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibroimpact.jit import bit, jit, lowest_bit, select
+from vibroimpact.step.exact import guard, reach
+from vibroimpact.step.flight import fill_rows
+from vibroimpact.step.integrators import affine_map, apply_map
+from vibroimpact.step.phases import COS, SIN
+from vibroimpact.step.rules import EXACT, PLAIN
+from vibroimpact.step.stop import start
+from vibroimpact.step.tangents import glide_tangent
+
+#: Points per block; no more than an integer has bits.
+LANES = 32
+#: Steps taken at a time.
+STRIDE = 4
+
+# Where the rows of a block's workspace begin; row + i belongs to lane i. One flat array, because
+# the compiler then knows the distances between the rows.
+(
+    # The state, the affine map, and the stop. A lane at rest watches a stop at -inf, so that it is
+    # looked at in every stride.
+    X, V, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION,
+    # 1 where the lane has taken the stride, 0 where it may meet its stop in it.
+    SAFE,
+    # The phase before which a lane at rest is not released.
+    WAKE,
+    # For the rule ``exact``: the guard.
+    ALONG_X, ALONG_V, ALONG_F,
+    # With the rule ``plain``: what is summed up.
+    IMPACTS, LISTED, SLOWEST, HIGHEST,
+    # Two tangent vectors, four rows.
+    TANGENTS, _, _, _,
+    # Which lanes may meet their stops in a stride, side by side.
+    MET,
+    # With the rule ``reduced-step``, of each of these: the parameters of eq. (1); the step in which
+    # it meets the stop, its ends, the impact in it, what is left of it, and whether that is all.
+    OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
+    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T, T_R, V_TR, S_TR, C_TR, LEFT, ONCE,
+    # With the rule ``plain``: the speeds of the impacts of a stride.
+    SPEEDS,
+) = range(0, 48 * LANES, LANES)  # fmt: skip
+SIZE = SPEEDS + STRIDE * LANES
+
+
+@jit
+def new_workspace():
+    """Return the workspace of a block, shape (SIZE,).
+
+    It begins at a line of the cache: a vector of 512 bits across two lines is read twice.
+    """
+    memory = np.empty(SIZE + 7)
+    skipped = -(memory.ctypes.data // 8) % 8
+    return memory[skipped : skipped + SIZE]
+
+
+@jit(inline=True)
+def set_start(w, points, rule, s):
+    """Put every lane at its start, at a phase with the sine `s`, and its stop where it is."""
+    for i in range(LANES):
+        pt = points[min(i, points.size - 1)]  # a short block repeats its last point
+        w[X + i], w[V + i], resting = start(pt, s)
+        w[LEVEL + i] = -math.inf if resting and rule != PLAIN else pt.clearance
+        w[CLEARANCE + i], w[RESTITUTION + i] = pt.clearance, pt.R
+        w[WAKE + i] = -math.inf
+        w[IMPACTS + i] = w[LISTED + i] = 0.0
+        w[SLOWEST + i], w[HIGHEST + i] = math.inf, pt.clearance
+        for k in range(4):
+            w[TANGENTS + k * LANES + i] = 1.0 if k == 0 or k == 3 else 0.0
+
+
+@jit(inline=True)
+def set_maps(w, taylor, points, rule, integrator, grid):
+    """Give every lane the affine map of one step of `grid`, and its Taylor rows and guard."""
+    for i in range(LANES):
+        pt = points[min(i, points.size - 1)]
+        T = grid.step / pt.omega
+        rows = affine_map(integrator, T, pt)
+        for k in range(8):
+            w[XX + k * LANES + i] = rows[k]
+        if rule == EXACT:
+            fill_rows(taylor[i], T, pt)
+            w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i] = guard(T, pt)
+
+
+@jit(leaf=True, internal=True)
+def map_of(w, i):
+    """Return the two rows of the affine map of lane `i`."""
+    to_x = w[XX + i], w[XV + i], w[XS + i], w[XC + i]
+    return to_x, (w[VX + i], w[VV + i], w[VS + i], w[VC + i])
+
+
+@jit(leaf=True, internal=True)
+def glide(w, i, x, v, s, c, guarded):
+    """Take lane `i` from (x, v) over a step; return also if it surely has not met its stop."""
+    to_x, to_v = map_of(w, i)
+    x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
+    safe = x_T < w[LEVEL + i]  # a NaN is not
+    if guarded:
+        safe &= reach(x, v, x_T, w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i]) < w[LEVEL + i]
+    return x_T, v_T, safe
+
+
+@jit(inline=True)
+def glide_stride(w, table, n, guarded):
+    """Take every lane from step `n` over a stride, but those that may meet their stops in it.
+
+    Returns the bits of these.
+    """
+    s0, s1, s2, s3 = table[SIN, n], table[SIN, n + 1], table[SIN, n + 2], table[SIN, n + 3]
+    c0, c1, c2, c3 = table[COS, n], table[COS, n + 1], table[COS, n + 2], table[COS, n + 3]
+    met = 0
+    for i in range(LANES):
+        x, v, safe = glide(w, i, w[X + i], w[V + i], s0, c0, guarded)
+        x, v, safe_1 = glide(w, i, x, v, s1, c1, guarded)
+        x, v, safe_2 = glide(w, i, x, v, s2, c2, guarded)
+        x, v, safe_3 = glide(w, i, x, v, s3, c3, guarded)
+        safe &= safe_1 & safe_2 & safe_3
+        w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
+        w[SAFE + i] = select(safe, 1.0, 0.0)
+        met |= bit(not safe, i)
+    return met
+
+
+@jit(inline=True)
+def glide_step(w, table, n, guarded):
+    """As ``glide_stride`` over the one step `n`."""
+    s, c = table[SIN, n], table[COS, n]
+    met = 0
+    for i in range(LANES):
+        x, v, safe = glide(w, i, w[X + i], w[V + i], s, c, guarded)
+        w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
+        w[SAFE + i] = select(safe, 1.0, 0.0)
+        met |= bit(not safe, i)
+    return met
+
+
+@jit(inline=True)
+def glide_tangents(w, steps):
+    """Take the tangent vectors over that many steps, where the lane has taken them."""
+    for i in range(LANES):
+        to_x, to_v = map_of(w, i)
+        taken = w[SAFE + i] > 0.0
+        for k in range(TANGENTS + i, TANGENTS + 4 * LANES + i, 2 * LANES):
+            x, v = w[k], w[k + LANES]
+            for _ in range(steps):
+                x, v = glide_tangent(x, v, to_x, to_v)
+            w[k], w[k + LANES] = select(taken, x, w[k]), select(taken, v, w[k + LANES])
+
+
+@jit(inline=True)
+def list_met(w, n_points, bits):
+    """Write the lanes whose bits are set to row MET, but those without a point; return how many."""
+    bits &= (1 << n_points) - 1
+    n = 0
+    while bits != 0:
+        w[MET + n] = lowest_bit(bits)
+        bits &= bits - 1
+        n += 1
+    return n

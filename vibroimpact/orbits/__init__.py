@@ -1,0 +1,1 @@
+"""Periodic orbits: one-impact orbits in closed form, shooting, period classes."""

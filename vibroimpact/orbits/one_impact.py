@@ -1,0 +1,414 @@
+"""One-impact orbits: their speed, phase, Floquet multipliers, existence and bifurcations.
+
+An orbit with one impact in n forcing periods, T = 2 pi n / omega, leaves the stop at the phase
+theta = omega t0 with the speed R v and is back with the speed v at the same phase. With the
+exact flow of eq. (1) over T (M from the state, G from the force; ``integrators.exact``)
+
+    (sigma, v) = M (sigma, -R v) + G (sin theta, cos theta),    sigma the clearance,
+
+that is two equations, linear in (v, sin theta, cos theta): a line, to be cut with the cylinder
+sin^2 + cos^2 = 1. Its direction d is the cross product of the two equations' normals. Nothing
+is divided by p^2 - omega^2 or sin(Om T), so h = p, h > p, h = 0 with omega = p, and h = 0 with
+omega = 2p are not special. An intersection is an orbit if v > 0. At clearance 0 the line passes
+through the origin and there is one. Otherwise there may be two or none, and the two meet in a
+fold where the line touches the cylinder.
+
+Multipliers. With F- = (v, a-) and F+ = (-R v, a+) the rates before and after the impact, and
+D = diag(1, -R) its rule, the saltation matrix is D + (F+ - D F-) (1, 0) / v, where
+
+    a- = -2 h v - p^2 sigma - f sin theta,    a+ = 2 h R v - p^2 sigma - f sin theta.
+
+In a+ + R a- the damping cancels: (1 + R) a, with a = -f sin theta - p^2 sigma, remains, so
+
+    P = S M,    S = [[-R, 0], [(1 + R) a / v, -R]],    det P = R^2 exp(-2 h T),
+    trace P = -R (M00 + M11) + (1 + R) (a / v) M01.
+
+The multipliers are the eigenvalues of P. A flip (period doubling) is 1 + trace + det = 0, a fold
+1 - trace + det = 0. The latter is (omega / v) (d_s sin theta + d_c cos theta), so it has opposite
+signs at the two ends of the line's chord. Along d the speed increases: d_v = det G >= 0, as
+G = (I - M) X with X the steady response, det X = omega f^2 / D. Hence it is positive on the faster
+orbit and negative on the slower, a saddle, for every clearance; at clearance 0 there is no fold.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.step.integrators import INTEGRATORS, affine_map, exact
+from vibroimpact.step.stop import pressing
+
+_EPS = float(np.finfo(float).eps)
+# An interval of a flight is halved at most so often; what is left is shorter than any feature.
+_MAX_HALVINGS = 50
+
+
+@dataclass(frozen=True)
+class OneImpactOrbit:
+    """A periodic orbit with one impact in `n` forcing periods; NaN where there is none.
+
+    Attributes
+    ----------
+    n : int
+        Forcing periods per impact.
+    v : float
+        Speed before the impact [length/time].
+    phase : float
+        omega t of the impact, in [0, 2 pi).
+    trace, determinant : float
+        Of the monodromy matrix.
+    peak : float
+        Largest local maximum of x - clearance strictly between the impacts [length]; -inf where
+        there is none. Zero is a graze.
+    """
+
+    n: int
+    v: float = math.nan
+    phase: float = math.nan
+    trace: float = math.nan
+    determinant: float = math.nan
+    peak: float = math.nan
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Both Floquet multipliers, complex, the larger first."""
+        root = cmath.sqrt(self.trace * self.trace - 4.0 * self.determinant)
+        larger = 0.5 * (self.trace + math.copysign(1.0, self.trace) * root)
+        if root.imag:
+            return np.array([larger, larger.conjugate()])
+        return np.array([larger, self.determinant / larger if larger else 0.0], complex)
+
+    @property
+    def exists(self) -> bool:
+        """Whether x < clearance strictly between the impacts."""
+        return self.peak < 0.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether it exists and both multipliers are inside the unit circle."""
+        return self.exists and bool(np.all(np.abs(self.multipliers) < 1.0))
+
+
+class _Solutions(NamedTuple):
+    """The solutions (v, sin, cos) = middle +- sqrt(discriminant) reach; with +, the faster."""
+
+    flow: np.ndarray
+    middle: np.ndarray
+    reach: np.ndarray
+    discriminant: float
+
+
+def _point(osc: Oscillator) -> Any:
+    return osc.at(osc.clearance)[0]
+
+
+def _size(osc: Oscillator) -> float:
+    """Return a bound on the rates of all exponentials in the flow [1/time]."""
+    return 2.0 * osc.h + osc.p + osc.omega
+
+
+def _rounding(osc: Oscillator, n: int) -> float:
+    """Return the relative error of the flow over the flight."""
+    return 4.0 * _EPS * (4.0 + _size(osc) * n * osc.forcing_period)
+
+
+def _solve(osc: Oscillator, n: int) -> _Solutions | None:
+    """Cut the line of the module's docstring with the cylinder; None if it is parallel to it."""
+    T = n * osc.forcing_period
+    xx, xv, xs, xc, vx, vv, vs, vc = affine_map(INTEGRATORS["exact"].code, T, _point(osc))
+    R, sigma = osc.R, osc.clearance
+    first, second = np.array([-R * xv, xs, xc]), np.array([-1.0 - R * vv, vs, vc])
+    line = np.cross(first, second)
+    # What the two terms of its last components are made of, before they cancel.
+    terms = (1.0 + R) * math.hypot(xs, xc) + R * min(T, 1.0 / osc.p) * math.hypot(vs, vc)
+    across = math.hypot(line[1], line[2])
+    if not across > _rounding(osc, n) * terms:
+        return None
+    reach = line / across
+    radial = np.array([0.0, reach[1], reach[2]])
+    # Cramer's rule for the point of the line nearest to the axis of the cylinder.
+    middle = sigma * (1.0 - xx) * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
+    middle /= across
+    discriminant = 1.0 - middle[1] ** 2 - middle[2] ** 2
+    return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
+
+
+class _Node(NamedTuple):
+    """A time in a flight, the state there, its phase, and |x''|, the sign of x'' and |x'''|."""
+
+    t: float
+    x: float
+    v: float
+    s: float
+    c: float
+    a: float
+    speeds_up: bool
+    jerk: float
+
+
+class _Flight:
+    """The motion after an impact, in nodes."""
+
+    def __init__(self, osc: Oscillator, phase: float) -> None:
+        self.osc, self.phase, self.point = osc, phase, _point(osc)
+
+    def node(self, t: float, x: float, v: float) -> _Node:
+        osc, theta = self.osc, self.phase + self.osc.omega * t
+        s, c = math.sin(theta), math.cos(theta)
+        a = -2.0 * osc.h * v - osc.p * osc.p * x - osc.f * s
+        jerk = -2.0 * osc.h * a - osc.p * osc.p * v - osc.f * osc.omega * c
+        return _Node(t, x, v, s, c, abs(a), a > 0.0, abs(jerk))
+
+    def after(self, left: _Node, dt: float) -> tuple[float, float]:
+        return exact(left.x, left.v, left.s, left.c, dt, self.point)
+
+    def bounds(self, left: _Node, right: _Node) -> tuple[float, float]:
+        """Return bounds on |x''| and |x'''| between two nodes.
+
+        By their values at the nodes and a bound on |x''''|; that follows from the bound on the
+        energy, d/dt hypot(x', p x) <= f, and eq. (1), differentiated twice.
+        """
+        h2, p, f, omega = 2.0 * self.osc.h, self.osc.p, self.osc.f, self.osc.omega
+        w = right.t - left.t
+        speed = math.hypot(left.v, p * left.x) + f * w
+        a = (h2 + p) * speed + f
+        jerk = h2 * a + p * p * speed + f * omega
+        snap = h2 * jerk + p * p * a + f * omega * omega
+        jerk = max(left.jerk, right.jerk) + 0.5 * w * snap
+        return max(left.a, right.a) + 0.5 * w * jerk, jerk
+
+    def top(self, left: _Node, right: _Node) -> float:
+        """Return x at the maximum between two nodes with x' > 0 and x' <= 0."""
+        w = right.t - left.t
+        if self.after(left, w)[1] > 0.0:  # it is at the right node, to rounding
+            return right.x
+        return self.after(left, _root(lambda dt: self.after(left, dt)[1], 0.0, w))[0]
+
+
+def _peak(osc: Oscillator, n: int, v: float, phase: float) -> float:
+    """Return the largest local maximum of x - clearance between the impacts; -inf without one.
+
+    The flight is halved until each piece is proved to hold no zero of x', or at most one
+    because x'' keeps its sign: so no maximum is missed.
+    """
+    flight, T = _Flight(osc, phase), n * osc.forcing_period
+    launch, landing = flight.node(0.0, osc.clearance, -osc.R * v), flight.node(T, osc.clearance, v)
+    highest, undecided = -math.inf, [(launch, landing, 0)]
+    while undecided:
+        left, right, halvings = undecided.pop()
+        a, jerk = flight.bounds(left, right)
+        w = right.t - left.t
+        if left.v * right.v > 0.0 and abs(left.v) + abs(right.v) > a * w:
+            continue
+        if left.speeds_up == right.speeds_up and left.a + right.a > jerk * w:
+            if left.v > 0.0 >= right.v:
+                highest = max(highest, flight.top(left, right) - osc.clearance)
+        elif halvings == _MAX_HALVINGS:
+            highest = max(highest, left.x - osc.clearance, right.x - osc.clearance)
+        else:
+            t = 0.5 * (left.t + right.t)
+            middle = flight.node(t, *flight.after(left, t - left.t))
+            undecided += [(left, middle, halvings + 1), (middle, right, halvings + 1)]
+    return highest
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return the root in a bracket, to rounding."""
+    xtol = _EPS * max(abs(low), abs(high))
+    from scipy.optimize import brentq  # 0.3 s that a sweep need not pay
+
+    return float(brentq(function, low, high, xtol=xtol, rtol=4.0 * _EPS))
+
+
+def _checked_periods(n: object) -> int:
+    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+        raise ValueError(f"n must be an integer >= 1, not {n!r}")
+    return int(n)
+
+
+def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]:
+    """Return all orbits with one impact in `n` forcing periods, the slower first.
+
+    All solutions of the impact conditions with v > 0 are returned, also those whose flight
+    passes the stop (`exists` is False). A family with an undetermined speed, as without a
+    force, has no member here.
+
+    Parameters
+    ----------
+    osc : Oscillator
+    n : int
+        Forcing periods per impact, >= 1.
+
+    Returns
+    -------
+    tuple of OneImpactOrbit
+        None to two; at clearance 0 at most one.
+
+    Raises
+    ------
+    ValueError
+        If `n` is not an integer >= 1.
+
+    Notes
+    -----
+    For clearance 0 and h = 0 this is, with k = pi n p / omega,
+    v^2 {[(1 + R) cot(k) / (2 p)]^2 + [(1 - R) / (2 omega)]^2} = f^2 / (p^2 - omega^2)^2.
+    """
+    n = _checked_periods(n)
+    solutions = _solve(osc, n)
+    if solutions is None or solutions.discriminant < 0.0:
+        return ()
+    root = math.sqrt(solutions.discriminant)
+    slowest = _rounding(osc, n) * (osc.f / osc.omega + osc.p * abs(osc.clearance))
+    return tuple(
+        _orbit(osc, n, solutions.flow, *(solutions.middle + sign * solutions.reach).tolist())
+        for sign in ((-root, root) if root else (root,))
+        if solutions.middle[0] + sign * solutions.reach[0] > slowest
+    )
+
+
+def _orbit(
+    osc: Oscillator, n: int, flow: np.ndarray, v: float, s: float, c: float
+) -> OneImpactOrbit:
+    """Return the orbit with that speed, sin theta and cos theta."""
+    phase = math.atan2(s, c)
+    phase += 2.0 * math.pi if phase < 0.0 else 0.0
+    phase = 0.0 if phase == 2.0 * math.pi else phase
+    kick = (1.0 + osc.R) * pressing(math.sin(phase), _point(osc)) / v
+    return OneImpactOrbit(
+        n=n,
+        v=v,
+        phase=phase,
+        trace=float(kick * flow[0, 1] - osc.R * (flow[0, 0] + flow[1, 1])),
+        determinant=osc.R**2 * math.exp(-2.0 * osc.h * n * osc.forcing_period),
+        peak=_peak(osc, n, v, phase),
+    )
+
+
+def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
+    """Return the orbit with one impact in `n` forcing periods; of two, the faster.
+
+    The slower of two is a saddle and never stable; `one_impact_orbits` returns it too.
+
+    Parameters
+    ----------
+    osc : Oscillator
+    n : int
+        Forcing periods per impact, >= 1.
+
+    Returns
+    -------
+    OneImpactOrbit
+        Where the impact conditions have no solution with v > 0, all its numbers are NaN and
+        `exists` and `stable` are False.
+
+    Raises
+    ------
+    ValueError
+        If `n` is not an integer >= 1.
+    """
+    return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))
+
+
+def _flip(osc: Oscillator, n: int) -> float:
+    orbit = one_impact_orbit(osc, n)
+    return 1.0 + orbit.trace + orbit.determinant
+
+
+def _graze(osc: Oscillator, n: int) -> float:
+    orbit = one_impact_orbit(osc, n)
+    # With no maximum in between, nothing touches: any negative length.
+    return orbit.peak if orbit.peak > -math.inf else -orbit.v / osc.omega
+
+
+def _fold(osc: Oscillator, n: int) -> float:
+    solutions = _solve(osc, n)
+    return math.nan if solutions is None else solutions.discriminant
+
+
+#: Kinds of bifurcation, and the function of (osc, n) that is zero there.
+BIFURCATIONS: Mapping[str, Callable[[Oscillator, int], float]] = {
+    "flip": _flip,
+    "graze": _graze,
+    "fold": _fold,
+}
+
+
+def bifurcation(
+    osc: Oscillator, kind: str, parameter: str, low: float, high: float, n: int = 1
+) -> float:
+    """Return the value of a parameter at which the one-impact orbit bifurcates.
+
+    The orbit is that of `one_impact_orbit`, followed as a solution of the impact conditions:
+    whether it exists at a flip, or is stable up to a graze, is not asked.
+
+    Parameters
+    ----------
+    osc : Oscillator
+        All other parameters.
+    kind : str
+        ``flip``: 1 + trace + det = 0, a multiplier is -1. ``graze``: the largest maximum of x
+        between the impacts touches the stop. ``fold``: two orbits meet and vanish; at
+        clearance 0 there is none.
+    parameter : str
+        Name of a parameter of `osc`.
+    low, high : float
+        A bracket: the function that is zero at the bifurcation changes its sign in between.
+    n : int
+        Forcing periods per impact, >= 1.
+
+    Returns
+    -------
+    float
+        To a few roundings, as far as the problem's condition allows.
+
+    Raises
+    ------
+    TypeError
+        If an end of the bracket is not a number.
+    ValueError
+        If an argument is not valid, there is no sign change or one with no root, or the orbit is
+        lost within the bracket.
+    """
+    n = _checked_periods(n)
+    for what, given, valid in (
+        ("kind", kind, BIFURCATIONS),
+        ("parameter", parameter, [field.name for field in fields(osc)]),
+    ):
+        if given not in valid:
+            raise ValueError(f"{what} must be one of {', '.join(valid)}, not {given!r}")
+
+    def measure(value: float) -> float:
+        result = BIFURCATIONS[kind](replace(osc, **{parameter: value}), n)
+        if math.isnan(result):
+            raise ValueError(f"there is no one-impact orbit (n = {n}) at {parameter} = {value!r}")
+        return result
+
+    value = _crossing(measure, low, high, kind, parameter)
+    if kind == "fold":
+        solutions = _solve(replace(osc, **{parameter: value}), n)
+        if solutions is None or not solutions.middle[0] > 0.0:
+            raise ValueError(f"what meets at {parameter} = {value!r} are no orbits: v <= 0")
+    return value
+
+
+def _crossing(
+    measure: Callable[[float], float], low: float, high: float, kind: str, parameter: str
+) -> float:
+    """Return the zero of `measure` in a bracket, or say why there is none."""
+    at_low, at_high = measure(low), measure(high)
+    if at_low * at_high > 0.0:
+        raise ValueError(
+            f"no {kind} is bracketed by {parameter} = {low!r} and {high!r}: "
+            f"its function is {at_low:.3g} and {at_high:.3g} there"
+        )
+    value = _root(measure, low, high)
+    if abs(measure(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
+        raise ValueError(f"the sign changes by a jump at {parameter} = {value!r}: no {kind}")
+    return value

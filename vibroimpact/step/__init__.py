@@ -1,0 +1,1 @@
+"""One step of one orbit: flight, stop, integrators, impact rules, tangent vectors, stability."""

@@ -1,0 +1,294 @@
+"""One-step integrators of eq. (1) between impacts, and the affine map each of them is.
+
+Eq. (1) is linear, so a step of any of these integrators is
+
+    (x, v) -> M (x, v) + G (sin theta, cos theta),    theta = omega t at the start of the step,
+
+with constant 2x2 matrices M and G per parameter point and step length. Each integrator is
+written once, as a scalar step; its map follows by applying the step to the unit vectors.
+A new integrator is one step function, one line in ``step`` and one line in ``INTEGRATORS``, with
+its stability limit: the greatest p T of stable free motion as a function of zeta = h / p, the only
+number that free motion has. M is stable where |det M| <= 1 and |trace M| <= 1 + det M (Jury).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibroimpact.jit import fma, jit
+from vibroimpact.step.trigonometry import sin_cos, sine_after
+
+
+def every_step(zeta: np.ndarray) -> np.ndarray:
+    """No limit."""
+    return np.full_like(zeta, math.inf)
+
+
+def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
+    """Return the eigenvalue of free motion that is larger in modulus, over p; either of a pair."""
+    z = zeta + 0j
+    return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
+
+
+@jit(dissolve=True)
+def euler(x, v, s, c, T, pt):
+    """Euler's explicit method, order 1.
+
+    Euler (1768), Institutionum calculi integralis I, ch. VII. Without damping it gains energy at
+    every step, however short.
+    """
+    return x + T * v, v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+
+
+def euler_limit(zeta: np.ndarray) -> np.ndarray:
+    """|1 + lambda T| = 1: p T = 2 zeta up to critical damping, 0 without damping."""
+    eigenvalue = _eigenvalue(zeta)
+    return -2.0 * eigenvalue.real / np.abs(eigenvalue) ** 2
+
+
+@jit(dissolve=True)
+def semi_implicit_euler(x, v, s, c, T, pt):
+    """Symplectic Euler: the new velocity moves the displacement, order 1.
+
+    Hairer, Lubich & Wanner (2006), Geometric Numerical Integration, eq. (I.1.9); the damping is
+    taken at the start of the step.
+    """
+    v_T = v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    return x + T * v_T, v_T
+
+
+def semi_implicit_euler_limit(zeta: np.ndarray) -> np.ndarray:
+    """1 + trace + det = 0, with det = 1 - 2h T and trace = 1 + det - p^2 T^2."""
+    return 2.0 / (zeta + np.hypot(zeta, 1.0))
+
+
+@jit(dissolve=True)
+def verlet(x, v, s, c, T, pt):
+    """The central difference method, order 2.
+
+    Verlet (1967), Phys. Rev. 159, 98-103; Newmark's method with beta = 0, gamma = 1/2. The
+    acceleration at the end of the step is linear in the new velocity and solved for it.
+    """
+    s_T = sine_after(s, c, pt.omega * T)
+    v_half = v + 0.5 * T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    x_T = x + T * v_half
+    return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
+
+
+def verlet_limit(zeta: np.ndarray) -> np.ndarray:
+    """1 + trace + det = 0, with det = (1 - h T) / (1 + h T), trace = (2 - p^2 T^2) / (1 + h T)."""
+    return np.full_like(zeta, 2.0)
+
+
+@jit(dissolve=True)
+def newmark(x, v, s, c, T, pt):
+    """Newmark's constant average acceleration (beta = 1/4, gamma = 1/2), order 2.
+
+    Newmark (1959), J. Eng. Mech. Div. ASCE 85(3), 67-94. The equation of motion at the end
+    of the step is linear in the new acceleration and solved for it.
+    """
+    s_T = sine_after(s, c, pt.omega * T)
+    a = -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
+    v_half = v + 0.5 * T * a
+    x_half = x + T * v + 0.25 * T * T * a
+    a_T = -pt.f * s_T - 2.0 * pt.h * v_half - pt.p * pt.p * x_half
+    a_T /= 1.0 + pt.h * T + 0.25 * pt.p * pt.p * T * T
+    return x_half + 0.25 * T * T * a_T, v_half + 0.5 * T * a_T
+
+
+@jit(dissolve=True)
+def rk4(x, v, s, c, T, pt):
+    """The classical Runge-Kutta method, order 4.
+
+    Kutta (1901), Z. Math. Phys. 46, 435-453.
+    """
+    h2, pp, f = 2.0 * pt.h, pt.p * pt.p, pt.f
+    half = 0.5 * T
+    s_half = sine_after(s, c, pt.omega * half)
+    s_T = sine_after(s, c, pt.omega * T)
+    a1 = -h2 * v - pp * x - f * s
+    v2 = v + half * a1
+    a2 = -h2 * v2 - pp * (x + half * v) - f * s_half
+    v3 = v + half * a2
+    a3 = -h2 * v3 - pp * (x + half * v2) - f * s_half
+    v4 = v + T * a3
+    a4 = -h2 * v4 - pp * (x + T * v3) - f * s_T
+    return x + T / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4), v + T / 6.0 * (
+        a1 + 2.0 * a2 + 2.0 * a3 + a4
+    )
+
+
+def rk4_limit(zeta: np.ndarray) -> np.ndarray:
+    """Newton's iteration for |P(lambda T)| = 1 along the ray of the eigenvalue lambda.
+
+    P(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. On every ray the root is single and lies between 2.6 and
+    3, where |P|^2 is convex: 2 sqrt 2 without damping, 2.7853 from critical damping on.
+    """
+    eigenvalue = _eigenvalue(zeta)
+    modulus = np.abs(eigenvalue)
+    ray = eigenvalue / modulus
+    r = np.full_like(zeta, 3.0)
+    for _ in range(7):
+        z = r * ray
+        slope = 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0))
+        P = slope + z**4 / 24.0
+        r -= 0.5 * (np.abs(P) ** 2 - 1.0) / (P.conj() * slope * ray).real
+    return r / modulus
+
+
+@jit
+def _taylor(x, v, s, c, T, pt):
+    """Sum the Taylor series of eq. (1) over a short step: the exponential's action, to rounding.
+
+    Differentiating eq. (1) k times: x(k+2) = -2h x(k+1) - p^2 x(k) - f (sin theta)(k). Nothing
+    is divided by p^2 - omega^2 or p^2 - h^2, so resonance and critical damping are not special.
+    """
+    x_T, v_T = 0.0, 0.0
+    weight = 1.0
+    for k in range(1, _TERMS):
+        x_T += x * weight
+        v_T += v * weight
+        a = -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
+        x, v = v, a
+        s, c = pt.omega * c, -pt.omega * s
+        weight *= T / k
+    return x_T, v_T
+
+
+# With (2h + p + omega) T <= 1 the first term left out is below 1 / 19! = 8e-18.
+_TERMS = 20
+
+
+@jit
+def exact(x, v, s, c, T, pt):
+    """The flow of eq. (1) itself: M = exp(A T), G from the augmented system (x, v, sin, cos).
+
+    A Taylor step short enough to converge to rounding, doubled as often as needed:
+    M(2T) = M M,  G(2T) = M G + G Rot(omega T). Scaling and squaring, as in Higham (2005),
+    SIAM J. Matrix Anal. 26, 1179-1193. Right for h < p, h = p, h > p, and for omega = p, h = 0.
+    """
+    scale = (2.0 * pt.h + pt.p + pt.omega) * T
+    if not scale < 1e300:
+        return math.nan, math.nan
+    doublings = 0
+    while scale > 1.0:
+        scale *= 0.5
+        doublings += 1
+    if doublings == 0:
+        return _taylor(x, v, s, c, T, pt)
+    tau = math.ldexp(T, -doublings)
+    xx, vx = _taylor(1.0, 0.0, 0.0, 0.0, tau, pt)
+    xv, vv = _taylor(0.0, 1.0, 0.0, 0.0, tau, pt)
+    xs, vs = _taylor(0.0, 0.0, 1.0, 0.0, tau, pt)
+    xc, vc = _taylor(0.0, 0.0, 0.0, 1.0, tau, pt)
+    for _ in range(doublings):
+        sin, cos = sin_cos(pt.omega * tau)
+        xs, vs, xc, vc = (
+            xx * xs + xv * vs + xs * cos - xc * sin,
+            vx * xs + vv * vs + vs * cos - vc * sin,
+            xx * xc + xv * vc + xs * sin + xc * cos,
+            vx * xc + vv * vc + vs * sin + vc * cos,
+        )
+        xx, xv, vx, vv = (
+            xx * xx + xv * vx,
+            xx * xv + xv * vv,
+            vx * xx + vv * vx,
+            vx * xv + vv * vv,
+        )
+        tau *= 2.0
+    return xx * x + xv * v + xs * s + xc * c, vx * x + vv * v + vs * s + vc * c
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A one-step integrator.
+
+    Attributes
+    ----------
+    code : int
+        Its number in ``step``.
+    order : int or None
+        Order of accuracy on smooth motion; None: exact to rounding.
+    step : callable
+        ``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, compiled.
+    limit : callable
+        zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
+        stable, 0 where none is. At the limit M is marginal, and motion may grow linearly.
+    source : str
+        Where it comes from.
+    """
+
+    code: int
+    order: int | None
+    step: Callable
+    limit: Callable[[np.ndarray], np.ndarray]
+    source: str
+
+
+# The codes of the integrators in compiled code.
+EULER, SEMI_IMPLICIT_EULER, VERLET, NEWMARK, RK4, EXACT = range(6)
+
+INTEGRATORS: Mapping[str, Integrator] = {
+    "euler": Integrator(EULER, 1, euler, euler_limit, "Euler 1768, the explicit method"),
+    "semi-implicit-euler": Integrator(
+        SEMI_IMPLICIT_EULER,
+        1,
+        semi_implicit_euler,
+        semi_implicit_euler_limit,
+        "the symplectic Euler method",
+    ),
+    "verlet": Integrator(
+        VERLET, 2, verlet, verlet_limit, "central differences: beta = 0, gamma = 1/2"
+    ),
+    "newmark": Integrator(NEWMARK, 2, newmark, every_step, "Newmark 1959, beta = 1/4, gamma = 1/2"),
+    "rk4": Integrator(RK4, 4, rk4, rk4_limit, "Kutta 1901, the classical fourth-order method"),
+    "exact": Integrator(
+        EXACT, None, exact, every_step, "matrix exponential of the augmented system"
+    ),
+}
+
+
+@jit
+def step(integrator, x, v, s, c, T, pt):
+    """One step of the integrator with that code in ``INTEGRATORS``."""
+    if integrator == EULER:
+        return euler(x, v, s, c, T, pt)
+    if integrator == SEMI_IMPLICIT_EULER:
+        return semi_implicit_euler(x, v, s, c, T, pt)
+    if integrator == VERLET:
+        return verlet(x, v, s, c, T, pt)
+    if integrator == NEWMARK:
+        return newmark(x, v, s, c, T, pt)
+    if integrator == RK4:
+        return rk4(x, v, s, c, T, pt)
+    return exact(x, v, s, c, T, pt)
+
+
+@jit
+def affine_map(integrator, T, pt):
+    """Return the map of one step: x_T from (x, v, sin, cos), then v_T from the same.
+
+    Returns
+    -------
+    tuple of 8 floats
+        ``(M00, M01, G00, G01, M10, M11, G10, G11)``.
+    """
+    xx, vx = step(integrator, 1.0, 0.0, 0.0, 0.0, T, pt)
+    xv, vv = step(integrator, 0.0, 1.0, 0.0, 0.0, T, pt)
+    xs, vs = step(integrator, 0.0, 0.0, 1.0, 0.0, T, pt)
+    xc, vc = step(integrator, 0.0, 0.0, 0.0, 1.0, T, pt)
+    return xx, xv, xs, xc, vx, vv, vs, vc
+
+
+@jit(inline=True)
+def apply_map(row, x, v, s, c):
+    """One coordinate of the map applied to a state: row . (x, v, sin, cos).
+
+    The order of the roundings is fixed here for the lanes and the single orbit alike.
+    """
+    xx, xv, xs, xc = row
+    return fma(xx, x, fma(xv, v, fma(xs, s, xc * c)))

@@ -1,0 +1,246 @@
+"""The impact rules of time stepping: ``plain``, ``reduced-step`` and ``cubic``.
+
+``plain`` is the rule (2)-(5) at the end of the step. ``reduced-step`` is the paper's
+procedure, eqs (6)-(10): the step is shortened to the impact, found by linear interpolation,
+the rule is applied there, and the remainder of the step follows, so that the state is back
+on the common grid. (``paper.py`` keeps the literal form, which restarts the grid at the impact.)
+``cubic`` finds the impact on the cubic Hermite interpolant of the step instead, and takes a step
+of that length to it, since the interpolant's own derivative loses an order.
+
+What the literal procedure leaves open, and how it is closed here:
+
+- A rebound starts on the stop, x_0 = clearance, where eq. (7) gives T_r = 0 for ever. The root
+  at the launch is divided out: eq. (7) is applied to (x - clearance) / t, which is -R v at the
+  launch. This is exact for a constant acceleration, as the step of an integrator of second order
+  is; to a step much longer than the flight, which sees another acceleration, it is not applied:
+  the step is cut to twice the flight, and so on.
+- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved. Zero
+  to rounding counts as zero: semi-implicit Euler brings every rebound within a step back at it.
+- Several impacts in one step follow one another until the remainder is used up.
+- A chatter whose geometric sum of flights, 2 v / (a (1 - R)), ends within the step while the
+  force presses is complete: the mass rests. So it does when a rebound is shorter than
+  ``SHORTEST_FLIGHT`` steps, far below what the rule resolves: at R = 1 too, where that loses at
+  the most the speed a T ``SHORTEST_FLIGHT`` / 2 once.
+- The force at a release is zero to rounding. Where the step moves x by that force alone, the mass
+  is left on the stop until the next step, with the speed that the step gives it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroimpact.jit import jit
+from vibroimpact.status import Status
+from vibroimpact.step.flight import first_crossing
+from vibroimpact.step.integrators import step
+from vibroimpact.step.stop import (
+    IMPACT,
+    MAX_FLIGHTS,
+    RELEASE,
+    RELEASE_MARGIN,
+    REST,
+    log_event,
+    pressing,
+    time_to_release,
+)
+from vibroimpact.step.trigonometry import sin_cos
+
+REDUCED_STEP, CUBIC = 1, 2
+
+#: A rebound shorter than this many steps counts as rest.
+SHORTEST_FLIGHT = 1e-3
+# A crossing nearer than this many halvings of the step is contact, and a flight shorter than this
+# share of it is none: where the state at the stop is rounding, cutting would go on for ever.
+_MAX_HALVINGS = 24
+_SHORTEST_CUT = 2.0**-20
+_MAX_CUTS = 100
+# A speed v_Tr below this share of that at the start is rounding.
+_SLOWEST = 1e-6
+
+# The rounding of a phase. Past it a release is certain: the force there no longer presses.
+_ROUNDING = 2e-14
+
+_COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
+
+
+@jit(inline=True)
+def plain(x_T, v_T, T, pt, scratch):
+    """Rule (2)-(5) at the end of a step that ended at (x_T, v_T) on or beyond the stop."""
+    if not (v_T > 0.0 and x_T < math.inf):  # an overflow is no impact, and is not mended
+        return x_T, v_T, 0
+    return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
+
+
+@jit(inline=True)
+def crossed(x, v, clearance):
+    """Whether a step that ended at (x, v) must be shortened."""
+    return (x > clearance) | ((x == clearance) & (v > 0.0))
+
+
+@jit(inline=True)
+def linear_impact(x, v, x_T, v_T, T, clearance):
+    """Time and speed of the impact by linear interpolation of a step, eqs (6), (7) and (9)."""
+    share = (clearance - x) / (x_T - x)  # (6)
+    return T * share, v + (v_T - v) * share  # (7), (9)
+
+
+@jit(inline=True)
+def linear_impact_after_launch(v, x_T, v_T, T, clearance):
+    """As ``linear_impact``, of a step that starts on the stop: of (x - clearance) / t."""
+    share = (0.0 - v) / ((x_T - clearance) / T - v)
+    return T * share, v + (v_T - v) * share
+
+
+@jit(inline=True)
+def cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients):
+    """Time of the impact on the cubic Hermite interpolant of a step, and the speed there.
+
+    The speed is that of a step of that length; 0 where the interpolant does not cross.
+    """
+    rise = x_T - x
+    coefficients[0] = x - pt.clearance
+    coefficients[1] = T * v
+    coefficients[2] = 3.0 * rise - T * (2.0 * v + v_T)
+    coefficients[3] = T * (v + v_T) - 2.0 * rise
+    u, _ = first_crossing(coefficients[:4], 1 if x == pt.clearance else 0, 1.0)
+    _, v_Tr = step(integrator, x, v, s, c, u * T, pt)
+    return u * T, v_Tr if u > 0.0 else 0.0
+
+
+@jit(inline=True)
+def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
+    """Advance until the first impact, or for at most `span`, where the state would be (x_T, v_T).
+
+    Returns
+    -------
+    dt, x, v : float
+        Time used, and the state there: before the impact, if there is one; NaN where it overflows.
+    hit : bool
+    """
+    launched = x == pt.clearance
+    T = span
+    halvings = 0
+    for _ in range(_MAX_CUTS):
+        if T < span:
+            x_T, v_T = step(integrator, x, v, s, c, T, pt)
+        if not crossed(x_T, v_T, pt.clearance):
+            if halvings < _MAX_HALVINGS:
+                return T, x_T, v_T, False
+            return T, pt.clearance, max(v_T, 0.0), True
+        # Near overflow what follows has no meaning, nor its times an end.
+        if not (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf:
+            return T, math.nan, math.nan, False
+        if rule == CUBIC:
+            T_r, v_Tr = cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients)
+        elif launched:
+            T_r, v_Tr = linear_impact_after_launch(v, x_T, v_T, T, pt.clearance)
+        else:
+            T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
+        short = launched and T_r < 0.25 * T
+        if not v_Tr > _SLOWEST * abs(v) or (short and T_r <= _SHORTEST_CUT * span):
+            T *= 0.5
+            halvings += 1
+        elif short:
+            T = 2.0 * T_r
+        else:
+            return T_r, pt.clearance, v_Tr, True  # (8)
+    return 0.0, pt.clearance, 0.0, True  # no speed that could take it off the stop
+
+
+@jit(inline=True)
+def single_impact(x, v, x_T, v_T, theta, T, pt):
+    """The impact of a step that starts off the stop, eqs (6)-(9), and if it surely is one.
+
+    Without a branch, for the lanes of ``lanes/reduced_step.py``: what is not sure goes through
+    ``reduced_step``, whose arithmetic this is.
+
+    Returns
+    -------
+    T_r, v_Tr : float
+        Time of the impact, and speed before it.
+    s, c : float
+        Sine and cosine of the phase there.
+    sure : bool
+        Whether the step crosses the stop, has an impact there and goes on with a rebound, not
+        with a chatter that is complete before its end.
+    """
+    T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
+    s, c = sin_cos(theta + pt.omega * T_r)
+    sure = crossed(x_T, v_T, pt.clearance)
+    sure &= (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf
+    sure &= v_Tr > _SLOWEST * abs(v)  # never from the stop: v_Tr is the speed of the launch there
+    a = pressing(s, pt)
+    twice = 2.0 * (pt.R * v_Tr)
+    in_time = twice <= 1.000001 * (T - T_r) * a * (1.0 - pt.R)  # rounding may decide: not sure
+    sure &= (a <= 0.0) | ((twice > SHORTEST_FLIGHT * T * a) & (not in_time))
+    return T_r, v_Tr, s, c, sure
+
+
+@jit
+def time_to_rest(v, theta, s, left, T, pt):
+    """Return the time until the chatter that follows a rebound at speed `v` is complete.
+
+    It begins at phase `theta`, with sine `s`. inf where it is not complete within the time `left`
+    of a step of length `T`.
+    """
+    a = pressing(s, pt)
+    if not a > 0.0:
+        return math.inf
+    if 2.0 * v <= SHORTEST_FLIGHT * T * a:
+        return 0.0
+    remaining = 2.0 * v / (a * (1.0 - pt.R)) if pt.R < 1.0 else math.inf
+    return remaining if remaining <= min(left, time_to_release(theta, pt)) else math.inf
+
+
+@jit(leaf=True)
+def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, scratch):
+    """One step of length `T` from phase `theta`, shortened at every impact in it.
+
+    (x_T, v_T) is its undisturbed end.
+
+    Returns
+    -------
+    x, v : float
+        State at the end of the step; NaN where it could not be resolved.
+    resting : bool
+        Whether the mass is at rest on the stop there.
+    n : int
+        Number of rows written to ``scratch.events``.
+    rested : float
+        Time spent at rest.
+    status : int
+    """
+    events, coefficients = scratch
+    tau = 0.0
+    n = 0
+    rested = 0.0
+    for _ in range(MAX_FLIGHTS):
+        if resting:
+            wait = time_to_release(theta + pt.omega * tau, pt)
+            if pt.omega * (T - tau - wait) <= RELEASE_MARGIN:
+                return pt.clearance, 0.0, True, n, rested + (T - tau), _COMPUTED
+            tau += wait
+            rested += wait
+            n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
+            s, c = sin_cos(theta + pt.omega * tau + _ROUNDING)
+            x, v, resting = pt.clearance, 0.0, False
+        if tau > 0.0:
+            x_T, v_T = step(integrator, x, v, s, c, T - tau, pt)
+        dt, x, v, hit = fly(rule, integrator, x, v, s, c, x_T, v_T, T - tau, pt, coefficients)
+        if not hit:
+            if dt == T - tau:
+                return x, v, False, n, rested, _COMPUTED
+            tau += dt
+            s, c = sin_cos(theta + pt.omega * tau)
+            continue
+        tau += dt
+        if v > 0.0:
+            n = log_event(events, n, IMPACT, tau, v, x)
+        v = -pt.R * v
+        s, c = sin_cos(theta + pt.omega * tau)
+        wait = time_to_rest(-v, theta + pt.omega * tau, s, T - tau, T, pt)
+        if wait < math.inf:
+            tau += wait
+            resting = True
+            n = log_event(events, n, REST, tau, 0.0, pt.clearance)
+    return math.nan, math.nan, False, n, rested, _UNRESOLVED

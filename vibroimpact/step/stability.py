@@ -1,0 +1,95 @@
+"""Stability of free motion: from an integrator's map M, and from its closed-form limit.
+
+Without force and stop, eq. (1) has one number, zeta = h / p, and a step one more, p T. The limits
+themselves stand beside the integrators, in ``INTEGRATORS``; they are elementary arithmetic, and
+asking for one compiles nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vibroimpact.jit import jit
+from vibroimpact.oscillator import POINT
+from vibroimpact.step.integrators import INTEGRATORS, affine_map
+
+# Where M is marginal for every step, Jury's conditions are met to rounding: that of a step's terms,
+# the greatest of which is of the order of p^2 T^2.
+_ROUNDING = 1e-14
+
+
+def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
+    """Return the matrix M of one step of free motion, (x, v / p) -> (x_T, v_T / p).
+
+    Parameters
+    ----------
+    integrator : str
+        A name in ``INTEGRATORS``.
+    step, zeta : array_like
+        p T and h / p, of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray, shape (..., 2, 2)
+    """
+    step, zeta = np.broadcast_arrays(np.asarray(step, float), np.asarray(zeta, float))
+    points = np.zeros(step.size, dtype=POINT)
+    points["h"], points["p"], points["omega"] = zeta.ravel(), 1.0, 1.0
+    maps = np.empty((step.size, 2, 2))
+    _fill_maps(maps, INTEGRATORS[integrator].code, step.ravel(), points)
+    return maps.reshape(*step.shape, 2, 2)
+
+
+@jit
+def _fill_maps(maps: np.ndarray, integrator: int, steps: np.ndarray, points: np.ndarray) -> None:
+    for i in range(points.size):
+        xx, xv, _, _, vx, vv, _, _ = affine_map(integrator, steps[i], points[i])
+        maps[i, 0, 0], maps[i, 0, 1], maps[i, 1, 0], maps[i, 1, 1] = xx, xv, vx, vv
+
+
+def spectral_radius(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
+    """Return the greatest modulus of an eigenvalue of M: the growth of free motion per step.
+
+    Arguments as for `free_map`. Where the eigenvalues meet it is known to the root of a rounding
+    only: ask `is_stable` whether it exceeds 1.
+    """
+    M = free_map(integrator, step, zeta)
+    mean = 0.5 * (M[..., 0, 0] + M[..., 1, 1])
+    apart = 0.25 * (M[..., 0, 0] - M[..., 1, 1]) ** 2 + M[..., 0, 1] * M[..., 1, 0]
+    root = np.sqrt(np.abs(apart))
+    return np.where(apart < 0.0, np.hypot(mean, root), np.abs(mean) + root)
+
+
+def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
+    """Whether no eigenvalue of M exceeds 1 in modulus, to rounding; arguments as for `free_map`.
+
+    By the conditions of Jury (1962), Proc. IRE 50, 1493-1500, for a polynomial of degree 2:
+    |det M| <= 1 and |trace M| <= 1 + det M.
+    """
+    M = free_map(integrator, step, zeta)
+    trace = M[..., 0, 0] + M[..., 1, 1]
+    det = M[..., 0, 0] * M[..., 1, 1] - M[..., 0, 1] * M[..., 1, 0]
+    allowance = _ROUNDING * (1.0 + np.asarray(step, float) ** 2)
+    return (np.abs(det) <= 1.0 + allowance) & (np.abs(trace) <= 1.0 + det + allowance)
+
+
+def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
+    """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
+
+    Parameters
+    ----------
+    integrator : str
+        A name in ``INTEGRATORS``.
+    h, p, omega : array_like
+        Parameters of eq. (1), of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray
+        Whole numbers; inf where no step is stable.
+    """
+    h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
+    with np.errstate(all="ignore"):  # extreme ratios, which need more steps than can be made
+        steps = np.floor(2.0 * np.pi * p / (omega * INTEGRATORS[integrator].limit(h / p))) + 1.0
+    return np.where(np.isnan(steps), np.inf, steps)

@@ -1,0 +1,94 @@
+"""The stop: contact, rest and release, and the events of one step.
+
+A mass at rest on the stop stays while the force presses, a > 0, and is released at the exact time
+at which a = -f sin(omega t) - p^2 clearance turns.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.jit import jit
+from vibroimpact.step.flight import TERMS
+from vibroimpact.step.trigonometry import sin_cos
+
+#: More flights than this in one step are not followed.
+MAX_FLIGHTS = 16384
+#: A release this close in phase to the end of a step is left to the next one: so near to it, the
+#: sign of the force is rounding. The displacement it would cause is of the order of its cube.
+RELEASE_MARGIN = 1e-12
+
+# The events of one step: their kinds, and the columns of the buffer that holds them (time since
+# the start of the step, and the state just before). A flight ends in three events at the most.
+IMPACT, REST, RELEASE = 0, 1, 2
+KIND, TIME, SPEED, DISPLACEMENT = 0, 1, 2, 3
+EVENTS_SHAPE = (3 * MAX_FLIGHTS + 3, 4)
+
+
+class Scratch(NamedTuple):
+    """Memory for mending one step: its events, and the coefficients of a flight."""
+
+    events: np.ndarray
+    coefficients: np.ndarray
+
+
+@jit
+def new_scratch():
+    """Return scratch memory; one per thread."""
+    return Scratch(np.empty(EVENTS_SHAPE), np.empty(TERMS))
+
+
+@jit
+def pressing(s, pt):
+    """Acceleration that presses a mass at rest against the stop: eq. (1) at x = clearance.
+
+    `s` is the sine of the phase.
+    """
+    return -pt.f * s - pt.p * pt.p * pt.clearance
+
+
+@jit
+def time_to_release(theta, pt):
+    """Return the time from phase `theta` until the force no longer presses; inf for never.
+
+    It turns from pressing to pulling where sin(omega t) = -p^2 clearance / f, cos(omega t) > 0.
+    """
+    level = pt.p * pt.p * pt.clearance
+    s, c = sin_cos(theta)
+    a = pressing(s, pt)
+    # Where the force begins to press, the sign of a is rounding: the release is the next one.
+    begins = abs(level) < pt.f and a > -1e-14 * pt.f and c < 0.0
+    if not (a > 0.0 or begins):
+        return 0.0
+    if not abs(level) < pt.f:
+        return math.inf
+    turn = -math.asin(level / pt.f)
+    angle = (turn - theta) % (2.0 * math.pi)
+    # The force has pressed since pi - turn or later: a longer wait is a release that theta has
+    # passed by its rounding.
+    return angle / pt.omega if angle < 1.5 * math.pi + turn else 0.0
+
+
+@jit
+def start(pt, s):
+    """Return the state just after the start and whether it is at rest: rule (2)-(5) on it.
+
+    `s` is the sine of the phase at the start, 0 at t = 0.
+    """
+    x, v = pt.x0, pt.v0
+    if x >= pt.clearance and v > 0.0:
+        return x, -pt.R * v, False
+    return x, v, x == pt.clearance and v == 0.0 and pressing(s, pt) > 0.0
+
+
+@jit(inline=True)
+def log_event(events, n, kind, tau, v, x):
+    """Write row `n` of the events of a step; return the number of rows with it."""
+    events[n, KIND] = kind
+    events[n, TIME] = tau
+    events[n, SPEED] = v
+    events[n, DISPLACEMENT] = x
+    return n + 1
