@@ -181,7 +181,7 @@ def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
 
     last = 0
     for module in ("ledger", "creation", "writer"):
-        monkeypatch.setattr(f"sweeps.{module}.write_all", write_all)
+        monkeypatch.setattr(f"sweeps.store.{module}.write_all", write_all)
     ended = False
     while not ended:
         last, written = last + 37, 0

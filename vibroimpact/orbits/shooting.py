@@ -2,10 +2,10 @@
 
 The stroboscopic map P takes a section to the next one. An orbit of m forcing periods is a fixed
 point of its m-th iterate, y = P^m(y), found by Newton's method with the exact derivative: the
-tangent vectors of ``step/tangents.py`` carried through flights and impacts. Its eigenvalues at the orbit
-are the Floquet multipliers. So an orbit is told stable or not however slowly motions settle on it,
-as they do beside a bifurcation, and unstable ones are found as well. ``one_impact.py`` has the orbits
-with a single impact in closed form.
+tangent vectors of ``step/tangents.py`` carried through flights and impacts. Its eigenvalues at the
+orbit are the Floquet multipliers. So an orbit is told stable or not however slowly motions settle
+on it, as they do beside a bifurcation, and unstable ones are found as well. ``one_impact.py`` has
+the orbits with a single impact in closed form.
 """
 
 from __future__ import annotations
