@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sweeps.analysis.attractors import attractors as attractors
-    from sweeps.config.loading import ConfigError as ConfigError
     from sweeps.config.loading import load_config as load_config
     from sweeps.config.sweep import SweepConfig as SweepConfig
     from sweeps.engine.run import run_sweep as run_sweep
+    from sweeps.errors import ConfigError as ConfigError
     from sweeps.errors import StoreError as StoreError
     from sweeps.store.reader import open_sweep as open_sweep
 

@@ -1,17 +1,21 @@
-"""The errors of the store."""
+"""Every error that a user is meant to read. Its text is one paragraph."""
 
 
-class StoreError(Exception):
-    """A file cannot be used as asked; the text is one paragraph for the user."""
+class SweepError(Exception):
+    """What was asked for was not done; the text says why."""
 
 
-class StoreFailure(StoreError):  # noqa: N818 - it tells a failure from a refusal
-    """A file that was accepted cannot be written, say on a full disk."""
+class Refused(SweepError):  # noqa: N818 - the counterpart of Failed
+    """The request is wrong, and nothing was begun; a command exits with 2."""
 
 
-class ClusterError(Exception):
-    """A cluster cannot be used as asked; the text is one paragraph for the user."""
+class Failed(SweepError):  # noqa: N818 - the counterpart of Refused
+    """The work was begun and did not reach its end; a command exits with 1."""
 
 
-class ClusterFailure(ClusterError):  # noqa: N818 - it tells a failure from a refusal
-    """A cluster that was accepted failed in the middle of the work."""
+class ConfigError(Refused, ValueError):
+    """A configuration is not valid."""
+
+
+class StoreError(Refused):
+    """A file is not the file of a sweep, or cannot be used as asked."""

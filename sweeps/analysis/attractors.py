@@ -26,7 +26,7 @@ import xarray as xr
 from sweeps.analysis.classes import Motion, classify
 from sweeps.analysis.identities import Attractors, identities
 from sweeps.analysis.periodic import Leaders, Points, periodic
-from sweeps.errors import StoreError
+from sweeps.errors import Refused
 from vibroimpact.orbits.cycles import TOLERANCE
 
 #: Motions that count as an attractor; of the others it is not known whether they stay.
@@ -61,12 +61,12 @@ def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
 
     Raises
     ------
-    StoreError
+    Refused
         If the file has no period or section.
     """
     for name in ("period", "poincare_x", "poincare_v"):
         if name not in dataset:
-            raise StoreError(
+            raise Refused(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
                 "with record.diagnostics: [period]"
             )

@@ -8,7 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import PlotError, Setting
+from sweeps.analysis.selection import Setting
+from sweeps.errors import Refused
 from vibroimpact.orbits.one_impact import OneImpactOrbit, one_impact_orbit
 from vibroimpact.orbits.one_impact_branches import Branches, one_impact_branches, sections
 from vibroimpact.orbits.period_class import period_class
@@ -51,12 +52,12 @@ class Line:
 
         Raises
         ------
-        PlotError
+        Refused
             If the closed-form orbits do not depend on `axis`.
         """
         names = [field.name for field in fields(Oscillator)]
         if axis not in names:
-            raise PlotError(f"the exact orbits do not depend on {axis}; draw it without them")
+            raise Refused(f"the exact orbits do not depend on {axis}; draw it without them")
         setting, first = Setting.of(dataset), dataset.isel({axis: 0})
         oscillator = Oscillator(**{name: setting.value(name, first) for name in names})
         return cls(dataset, axis, coordinate, oscillator, setting.phase)

@@ -12,16 +12,13 @@ import xarray as xr
 import yaml
 
 from sweeps.config.values import suggestion
+from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 #: Where a picture cuts: values of swept axes, and of ``direction`` a name.
 Cut = Mapping[str, float | str]
-
-
-class PlotError(Exception):
-    """A picture cannot be drawn as asked; the text is one paragraph for the user."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
 
     Raises
     ------
-    PlotError
+    Refused
         If there is no such swept axis, a value is outside it, or there is no such direction.
     """
     axes = swept_axes(dataset)
@@ -97,14 +94,14 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
             found[name] = _direction(dataset, str(value))
             continue
         if name not in axes:
-            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+            raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
         if isinstance(value, str):
-            raise PlotError(f"{name} = {value} is not a number")
+            raise Refused(f"{name} = {value} is not a number")
         values = dataset[name].values
         low, high = float(values.min()), float(values.max())
         slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
         if not low - slack <= value <= high + slack:
-            raise PlotError(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
+            raise Refused(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
         nearest = float(values[np.argmin(np.abs(values - value))])
         found[name] = value if abs(nearest - value) <= slack else nearest
     return found
@@ -113,10 +110,10 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
 def _direction(dataset: xr.Dataset, name: str) -> str:
     valid = directions(dataset)
     if not valid:
-        raise PlotError("direction cannot be fixed here; the sweep was not followed in both")
+        raise Refused("direction cannot be fixed here; the sweep was not followed in both")
     if name not in valid:
         meant = suggestion(name, valid)
-        raise PlotError(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
+        raise Refused(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
     return name
 
 
@@ -128,7 +125,7 @@ def select(dataset: xr.Dataset, at: Cut | None, free: Collection[str] = ()) -> x
     axes = [name for name in swept_axes(dataset) if name not in free]
     for name in at or {}:
         if name in free and name != DIRECTION:
-            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+            raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
     index = {name: 0 for name in axes}
     ways = directions(dataset)
     if ways and DIRECTION not in free:
@@ -146,24 +143,22 @@ def chosen_axes(dataset: xr.Dataset, asked: Sequence[str], count: int, kind: str
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has not so many, or not the ones asked for.
     """
     axes = swept_axes(dataset)
     if not axes:
-        raise PlotError(f"the file holds a single point: a {kind} needs a swept axis")
+        raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
     for name in asked:
         if name not in axes:
-            raise PlotError(
-                f"{name or repr(name)} is not a swept axis; the file has {listed(axes)}"
-            )
+            raise Refused(f"{name or repr(name)} is not a swept axis; the file has {listed(axes)}")
     needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
     if len(axes) < count:
-        raise PlotError(f"{needed}; the file has only {listed(axes)}")
+        raise Refused(f"{needed}; the file has only {listed(axes)}")
     longest = sorted(axes, key=lambda name: -dataset.sizes[name])
     chosen = [*dict.fromkeys(asked), *(name for name in longest if name not in asked)]
     if len(asked) > count or len(set(asked)) < len(asked):
-        raise PlotError(f"{needed}, not {listed(asked)}")
+        raise Refused(f"{needed}, not {listed(asked)}")
     return chosen[:count]
 
 
@@ -173,11 +168,11 @@ def recorded(
     """Read variables at one point, without the padding."""
     missing = [name for name in names if name not in dataset]
     if missing:
-        raise PlotError(f"the file has no {listed(missing)}: record it and run the sweep again")
+        raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
     point = select(dataset[[*names, "status"]], at)
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
     if not columns.size:
         outcome = Status(int(point["status"])).meaning
-        raise PlotError(f"there is nothing to draw at this point: {outcome}")
+        raise Refused(f"there is nothing to draw at this point: {outcome}")
     return point, list(columns)

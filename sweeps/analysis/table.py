@@ -12,7 +12,8 @@ import xarray as xr
 
 from sweeps.analysis.classes import Motion
 from sweeps.analysis.periodic import STARTS, Points, records
-from sweeps.analysis.selection import Cut, PlotError, listed, select, swept_axes
+from sweeps.analysis.selection import Cut, listed, select, swept_axes
+from sweeps.errors import Refused
 
 #: As many impact speeds are named; of more, the slowest and the fastest.
 _MOST_SPEEDS = 4
@@ -60,13 +61,13 @@ def cut(dataset: xr.Dataset, at: Cut) -> xr.Dataset:
 
     Raises
     ------
-    PlotError
+    Refused
         If one is not a swept parameter, or the value is outside the sweep.
     """
     axes = parameter_axes(dataset)
     for name in at:
         if name not in axes:
-            raise PlotError(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+            raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
     free = [name for name in map(str, dataset["status"].dims) if name not in at]
     return select(dataset, at, free=free)
 

@@ -77,7 +77,7 @@ def draw(measurements: Sequence[Measurement], orders: Mapping[Line, float], outp
 
     Raises
     ------
-    PlotError
+    Refused
         If the picture cannot be written.
     """
     with mpl.rc_context(STYLE):

@@ -33,7 +33,7 @@ def draw(measured: paper.Measured, output: Path) -> None:
 
     Raises
     ------
-    PlotError
+    Refused
         If the picture cannot be written.
     """
     with mpl.rc_context(STYLE):

@@ -31,7 +31,7 @@ def draw(chart: Chart, output: Path) -> None:
 
     Raises
     ------
-    PlotError
+    Refused
         If the picture cannot be written.
     """
     with mpl.rc_context(STYLE):

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.exits import FAILED, REFUSED, check_threads, stop
+from sweeps.cli.options import check_csv, check_threads
+from sweeps.errors import Failed
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,19 +30,14 @@ Quick = Annotated[bool, typer.Option("--quick", help="Measure less, in under a m
 @contextmanager
 def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
     """Refuse files that cannot be written before the work of the block, and say it after."""
-    from sweeps.plotting.pictures import PlotError, check_picture
+    from sweeps.plotting.pictures import check_picture
 
-    try:
-        check_picture(output)
-    except PlotError as error:
-        stop(REFUSED, error)
-    if csv is not None and not (csv.suffix == ".csv" and csv.absolute().parent.is_dir()):
-        allowed = "a .csv file in an existing folder"
-        stop(REFUSED, f"--csv {csv} is not allowed; expected: {allowed}")
+    check_picture(output)
+    check_csv(csv)
     try:
         yield
-    except (PlotError, OSError) as error:
-        stop(FAILED, error)
+    except OSError as error:
+        raise Failed(error) from error
     for path in (output, csv):
         if path is not None:
             typer.echo(path)

@@ -20,8 +20,9 @@ from typer.core import TyperGroup
 
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import read as cli_read
-from sweeps.cli.exits import FAILED, REFUSED, check_threads, stop
+from sweeps.cli.options import check_threads
 from sweeps.cli.read import targets
+from sweeps.errors import Failed, Refused
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -30,13 +31,19 @@ if TYPE_CHECKING:
 
 
 class _Commands(TyperGroup):
-    """The commands, each of which Ctrl-C ends in the same way."""
+    """The commands: the one place where an error becomes a line and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            stop(FAILED, "interrupted")
+            error, code = "interrupted", 1
+        except Failed as failure:
+            error, code = str(failure), 1
+        except Refused as refusal:
+            error, code = str(refusal), 2
+        typer.echo(f"vibroimpact: error: {error}", err=True)
+        raise typer.Exit(code)
 
 
 app = typer.Typer(
@@ -142,34 +149,30 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
-    from sweeps.config.loading import ConfigError, load_config
-    from sweeps.errors import ClusterError, StoreError
+    from sweeps.config.loading import load_config
     from sweeps.store.reader import check_output
 
     existing = {"overwrite": overwrite, "resume": resume}
     with _termination_as_interrupt():
-        try:
-            if resume and overwrite:
-                stop(REFUSED, "--resume and --overwrite exclude each other; give one of them")
-            check_threads(threads)
-            _check_cluster(dask, threads)
-            sweeps = [load_config(config, overrides or ()) for config in configs]
-            paths = targets(configs, output, [sweep.output for sweep in sweeps])
-            for path in paths:
-                check_output(path, **existing)
-            with _client(dask, quiet) as client:
-                if dry_run:
-                    texts = [
-                        _plan(sweep, path, threads, client, **existing)
-                        for sweep, path in zip(sweeps, paths, strict=True)
-                    ]
-                    typer.echo("\n\n".join(texts))
-                    return
-                for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
-                    again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
-                    _run(sweep, path, again, quiet, threads=threads, client=client, **existing)
-        except (ConfigError, StoreError, ClusterError) as error:
-            stop(REFUSED, error)
+        if resume and overwrite:
+            raise Refused("--resume and --overwrite exclude each other; give one of them")
+        check_threads(threads)
+        _check_cluster(dask, threads)
+        sweeps = [load_config(config, overrides or ()) for config in configs]
+        paths = targets(configs, output, [sweep.output for sweep in sweeps])
+        for path in paths:
+            check_output(path, **existing)
+        with _client(dask, quiet) as client:
+            if dry_run:
+                texts = [
+                    _plan(sweep, path, threads, client, **existing)
+                    for sweep, path in zip(sweeps, paths, strict=True)
+                ]
+                typer.echo("\n\n".join(texts))
+                return
+            for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
+                again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
+                _run(sweep, path, again, quiet, threads=threads, client=client, **existing)
     if not quiet:
         from sweeps.engine.reports import next_command
 
@@ -184,10 +187,9 @@ def _check_cluster(address: str | None, threads: int | None) -> None:
 
     check_address(address)
     if threads is not None:
-        stop(
-            REFUSED,
+        raise Refused(
             f"--threads {threads} is not allowed with --dask, whose workers use the threads that "
-            "they were started with; for N processes of this machine give --dask local:N",
+            "they were started with; for N processes of this machine give --dask local:N"
         )
 
 
@@ -222,17 +224,16 @@ def _plan(
 
 def _run(sweep: SweepConfig, path: Path, again: str, quiet: bool, **options: Any) -> None:
     from sweeps.engine import reports
-    from sweeps.errors import ClusterFailure, StoreFailure
 
     try:
         from sweeps.engine.run import run_sweep
 
         path = run_sweep(sweep, path, progress=not quiet, **options)
     except KeyboardInterrupt:
-        stop(FAILED, f"interrupted; {reports.kept(path, again)}")
-    except (ClusterFailure, StoreFailure, OSError, MemoryError) as error:
+        raise Failed(f"interrupted; {reports.kept(path, again)}") from None
+    except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
-        stop(FAILED, f"the run failed: {reason}; {reports.kept(path, again)}")
+        raise Failed(f"the run failed: {reason}; {reports.kept(path, again)}") from error
     if not quiet:
         typer.echo(reports.summary(path))
 

@@ -6,13 +6,15 @@ As in ``cli.py``, what a command needs is imported inside it.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sweeps.cli.exits import FAILED, REFUSED, stop
+from sweeps.cli.options import check_csv
+from sweeps.errors import Failed, Refused
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,16 +31,15 @@ def targets(sources: Sequence[Path], output: Path | None, own: Sequence[Path]) -
     elif len(sources) == 1:
         targets = [output]
     else:
-        stop(
-            REFUSED,
+        raise Refused(
             f"-o {output} is not allowed here: it is for a single file, and {len(sources)} are "
-            "given; without it each has an output of its own",
+            "given; without it each has an output of its own"
         )
     first: dict[str, Path] = {}
     for source, target in zip(sources, targets, strict=True):
         other = first.setdefault(os.path.abspath(target), source)
         if other is not source:
-            stop(REFUSED, f"{other} and {source} would both write {target}; give them one by one")
+            raise Refused(f"{other} and {source} would both write {target}; give them one by one")
     return targets
 
 
@@ -100,7 +101,6 @@ def plot(
     ] = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.errors import StoreError
     from sweeps.store.reader import open_sweep
 
     cuts = _cuts(at or ())
@@ -111,19 +111,24 @@ def plot(
         "exact": exact,
     }
     figures = targets(files, output, [file.with_suffix(".png") for file in files])
+    for file in files:
+        open_sweep(file).close()  # before any is drawn
+    for file, figure in zip(files, figures, strict=True):
+        with open_sweep(file) as dataset, _named(file):
+            _plot(dataset, figure, kind, cuts, options)
+
+
+@contextmanager
+def _named(file: Path) -> Iterator[None]:
+    """Name the file in a refusal of the block, which knows its data only."""
     try:
-        for file in files:
-            open_sweep(file).close()  # before any is drawn
-        for file, figure in zip(files, figures, strict=True):
-            with open_sweep(file) as dataset:
-                _plot(dataset, file, figure, kind, cuts, options)
-    except StoreError as error:
-        stop(REFUSED, error)
+        yield
+    except Refused as error:
+        raise Refused(f"{file}: {error}") from error
 
 
 def _plot(
     dataset: xr.Dataset,
-    file: Path,
     figure: Path,
     kind: str | None,
     cuts: Mapping[str, float | str],
@@ -131,19 +136,12 @@ def _plot(
 ) -> None:
     from sweeps.plotting import pictures as plotting
 
-    try:
-        found = plotting.on_grid(dataset, cuts)
-        written = plotting.plot(dataset, figure, kind, found, **options)
-        told = (
-            plotting.compare(dataset, options["axes"], found, options["coordinate"])
-            if options["exact"]
-            else []
-        )
-    except plotting.PlotError as error:
-        stop(REFUSED, f"{file}: {error}")
-    _tell_moved(cuts, found, "drawn")
-    for line in told:
-        typer.echo(line)
+    cut = plotting.on_grid(dataset, cuts)
+    written = plotting.plot(dataset, figure, kind, cut, **options)
+    _tell_moved(cuts, cut, "drawn")
+    if options["exact"]:
+        for line in plotting.compare(dataset, options["axes"], cut, options["coordinate"]):
+            typer.echo(line)
     typer.echo(written)
 
 
@@ -168,26 +166,22 @@ def attractors(
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
     from sweeps.analysis import table as attractor_table
     from sweeps.analysis.attractors import attractors
-    from sweeps.analysis.selection import PlotError, on_grid
-    from sweeps.errors import StoreError
+    from sweeps.analysis.selection import on_grid
     from sweeps.store.reader import open_sweep
 
     cuts = _cuts(at or ())
-    if csv is not None and not (csv.suffix == ".csv" and csv.absolute().parent.is_dir()):
-        stop(REFUSED, f"--csv {csv} is not allowed; expected: a .csv file in an existing folder")
-    try:
-        with open_sweep(file) as dataset:
-            cut = attractor_table.cut(dataset, cuts)
-            found = attractors(cut)
-            _tell_moved(cuts, on_grid(dataset, cuts), "shown")
-            typer.echo(attractor_table.told(cut, found))
-            if csv is not None:
+    check_csv(csv)
+    with open_sweep(file) as dataset, _named(file):
+        cut = attractor_table.cut(dataset, cuts)
+        found = attractors(cut)
+        _tell_moved(cuts, on_grid(dataset, cuts), "shown")
+        typer.echo(attractor_table.told(cut, found))
+        if csv is not None:
+            try:
                 attractor_table.write_csv(csv, attractor_table.rows(cut, found))
-                typer.echo(csv)
-    except (PlotError, StoreError) as error:
-        stop(REFUSED, f"{file}: {error}" if isinstance(error, PlotError) else error)
-    except OSError as error:
-        stop(FAILED, error)
+            except OSError as error:
+                raise Failed(error) from error
+            typer.echo(csv)
 
 
 def _cuts(texts: Sequence[str]) -> dict[str, float | str]:
@@ -195,7 +189,7 @@ def _cuts(texts: Sequence[str]) -> dict[str, float | str]:
     for text in texts:
         name, value = _cut(text)
         if name in cuts:
-            stop(REFUSED, f"--at {text} is not allowed; {name} was given before")
+            raise Refused(f"--at {text} is not allowed; {name} was given before")
         cuts[name] = value
     return cuts
 
@@ -207,7 +201,9 @@ def _cut(text: str) -> tuple[str, float | str]:
     try:
         return name.strip(), float(value)
     except ValueError:
-        stop(REFUSED, f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5")
+        raise Refused(
+            f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5"
+        ) from None
 
 
 def info(
@@ -222,26 +218,12 @@ def info(
 ) -> None:
     """Show what the file of a sweep holds, with its configuration."""
     from sweeps.engine import reports
-    from sweeps.errors import StoreError
     from sweeps.store.reader import open_sweep
 
     if axis is not None and not bifurcations:
-        stop(REFUSED, f"--axis {axis} is not allowed here; expected: with --bifurcations")
-    try:
-        with open_sweep(file) as dataset:
-            if bifurcations:
-                typer.echo(_bifurcations(dataset, file, axis))
-            else:
-                typer.echo(reports.contents(dataset), nl=False)
-    except StoreError as error:
-        stop(REFUSED, error)
-
-
-def _bifurcations(dataset: xr.Dataset, file: Path, axis: str | None) -> str:
-    from sweeps.analysis.selection import PlotError
-    from sweeps.engine.reports import bifurcations
-
-    try:
-        return bifurcations(dataset, axis)
-    except PlotError as error:
-        stop(REFUSED, f"{file}: {error}")
+        raise Refused(f"--axis {axis} is not allowed here; expected: with --bifurcations")
+    with open_sweep(file) as dataset, _named(file):
+        if bifurcations:
+            typer.echo(reports.bifurcations(dataset, axis))
+        else:
+            typer.echo(reports.contents(dataset), nl=False)

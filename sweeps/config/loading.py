@@ -16,15 +16,12 @@ from pydantic_core import ErrorDetails
 from sweeps.config.schema import RecordSection, Trajectory, key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Key, MisplacedError, Range, Section, nearest, suggestion
+from sweeps.errors import ConfigError
 
 #: A longer file is none that was typed; a long axis is better told as a range.
 _MOST_BYTES = 250_000
 #: The schema has four levels.
 _DEEPEST = 16
-
-
-class ConfigError(ValueError):
-    """The configuration is refused; the text is for the user, one line per error."""
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
-from sweeps.errors import ClusterError
+from sweeps.errors import Refused
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -30,14 +30,14 @@ def check_address(address: str) -> None:
 
     Raises
     ------
-    ClusterError
+    Refused
         If it is none of those that `connected` takes.
     """
     if address.startswith("local:"):
         cores = os.cpu_count() or 1
         number = address.removeprefix("local:")
         if not (number.isascii() and number.isdecimal() and 1 <= int(number) <= cores):
-            raise ClusterError(
+            raise Refused(
                 f"--dask {address} is not allowed; expected: local:N with an integer N from 1 to "
                 f"{cores}"
             )
@@ -47,7 +47,7 @@ def check_address(address: str) -> None:
         meant = (
             f"; did you mean tcp://{address}?" if _SCHEDULER.fullmatch("tcp://" + address) else ""
         )
-        raise ClusterError(f"--dask {address} is not allowed; expected: {_ALLOWED}{meant}")
+        raise Refused(f"--dask {address} is not allowed; expected: {_ALLOWED}{meant}")
 
 
 @contextmanager
@@ -62,14 +62,14 @@ def connected(address: str) -> Iterator[Client]:
 
     Raises
     ------
-    ClusterError
+    Refused
         If it is no such address, Dask is not installed, or no scheduler answers.
     """
     check_address(address)
     try:
         import distributed
     except ImportError:
-        raise ClusterError(
+        raise Refused(
             "--dask needs Dask, which is not installed; install it with pip install "
             "'vibroimpact[distributed]', or in a clone pip install '.[distributed]'"
         ) from None
@@ -104,7 +104,7 @@ def _refuse_silence(address: str) -> None:
     except Exception as error:  # whatever another program answers
         found, why = "", " ".join(str(error).split())
     if found != "Scheduler":
-        raise ClusterError(
+        raise Refused(
             f"no Dask scheduler answers at {address} ({why}); start one with the command dask "
             "scheduler, or give the address that it shows"
         )

@@ -61,7 +61,7 @@ import numpy as np
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import KERNEL, in_background
 from sweeps.engine.workers import Advance, Computer, Item, Local, Results, Work
-from sweeps.errors import ClusterError, ClusterFailure
+from sweeps.errors import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class Cluster:
 
     Raises
     ------
-    ClusterError
+    Refused
         If a worker has another version of the numerics, or none.
     """
 
@@ -148,7 +148,7 @@ class Cluster:
 
         Raises
         ------
-        ClusterFailure
+        Failed
             If the scheduler is lost or an item cannot be computed. A lost worker is none: what it
             had is computed again.
         """
@@ -220,23 +220,23 @@ class Cluster:
     def _fail(self, error: BaseException | None) -> NoReturn:
         """Tell what a task ended with."""
         if isinstance(error, OtherNumericsError):
-            raise ClusterFailure(str(error)) from error
+            raise Failed(str(error)) from error
         text = f"{type(error).__name__}: {error}"
-        raise ClusterFailure(f"a worker of {self._address} failed with {text}") from error
+        raise Failed(f"a worker of {self._address} failed with {text}") from error
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
-        """Turn the loss of the scheduler into a ClusterFailure."""
+        """Raise Failed where the scheduler was lost."""
         from distributed import CancelledError
 
         try:
             yield
-        except ClusterError:
+        except SweepError:
             raise
         except Exception as error:
             if self._client.status == "running" and not isinstance(error, CancelledError | OSError):
                 raise
-            raise ClusterFailure(
+            raise Failed(
                 f"the scheduler {self._address} was lost, or dropped the work (the run can go on "
                 "with another one, or without --dask)"
             ) from error
@@ -246,7 +246,7 @@ class Cluster:
         told = self._client.run(_asking(), on_error="return")
         for address, numerics in told.items():
             if numerics != _own():
-                raise ClusterError(_other(address, str(numerics), _own()))
+                raise Refused(_other(address, str(numerics), _own()))
 
 
 def computer_for(client: Client | None, threads: int | None) -> Computer:

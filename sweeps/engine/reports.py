@@ -79,7 +79,8 @@ def next_command(paths: Iterable[Path]) -> str:
 
 def kept(path: Path, command: str) -> str:
     """Say what a run that ended early left behind, and which command goes on."""
-    from sweeps.store.reader import StoreError, open_sweep, status_counts
+    from sweeps.errors import StoreError
+    from sweeps.store.reader import open_sweep, status_counts
     from vibroimpact.status import Status
 
     try:
@@ -129,15 +130,16 @@ def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
 
     Raises
     ------
-    PlotError
+    Refused
         If there is no such axis, or the classes were not recorded.
     """
     from sweeps.analysis.changes import cascades, changes, labels
-    from sweeps.analysis.selection import PlotError, chosen_axes
+    from sweeps.analysis.selection import chosen_axes
+    from sweeps.errors import Refused
 
     (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
     if "period" not in dataset:
-        raise PlotError(
+        raise Refused(
             "the file has no period: run the sweep again with record.diagnostics: [period]"
         )
     names = ["status", "rest_fraction", "period", "period_impacts", "lyapunov"]

@@ -82,11 +82,11 @@ def run_sweep(
     StoreError
         If the output is refused, is being written by another process or belongs to another
         sweep, or if there is too little disk or memory.
-    StoreFailure
+    Failed
         If the output cannot be written.
-    ClusterError
+    Refused
         If a worker has another version of the numerics.
-    ClusterFailure
+    Failed
         If the scheduler is lost, or a block fails on a worker. What is done is kept.
     """
     if client is not None and threads is not None:

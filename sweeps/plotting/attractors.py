@@ -12,17 +12,9 @@ from matplotlib.figure import Figure
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.classes import Motion
 from sweeps.analysis.periodic import STARTS, records
-from sweeps.analysis.selection import (
-    Cut,
-    PlotError,
-    Setting,
-    chosen_axes,
-    listed,
-    select,
-    swept_axes,
-)
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
-from sweeps.errors import StoreError
+from sweeps.errors import Refused
 from sweeps.plotting.bifurcation import held_coordinate
 from sweeps.plotting.cells import CLASSES, MOTIONS, Cells, draw_kinds, missing
 from sweeps.plotting.labels import entitle, label, set_scale
@@ -38,14 +30,14 @@ def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
 
     Raises
     ------
-    PlotError
+    Refused
         If x0 and v0 were not both swept, or the file has no period.
     """
     axes = swept_axes(dataset)
     if not {"x0", "v0"} <= set(axes):
-        raise PlotError(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
+        raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    found = _found(starts)
+    found = attractors(starts)
     own, kinds = found["attractor"].values, []
     for row in rows(starts, found):
         kinds.append(Cells(_named(row), _colour(row), own == row.number))
@@ -82,7 +74,7 @@ def attractor_diagram(
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no such axis or coordinate, or no period.
     """
     free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
@@ -90,14 +82,14 @@ def attractor_diagram(
     (axis,) = chosen_axes(parameters, axes, 1, "diagram of attractors")
     coordinate = held_coordinate(dataset, coordinate)
     for name in set(free) & set(at or {}):
-        raise PlotError(
+        raise Refused(
             f"{name} cannot be fixed here; choose from: {listed(parameter_axes(dataset))}"
         )
     line = select(dataset, at, free=[axis, *free])
-    found = _found(line)
+    found = attractors(line)
     table = rows(line, found)
     if not table:
-        raise PlotError("there is nothing to draw: no point has a result")
+        raise Refused("there is nothing to draw: no point has a result")
     figure = Figure(layout="constrained")
     panel = figure.add_subplot()
     set_scale(panel.xaxis, line[axis].values)
@@ -131,7 +123,7 @@ def _draw_rows(
             record[: -row.m] = np.nan if row.m else record[: -row.m]
     finite = values[np.isfinite(values)]
     if not len(finite):
-        raise PlotError(f"there is nothing to draw: no point has a {coordinate}")
+        raise Refused(f"there is nothing to draw: no point has a {coordinate}")
     guard(panel.set_ylim, finite.min(), finite.max())
     across = np.array([row.parameters[axis] for row in table])
     series: dict[tuple[bool, int, str], list[int]] = {}
@@ -153,13 +145,6 @@ def _draw_rows(
 def _periodic_first(series: tuple[tuple[bool, int, str], object]) -> tuple[bool, int]:
     (repeats, rank, _), _ = series
     return not repeats, rank
-
-
-def _found(dataset: xr.Dataset) -> xr.Dataset:
-    try:
-        return attractors(dataset)
-    except StoreError as error:
-        raise PlotError(str(error)) from None
 
 
 def _colour(row: Row) -> str:

@@ -11,15 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.analysis.overlay import Line
-from sweeps.analysis.selection import (
-    Cut,
-    PlotError,
-    Setting,
-    chosen_axes,
-    directions,
-    listed,
-    select,
-)
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, listed, select
+from sweeps.errors import Refused
 from sweeps.plotting.density import BOTH_COLOUR, DIRECTION_COLOURS, add_bar, draw_density, extent
 from sweeps.plotting.labels import entitle, label, set_scale
 from sweeps.plotting.marks import DPI, VERMILION, draw_points, guard, mark_status
@@ -52,7 +45,7 @@ def line_of(
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no such axis or coordinate.
     """
     (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
@@ -64,7 +57,7 @@ def held_coordinate(dataset: xr.Dataset, asked: str | None) -> str:
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no such coordinate.
     """
     held = [name for name in COORDINATES if name in dataset]
@@ -72,7 +65,7 @@ def held_coordinate(dataset: xr.Dataset, asked: str | None) -> str:
         asked = next(iter(held), COORDINATES[0])
     if asked not in held:
         name = asked or repr(asked)
-        raise PlotError(f"the file has no {name} to draw; it has {listed(held) or 'none'}")
+        raise Refused(f"the file has no {name} to draw; it has {listed(held) or 'none'}")
     return asked
 
 
@@ -120,7 +113,7 @@ def bifurcation(
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no such axis or coordinate, or nothing to draw.
     """
     line, axis, coordinate = line_of(dataset, axes, at, coordinate)
@@ -129,7 +122,7 @@ def bifurcation(
     drawn = [_Drawn.of(branch, coordinate) for branch in branches]
     low, high = extent(drawn)
     if low > high:
-        raise PlotError(f"there is nothing to draw: no point has a {coordinate}")
+        raise Refused(f"there is nothing to draw: no point has a {coordinate}")
     orbits = Line.of(branches[0], axis, coordinate) if exact else None
     figure = Figure(figsize=(5.0, 3.5), layout="constrained")
     panel = figure.add_subplot()

@@ -16,7 +16,8 @@ from matplotlib.colors import (
 from matplotlib.figure import Figure
 
 from sweeps.analysis.classes import Motion, classify, frequent_periods
-from sweeps.analysis.selection import Cut, PlotError, Setting, chosen_axes, listed, select
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
+from sweeps.errors import Refused
 from sweeps.plotting.cells import (
     MOTIONS,
     OTHER_PERIODIC,
@@ -47,7 +48,7 @@ _SIGNED = LinearSegmentedColormap.from_list(
 def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the kinds of motion, the most frequent periods by name."""
     if "period" not in cut:
-        raise PlotError(
+        raise Refused(
             "the file has no period: run the sweep again with record.diagnostics: [period]"
         )
     motion, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
@@ -144,7 +145,7 @@ def parameter_map(
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no such axes or quantity.
     """
     chosen = chosen_axes(dataset, axes, 2, "map")
@@ -156,7 +157,7 @@ def parameter_map(
         quantity = held[0]
     if quantity not in held:
         asked = quantity or repr(quantity)
-        raise PlotError(f"the file has no {asked} to draw; it has {listed(held)}")
+        raise Refused(f"the file has no {asked} to draw; it has {listed(held)}")
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(up, across, ...)
     figure = Figure(figsize=(4.5, 4.4), layout="constrained")
     panel = figure.add_subplot()

@@ -16,8 +16,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.overlay import Line, deviations
-from sweeps.analysis.selection import Cut, PlotError, listed, on_grid, swept_axes
+from sweeps.analysis.selection import Cut, listed, on_grid, swept_axes
 from sweeps.analysis.table import parameter_axes
+from sweeps.errors import Failed, Refused
 from sweeps.plotting.attractors import attractor_diagram, basins
 from sweeps.plotting.bifurcation import bifurcation, branches_of, line_of
 from sweeps.plotting.maps import parameter_map
@@ -25,7 +26,7 @@ from sweeps.plotting.marks import DPI
 from sweeps.plotting.point import impacts, section, trajectory
 from sweeps.store.variables import DIRECTION
 
-__all__ = ["KINDS", "PlotError", "compare", "on_grid", "plot"]
+__all__ = ["KINDS", "compare", "on_grid", "plot"]
 
 FORMATS = ("png", "svg", "pdf")
 
@@ -98,23 +99,23 @@ def plot(
 
     Raises
     ------
-    PlotError
+    Refused
         If the request does not fit the file, or the picture cannot be written.
     """
     output = Path(output)
     data = Path(str(dataset.encoding.get("source", "")))
     if output.exists() and data.is_file() and output.samefile(data):
-        raise PlotError(f"the picture {output} would replace the data; give -o another file")
+        raise Refused(f"the picture {output} would replace the data; give -o another file")
     check_picture(output)
     options = {name: value for name, value in options.items() if value not in (None, False, ())}
     if kind is None:
         kind = "map" if "quantity" in options else _default_kind(dataset, at or {}, options)
     if kind not in KINDS:
-        raise PlotError(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
+        raise Refused(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
     for name in options:
         takers = [one for one, its in KINDS.items() if name in its.options]
         if kind not in takers:
-            raise PlotError(f"{name} can be chosen for a {' or '.join(takers)} only, not a {kind}")
+            raise Refused(f"{name} can be chosen for a {' or '.join(takers)} only, not a {kind}")
     with mpl.rc_context(STYLE):
         save(KINDS[kind].draw(dataset, at=at, **options), output)
     return output
@@ -132,7 +133,7 @@ def compare(
 
     Raises
     ------
-    PlotError
+    Refused
         As from `bifurcation`.
     """
     line, axis, coordinate = line_of(dataset, axes, at, coordinate)
@@ -149,13 +150,15 @@ def check_picture(output: Path) -> None:
 
     Raises
     ------
-    PlotError
+    Refused
         If its ending is none of ``FORMATS``, or its folder does not exist.
     """
     if output.suffix.lower().lstrip(".") not in FORMATS:
-        raise PlotError(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
+        raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
     if not output.parent.is_dir():
-        raise PlotError(f"the folder {output.parent} of the picture {output.name} does not exist")
+        raise Refused(f"the folder {output.parent} of the picture {output.name} does not exist")
+    if output.is_dir():
+        raise Refused(f"{output} is a directory; give -o the name of a file")
 
 
 def save(figure: Figure, output: Path) -> None:
@@ -163,7 +166,7 @@ def save(figure: Figure, output: Path) -> None:
 
     Raises
     ------
-    PlotError
+    Failed
         If it cannot be written.
     """
     target = output.resolve()
@@ -175,7 +178,7 @@ def save(figure: Figure, output: Path) -> None:
             figure.savefig(draft, dpi=DPI)
         os.replace(draft, target)
     except OSError as error:
-        raise PlotError(f"{output} cannot be written: {error.strerror or error}") from error
+        raise Failed(f"{output} cannot be written: {error.strerror or error}") from error
     finally:
         draft.unlink(missing_ok=True)
 

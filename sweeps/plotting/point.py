@@ -16,7 +16,7 @@ def section(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no section, or nothing was recorded at this point.
     """
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
@@ -40,7 +40,7 @@ def impacts(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no impacts, or none was recorded at this point.
     """
     point, (phase, v) = recorded(dataset, ("impact_phase", "impact_v"), at)
@@ -64,7 +64,7 @@ def trajectory(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
 
     Raises
     ------
-    PlotError
+    Refused
         If the file has no trajectory, or nothing was recorded at this point.
     """
     names = ("trajectory_t", "trajectory_x", "trajectory_v")

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sweeps.errors import StoreError, StoreFailure
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block
 from sweeps.store.creation import create, pack, places, write_duration
 from sweeps.store.insertion import merged
@@ -54,7 +54,7 @@ def sweep_writer(
     ------
     StoreError
         If `path` is refused by `check_output`, or is not of this sweep.
-    StoreFailure
+    Failed
         If it cannot be created. No file is left behind, and an old one is untouched.
     """
     given, path = Path(path), Path(path).resolve()
@@ -70,7 +70,7 @@ def sweep_writer(
     try:
         yield writer
     except BaseException:
-        with suppress(StoreFailure):  # the first failure is the one to tell
+        with suppress(Failed):  # the first failure is the one to tell
             writer.close()
         raise
     writer.close()
@@ -146,7 +146,7 @@ class SweepWriter:
             If a variable of the file is missing, or there is no such block.
         ValueError
             If an array has the wrong shape, or a name is not in ``VARIABLES``.
-        StoreFailure
+        Failed
             If the file cannot be written, say on a full disk.
         """
         index = self._numbers[_corners(block)]
@@ -168,7 +168,7 @@ class SweepWriter:
 
         Raises
         ------
-        StoreFailure
+        Failed
             As from `write`.
         """
         longest = int(self._ledger.rows["samples"].max(initial=0))
@@ -189,7 +189,7 @@ class SweepWriter:
 
         Raises
         ------
-        StoreFailure
+        Failed
             As from `write`.
         """
         layout = self.layout.with_points(axis, np.array(list(points)))
@@ -215,7 +215,7 @@ class SweepWriter:
 
         Raises
         ------
-        StoreFailure
+        Failed
             As from `write`.
         """
         spent = self._spent + time.monotonic() - self._started
@@ -283,7 +283,7 @@ class SweepWriter:
             def read(index: int) -> dict[str, np.ndarray]:
                 arrays = sweep.read(layout.blocks[index])
                 if checksum(arrays.values()) != self._ledger.rows["crc"][index]:
-                    raise StoreFailure(f"{self._given} was damaged while it was written")
+                    raise Failed(f"{self._given} was damaged while it was written")
                 return _fitted(arrays, width)
 
             if compressed:
@@ -393,8 +393,8 @@ def _temporary(path: Path) -> Path:
 
 @contextmanager
 def _failure(path: Path, what: str) -> Iterator[None]:
-    """Turn the errors of the disk and of HDF5 into a StoreFailure."""
+    """Turn the errors of the disk and of HDF5 into a Failed."""
     try:
         yield
     except (OSError, RuntimeError, ValueError, OverflowError) as error:
-        raise StoreFailure(f"{path} cannot be {what}: {reason(error)}") from error
+        raise Failed(f"{path} cannot be {what}: {reason(error)}") from error

@@ -10,12 +10,13 @@ import yaml
 from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
-from sweeps import StoreError, attractors, load_config, open_sweep, run_sweep
+from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.analysis.classes import Motion
 from sweeps.analysis.table import cut, rows
 from sweeps.cli.main import app
+from sweeps.errors import Refused
 from sweeps.plotting.attractors import attractor_diagram, basins
-from sweeps.plotting.pictures import PlotError, plot
+from sweeps.plotting.pictures import plot
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.status import Status
 
@@ -280,7 +281,7 @@ def test_nothing_computed_has_no_attractor():
 
 
 def test_a_file_without_period_is_refused():
-    with pytest.raises(StoreError, match=r"no period.* record.diagnostics: \[period\]"):
+    with pytest.raises(Refused, match=r"no period.* record.diagnostics: \[period\]"):
         attractors(hand_made([cycle((-1, 0))], 1).drop_vars("period"))
 
 
@@ -459,12 +460,12 @@ def test_a_diagram_has_a_colour_for_each_attractor(computed, tmp_path):
     ],
 )
 def test_pictures_that_do_not_fit_are_refused(computed, draw, options, text):
-    with pytest.raises(PlotError, match=text):
+    with pytest.raises(Refused, match=text):
         draw(computed(), **options)
 
 
 def test_basins_need_both_starts():
-    with pytest.raises(PlotError, match="basins need x0 and v0 as axes; the file has x0"):
+    with pytest.raises(Refused, match="basins need x0 and v0 as axes; the file has x0"):
         basins(hand_made([cycle((-1, 0))] * 2, 1))
 
 

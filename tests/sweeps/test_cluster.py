@@ -26,7 +26,7 @@ from sweeps.engine.cluster import Cluster
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.plan import block_size
 from sweeps.engine.run import run_sweep
-from sweeps.errors import ClusterError, ClusterFailure
+from sweeps.errors import Failed, Refused
 from sweeps.store.reader import open_sweep
 from sweeps.store.writer import SweepWriter
 from vibroimpact.jit import NUMERICS
@@ -267,7 +267,7 @@ def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
     def fails(*_):
         raise OSError("no such luck")
 
-    with pytest.raises(ClusterFailure, match=r"a worker of tcp://\S+ failed with OSError: no such"):
+    with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with OSError: no such"):
         list(Cluster(client).computed(fails, config(), range(20)))
 
 
@@ -294,9 +294,9 @@ def stranger(client):
 def test_a_worker_with_other_numerics_is_refused(client, stranger):
     pretend, address = stranger
     pretend()
-    with pytest.raises(ClusterError) as caught:
+    with pytest.raises(Refused) as caught:
         run_sweep(config(), "out.h5", client=client)
-    assert not isinstance(caught.value, ClusterFailure)
+    assert not isinstance(caught.value, Failed)
     for part in (address, "0123456789abcdef", NUMERICS):
         assert part in str(caught.value)
     assert refused("--dask", client.scheduler.address, "--quiet") == (
@@ -310,7 +310,7 @@ def test_a_worker_that_joins_with_other_numerics_is_refused(
     pretend, address = stranger
     with monkeypatch.context() as patch:
         on_write(patch, 2, pretend)
-        with pytest.raises(ClusterFailure) as caught:
+        with pytest.raises(Failed) as caught:
             run_sweep(config(), "out.h5", client=client)
     for part in (address, "0123456789abcdef", NUMERICS):
         assert part in str(caught.value)
@@ -331,7 +331,7 @@ def test_a_worker_without_this_package_is_refused(client):
 
     client.run(hide)
     try:
-        with pytest.raises(ClusterError, match=r"tcp://\S+ has another version .*, none \("):
+        with pytest.raises(Refused, match=r"tcp://\S+ has another version .*, none \("):
             Cluster(client)
     finally:
         client.run(show)

@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 from sweeps.config import sweep as config_module
-from sweeps.config.loading import ConfigError, load_config
+from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorSection, StartSection
 from sweeps.config.sweep import json_schema
+from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.flight import LONGEST_STEP
 from vibroimpact.step.integrators import INTEGRATORS

@@ -12,14 +12,13 @@ from typer.testing import CliRunner
 import sweeps
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.cli.main import app
-from sweeps.config.loading import ConfigError
 from sweeps.engine import plan as limits
 from sweeps.engine import run as runner
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.follow import follow
 from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.scaling import scales_with_f
-from sweeps.errors import StoreError
+from sweeps.errors import ConfigError, StoreError
 from sweeps.grid import Grid
 from vibroimpact import Oscillator, Status, one_impact_orbit
 from vibroimpact.integrate import integrate

@@ -15,11 +15,12 @@ from sweeps.analysis.selection import swept_axes
 from sweeps.cli.main import app
 from sweeps.engine import run as runner
 from sweeps.engine.compute import compute_block
+from sweeps.errors import Refused
 from sweeps.plotting import bifurcation as plotting_bifurcation
 from sweeps.plotting.bifurcation import bifurcation
 from sweeps.plotting.density import BOTH_COLOUR, DIRECTION_COLOURS
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.pictures import PlotError, compare, plot
+from sweeps.plotting.pictures import compare, plot
 from sweeps.plotting.point import section, trajectory
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
@@ -170,7 +171,7 @@ def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
         assert "up, $" in texts(bifurcation(dataset))[0]
         figure = bifurcation(dataset, axes=["h"], at={"omega": 1.5})
         assert texts(figure)[-1] == "not computed yet (2 of 4)"
-        with pytest.raises(PlotError, match="nothing to draw: no point has a poincare_x"):
+        with pytest.raises(Refused, match="nothing to draw: no point has a poincare_x"):
             bifurcation(dataset, at={"h": 0.06})
 
 
@@ -194,5 +195,5 @@ def test_a_direction_is_refused_where_there_is_one_only(folder):
     run_sweep(load_config("sweep.yaml", changes), "one.h5")
     with open_sweep("one.h5") as dataset:
         assert "followed down along" in bifurcation(dataset).get_suptitle()
-        with pytest.raises(PlotError, match="the sweep was not followed in both"):
+        with pytest.raises(Refused, match="the sweep was not followed in both"):
             plot(dataset, "one.png", at={"direction": "down"})

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import sweeps
 from sweeps.cli.main import app
-from sweeps.config.loading import ConfigError, load_config
-from sweeps.errors import StoreError
+from sweeps.config.loading import load_config
+from sweeps.errors import ConfigError, StoreError
 from sweeps.store.reader import open_sweep
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"

@@ -6,9 +6,10 @@ import yaml
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
+from sweeps.errors import Refused
 from sweeps.plotting.maps import QUANTITIES, parameter_map
 from sweeps.plotting.marks import cell_edges
-from sweeps.plotting.pictures import PlotError, plot
+from sweeps.plotting.pictures import plot
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -235,13 +236,13 @@ def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_draw
 )
 def test_requests_that_do_not_fit_are_refused(tmp_path, options, message):
     dataset = hand_made(omit=["period", "period_impacts", "lyapunov"])
-    with pytest.raises(PlotError, match=message):
+    with pytest.raises(Refused, match=message):
         plot(dataset, tmp_path / "a.png", "map", **options)
     assert not list(tmp_path.iterdir())
 
 
 def test_one_axis_makes_no_map():
-    with pytest.raises(PlotError, match="a map has 2 swept axes; the file has only omega"):
+    with pytest.raises(Refused, match="a map has 2 swept axes; the file has only omega"):
         parameter_map(hand_made(axes={"omega": OMEGA}))
 
 

@@ -3,7 +3,8 @@ import pytest
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.overlay import Line, _distance, deviations
-from sweeps.analysis.selection import PlotError, select
+from sweeps.analysis.selection import select
+from sweeps.errors import Refused
 from sweeps.plotting.bifurcation import COORDINATES, bifurcation
 from sweeps.plotting.pictures import compare, plot
 from vibroimpact.orbits.one_impact import one_impact_orbit
@@ -132,7 +133,7 @@ def test_the_check_and_the_picture_refuse_what_has_no_exact_orbit(tmp_path):
             lambda: compare(dataset, ["x0"]),
             lambda: plot(dataset, tmp_path / "a.png", axes=["x0"], exact=True),
         ):
-            with pytest.raises(PlotError, match="the exact orbits do not depend on x0"):
+            with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
                 call()
 
 

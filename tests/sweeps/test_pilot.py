@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 from sweeps import load_config, open_sweep
 from sweeps.bench import costs
 from sweeps.cli.main import app
-from sweeps.config.loading import ConfigError
 from sweeps.config.schema import MethodSection
 from sweeps.engine.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, choose
 from sweeps.engine.reference import Reference
+from sweeps.errors import ConfigError
 from sweeps.grid import Grid
 
 # The motion rests in every period; meets the stop never; and has flips, chaos and windows.

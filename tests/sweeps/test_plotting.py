@@ -6,13 +6,14 @@ import yaml
 from matplotlib.collections import QuadMesh
 
 from sweeps.analysis import selection
+from sweeps.errors import Refused
 from sweeps.grid import Grid
 from sweeps.plotting import bifurcation as plotting_bifurcation
 from sweeps.plotting import density as plotting_density
 from sweeps.plotting import pictures as plotting
 from sweeps.plotting.bifurcation import bifurcation
 from sweeps.plotting.marks import DPI
-from sweeps.plotting.pictures import KINDS, PlotError, plot
+from sweeps.plotting.pictures import KINDS, plot
 from sweeps.plotting.point import impacts, section, trajectory
 from sweeps.store.layout import Layout
 from sweeps.store.reader import open_sweep
@@ -317,7 +318,7 @@ def test_the_data_are_never_replaced(sweep, tmp_path, link):
     else:
         (tmp_path / "folder").mkdir()
         picture = tmp_path / "folder" / ".." / "0.h5"
-    with pytest.raises(PlotError, match="would replace the data; give -o another file"):
+    with pytest.raises(Refused, match="would replace the data; give -o another file"):
         plot(dataset, picture)
     assert data.read_bytes() == before
 
@@ -398,7 +399,7 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"output": "a.jpg"}, r"a\.jpg must end in one of \.png, \.svg, \.pdf"),
         ({"output": "a"}, r"must end in one of"),
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
-        ({"output": "folder.png"}, r"folder\.png cannot be written"),
+        ({"output": "folder.png"}, r"folder\.png is a directory"),
         ({"kind": ""}, "no picture ''; choose one of"),
         ({"axes": [""]}, "'' is not a swept axis"),
         ({"coordinate": ""}, "no '' to draw; it has"),
@@ -426,7 +427,7 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
 def test_requests_that_do_not_fit_are_refused(sweep, tmp_path, options, message):
     (tmp_path / "folder.png").mkdir()
     dataset = sweep({"R": R, "omega": OMEGA}, impacts=0, with_trajectory=False)
-    with pytest.raises(PlotError, match=message):
+    with pytest.raises(Refused, match=message):
         plot(dataset, **{**options, "output": tmp_path / options.get("output", "a.png")})
     assert not (tmp_path / "a.png").exists()
 
@@ -437,7 +438,7 @@ def test_the_outermost_value_may_be_rounded(sweep):
 
 
 def test_a_single_point_has_no_bifurcation(sweep):
-    with pytest.raises(PlotError, match="a single point"):
+    with pytest.raises(Refused, match="a single point"):
         bifurcation(sweep({}))
 
 
@@ -445,7 +446,7 @@ def test_nothing_to_draw_is_said(sweep):
     nothing = np.full((4, 5), np.nan)
     pending = np.full(4, Status.PENDING, np.int8)
     dataset = sweep({"omega": OMEGA}, status=pending, poincare_x=nothing)
-    with pytest.raises(PlotError, match="no point has a poincare_x"):
+    with pytest.raises(Refused, match="no point has a poincare_x"):
         bifurcation(dataset)
-    with pytest.raises(PlotError, match="nothing to draw at this point: not computed yet"):
+    with pytest.raises(Refused, match="nothing to draw at this point: not computed yet"):
         section(dataset)

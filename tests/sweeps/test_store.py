@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from sweeps.config.schema import DIAGNOSTICS
-from sweeps.errors import StoreError, StoreFailure
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store.creation import create
 from sweeps.store.layout import FORMAT_VERSION, Layout
@@ -321,8 +321,8 @@ def test_a_sweep_larger_than_the_disk_is_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("failure", "raised"),
     [
-        (ValueError("Unable to create dataset\nat line 3"), StoreFailure),
-        (OSError(28, "No space left on device"), StoreFailure),
+        (ValueError("Unable to create dataset\nat line 3"), Failed),
+        (OSError(28, "No space left on device"), Failed),
         (KeyboardInterrupt(), KeyboardInterrupt),
     ],
 )
@@ -342,14 +342,14 @@ def test_a_file_that_cannot_be_laid_out_leaves_nothing_and_loses_nothing(
     with pytest.raises(raised) as caught:
         lay_out(path)
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
-    assert raised is not StoreFailure or "out.h5 cannot be created: " in str(caught.value)
+    assert raised is not Failed or "out.h5 cannot be created: " in str(caught.value)
     assert "line 3" not in str(caught.value)
 
 
 def test_a_grid_too_large_for_hdf5_is_refused(tmp_path, monkeypatch):
     axis = np.zeros(200_000)
     grid = Grid(dict.fromkeys(("h", "R", "f", "p"), axis), {})
-    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be created"):
+    with pytest.raises(Failed, match=r"out\.h5 cannot be created"):
         lay_out(tmp_path / "out.h5", grid, block_size=grid.size)
     assert list(tmp_path.iterdir()) == []
 

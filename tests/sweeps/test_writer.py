@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import sweeps
-from sweeps.errors import StoreError, StoreFailure
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store import ledger, writer
 from sweeps.store.layout import Layout
@@ -337,7 +337,7 @@ def small_disk(size):
 
 def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
     path = tmp_path / "out.h5"
-    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be created: File too large$"):
+    with pytest.raises(Failed, match=r"out\.h5 cannot be created: File too large$"):
         with small_disk(12_000):
             fill(path)
     assert list(tmp_path.iterdir()) == []
@@ -346,7 +346,7 @@ def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"
-    with pytest.raises(StoreFailure, match=r"out\.h5 cannot be completed: File too large$"):
+    with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
         with sweep_writer(path, layout()) as store:
             for block in store.pending():
                 store.write(block, results(block))
@@ -363,7 +363,7 @@ def test_a_disk_that_fills_up_loses_nothing(tmp_path, whole):
     with sweep_writer(path, layout()) as store:
         first, second, *_ = store.pending()
         store.write(first, results(first))
-        with pytest.raises(StoreFailure, match=r"out\.h5 cannot be written: File too large$"):
+        with pytest.raises(Failed, match=r"out\.h5 cannot be written: File too large$"):
             with small_disk(path.stat().st_size):
                 store.write(second, results(second, samples=10_000))
     with open_sweep(path) as dataset:
