@@ -10,36 +10,8 @@ The configuration is the result of a task that every block's task depends on: it
 once, and is made again where the worker that had it is lost. It takes its grid along, since another
 machine may round a logarithmic axis otherwise. A worker computes one block at a time, with all its
 threads, and has three in hand; results come straight from it, one block after the other, so neither
-side holds more where the sweep is larger.
-
-Measured here (two cores that other work shared, all on loopback, ``exact``, 300 periods of which
-100 with 64 impacts are kept: 2.67 kB a point):
-
-- A block takes 3 ms of processor time of submitter and scheduler together and 2.5 ms of its worker,
-  whatever its size, and one process handles 165 blocks a second; so a block is half a second of
-  work of a core at least (1 %).
-- 810,000 points, 2.0 GiB, two workers of one thread: 1.06 times the 38 s of two threads where
-  nothing else ran (1.01 and 1.05 where it did), and 10 to 12 % more processor time, with starting
-  the workers; 374 MiB in the submitting process at its peak (406 MiB in the run with threads),
-  280 MiB in a worker. The peak depends on the blocks, not on the sweep: 313 MiB with blocks of
-  22 MB; with blocks of 67 MB, the largest there are, 446 MiB for 1.1 GB and 470 MiB for 4.3 GB.
-- Results arrive at 1.1 to 1.5 GB/s, and at 0.8 to 1.2 GB/s with the file written; without a cluster
-  it is written at 1.3 to 1.7 GB/s. Laying it out writes it once before.
-
-So on paper, 1e10 points of this kind on 100 nodes of 32 cores (that many are not here):
-
-- Work: a core does 6.4 million periods or 21,000 points a second (README), all nodes 68 million
-  points a second: 147 s.
-- Bytes: 26.7 TB. One writer at 1 GB/s takes 7.4 hours, and 4 to 5 more to lay the files out. It is
-  the bottleneck: 17 cores of this sweep (57 MB/s each) keep one submitting process busy.
-- Files: a sweep has 1e9 points at most. Split along the slowest axis into 100 sweeps of 1e8 points,
-  267 GB each: 4,000 blocks of 25,000 points (64 MiB, a second of a core), a ledger of 48 kB. One
-  per node, each with its own disk and ``run``, which then needs no cluster: 160 s of writing after
-  as much laying out, beside 147 s of computing; about 5 minutes at 1.7 GB/s a node.
-- One cluster and one submitting process are right where a point costs more and leaves less: with
-  10,000 periods of which 32 are kept without impacts (0.58 kB) the same 1e10 points are 1.4 hours
-  of work and 5.8 TB, 1.6 hours of writing: ten sweeps of 1e9 points, one after the other, with
-  42,000 blocks of 24,000 points each (38 s of a core: 3,200 cores end 85 of them a second).
+side holds more where the sweep is larger. ``sweeps/README.md`` has what
+this was measured to cost.
 """
 
 from __future__ import annotations
