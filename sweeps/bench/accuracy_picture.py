@@ -39,7 +39,7 @@ PANELS = (
     ("forcing frequency of a flip", FLIP_SCENE.name, FLIP),
     ("Lyapunov exponent of chaos", CHAOS.name, EXPONENT),
 )
-# Colours of Okabe and Ito, as in plotting_marks. A rule has a colour, an integrator a marker.
+# Colours of Okabe and Ito. A rule has a colour, an integrator a marker.
 _GREEN, _PURPLE, _SKY, _YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 RULES = {"plain": VERMILION, "reduced-step": BLUE, "cubic": _GREEN, "exact": "black"}
 MARKERS = {
@@ -93,16 +93,16 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
     small = [figure.add_subplot(grid[row, column]) for row in (1, 2, 3) for column in (0, 1)]
     for panel, (title, scene, kind) in zip([wide, *small], PANELS, strict=True):
         drawn = {
-            method: [one for one in group if is_drawn(one)]
-            for (of, what, method), group in groups.items()
-            if (of, what) == (scene, kind)
+            method: [m for m in group if is_drawn(m)]
+            for (scene_name, error_kind, method), group in groups.items()
+            if (scene_name, error_kind) == (scene, kind)
         }
-        found = {method: orders[scene, kind, method] for method in drawn}
+        panel_orders = {method: orders[scene, kind, method] for method in drawn}
         panel.set_title(title)
         panel.set_xlim(_seconds(measurements, peers=panel is wide))
         if kind == EXPONENT:
-            _draw_floor(panel, [one.error for one in drawn.get(EXACT, ())])
-        _draw_panel(panel, drawn, found)
+            _draw_floor(panel, [m.error for m in drawn.get(EXACT, ())])
+        _draw_panel(panel, drawn, panel_orders)
     for panel in (wide, *small[::2]):
         panel.set_ylabel("relative error")
     for panel in small[:-2]:
@@ -115,7 +115,7 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
 
 def _seconds(measurements: Sequence[Measurement], peers: bool) -> tuple[float, float]:
     """Return a range of the abscissa: with the peers, which may be far slower, or without."""
-    seconds = [one.seconds for one in measurements if peers or one.steps is not None]
+    seconds = [m.seconds for m in measurements if peers or m.steps is not None]
     return 0.7 * min(seconds), 3.0 * max(seconds)
 
 
@@ -123,9 +123,9 @@ def _draw_panel(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) -> N
     panel.set(xscale="log", yscale="log")
     panel.grid(color="#DDDDDD", linewidth=0.4)
     slowest = panel.get_xlim()[1]
-    here = [one for group in drawn.values() for one in group if one.seconds < slowest]
+    here = [m for group in drawn.values() for m in group if m.seconds < slowest]
     if here:
-        errors = [one.error for one in here]
+        errors = [m.error for m in here]
         panel.set_ylim(0.3 * min(errors), 3.0 * max(errors))
     frontier = efficient_frontier(here)
     panel.plot(*_coordinates(frontier), **_BAND, solid_joinstyle="round", zorder=1.0)
@@ -138,7 +138,7 @@ def _draw_panel(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) -> N
 
 
 def _coordinates(group: Sequence[Measurement]) -> tuple[list[float], list[float]]:
-    return [one.seconds for one in group], [one.error for one in group]
+    return [m.seconds for m in group], [m.error for m in group]
 
 
 def _look(method: Method) -> dict[str, Any]:
@@ -178,7 +178,7 @@ def _label_orders(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) ->
 
 
 def _name_missing(panel: Axes, drawn: _Drawn) -> None:
-    """Name the rules of which there is no error to draw, and the peers that are too slow."""
+    """Name the rules without an error to draw, and the peers beyond the right edge."""
     there = {method.impact for method, group in drawn.items() if group}
     for k, rule in enumerate(rule for rule in RULES if rule not in there):
         _note(panel, 0.88 - 0.1 * k, f"{rule}: none", RULES[rule])
@@ -186,7 +186,7 @@ def _name_missing(panel: Axes, drawn: _Drawn) -> None:
     beyond = {
         method.integrator.split()[0]: None
         for method, group in drawn.items()
-        if any(one.seconds > slowest for one in group)
+        if any(m.seconds > slowest for m in group)
     }
     if beyond:
         _note(panel, 0.4, f"{', '.join(beyond)} \N{RIGHTWARDS ARROW}", "#555555")
@@ -220,7 +220,7 @@ def _handles(groups: Mapping[Line, object]) -> list[Line2D]:
         ],
     ]
     length = max(map(len, columns))
-    return [one for column in columns for one in (*column, *[_text(" ")] * (length - len(column)))]
+    return [m for column in columns for m in (*column, *[_text(" ")] * (length - len(column)))]
 
 
 def _text(words: str) -> Line2D:

@@ -1,9 +1,9 @@
-"""Accuracy against speed: every method on every scene, its errors and what a period of it costs.
+"""Accuracy against speed: the errors of every method on every scene, and its cost per period.
 
-All methods run interleaved, each round over all of them, so that a drift of the machine hits all
-alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of steps from
-n to 1.1 n, another one in every round, so that impacts fall on other places within a step: errors
-are root mean squares over the rounds, too.
+All methods run interleaved, each round over all of them, so that a drift of the machine affects
+all alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of steps
+from n to 1.1 n, a different number in every round, so that impacts fall on other places within a
+step. Errors are root mean squares over the rounds.
 """
 
 from __future__ import annotations
@@ -170,17 +170,17 @@ def measure(
             for run in runs:
                 _take(tallies[run], judges[run.scene.name], run, turn, plan.rounds, threads)
                 bar.update(task, advance=1, description=run.scene.name)
-        found = [
+        measurements = [
             Measurement(
-                run.scene.name, kind, run.method, run.rung, None, _mean(squares), one.seconds
+                run.scene.name, kind, run.method, run.rung, None, _mean(squares), tally.seconds
             )
-            for run, one in tallies.items()
-            for kind, squares in one.squares.items()
+            for run, tally in tallies.items()
+            for kind, squares in tally.squares.items()
         ]
         for scene, name, tolerance in peer_runs:
-            found += _measure_peer(scene, name, tolerance, plan.thinning)
+            measurements += _measure_peer(scene, name, tolerance, plan.thinning)
             bar.update(task, advance=1, description=name)
-    return found
+    return measurements
 
 
 class _Run(NamedTuple):
@@ -242,22 +242,22 @@ def _judge(scene: Scene, plan: Plan, threads: int | None) -> _Judge:
     if FLIP in scene.kinds:
         flip = bifurcation(FLIPPING, "flip", "omega", 2.6, 2.7)
 
-        def off_flip(_: object, method: Method, steps: int) -> dict[str, float]:
+        def flip_error(_: object, method: Method, steps: int) -> dict[str, float]:
             value = section_map.flip_value(FLIPPING, FLIP_BRACKET, method, steps, threads)
             return {FLIP: abs(value / flip - 1.0)}
 
-        return off_flip
+        return flip_error
     if EXPONENT in scene.kinds:
         exponent = _true_exponent(scene.points, plan.truth_periods, threads)
         spans = {"transient": 50, "periods": plan.exponent_periods}
 
-        def off_exponent(_: object, method: Method, steps: int) -> dict[str, float]:
+        def exponent_error(_: object, method: Method, steps: int) -> dict[str, float]:
             value = section_map.largest_exponent(
                 scene.points, method, steps, **spans, threads=threads
             )
             return {EXPONENT: abs(value / exponent - 1.0)}
 
-        return off_exponent
+        return exponent_error
     truth = scene.truth()
     return lambda results, method, steps: scene.errors(truth, results)
 
@@ -271,9 +271,9 @@ def _true_exponent(points: np.ndarray, periods: int, threads: int | None) -> flo
 
 
 def _measure_peer(scene: Scene, name: str, tolerance: float, thinning: int) -> list[Measurement]:
-    few = replace(scene, points=scene.points[::thinning])
-    found, seconds = PEERS[name].run(few, tolerance)
-    errors = few.errors(few.truth(), found)
+    thinned = replace(scene, points=scene.points[::thinning])
+    measurements, seconds = PEERS[name].run(thinned, tolerance)
+    errors = thinned.errors(thinned.truth(), measurements)
     method = Method(name, "events")
     return [
         Measurement(scene.name, kind, method, None, tolerance, errors[kind], seconds)

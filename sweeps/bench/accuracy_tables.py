@@ -66,9 +66,9 @@ def _methods(measurements: Sequence[Measurement], orders: dict[Line, float]) -> 
     for name in (*(name for name, _, _ in _ORDERS), "error", "penetration", "ns/period"):
         table.add_column(name, justify="right")
     shown = {
-        (one.method, one.kind): one
-        for one in measurements
-        if one.scene == MEAN and (one.steps == STEPS or one.tolerance == TOLERANCE)
+        (m.method, m.kind): m
+        for m in measurements
+        if m.scene == MEAN and (m.steps == STEPS or m.tolerance == TOLERANCE)
     }
     for method in dict.fromkeys(method for method, _ in shown):
         state, depth = shown[method, STATE], shown.get((method, PENETRATION))
@@ -87,17 +87,17 @@ def _targets(measurements: Sequence[Measurement]) -> Table:
     for name in ("error", "integrator", "impact", "steps"):
         table.add_column(name)
     table.add_column("ns/period", justify="right")
-    states = [one for one in measurements if (one.scene, one.kind) == (MEAN, STATE)]
+    states = [m for m in measurements if (m.scene, m.kind) == (MEAN, STATE)]
     for target in TARGETS:
         best = cheapest(states, target)
-        row = ("none", "", "", "") if best is None else _found(best)
+        row = ("none", "", "", "") if best is None else _cells(best)
         table.add_row(f"{target:g}", *row)
     return table
 
 
-def _found(one: Measurement) -> tuple[str, str, str, str]:
-    setting = f"{one.steps}" if one.tolerance is None else f"tolerance {one.tolerance:g}"
-    return *one.method, setting, f"{one.seconds * 1e9:,.0f}"
+def _cells(m: Measurement) -> tuple[str, str, str, str]:
+    setting = f"{m.steps}" if m.tolerance is None else f"tolerance {m.tolerance:g}"
+    return *m.method, setting, f"{m.seconds * 1e9:,.0f}"
 
 
 def _order(value: float) -> str:

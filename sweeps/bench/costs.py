@@ -1,4 +1,4 @@
-"""What a step and an impact cost with each method: the constants of ``sweeps.engine.pilot.COSTS``.
+"""The cost of a step and of an impact with each method: the table ``sweeps.engine.pilot.COSTS``.
 
 ``python -m sweeps.bench.costs`` measures them on the machine at hand and prints them beside those
 of the table. All methods run interleaved on one thread, each round over all of them, and the best
@@ -92,7 +92,9 @@ if __name__ == "__main__":
     print(f"{'':24}{'measured':>24}{'in the table':>24}   [ns]: step, recorded step, impact")
     for (integrator, impact), cost in measure().items():
         columns = [
-            "".join(f"{value:8.{digits}f}" for value, digits in zip(one, (2, 2, 0), strict=True))
-            for one in (cost, COSTS[integrator, impact])
+            "".join(
+                f"{value:8.{digits}f}" for value, digits in zip(cost_of, (2, 2, 0), strict=True)
+            )
+            for cost_of in (cost, COSTS[integrator, impact])
         ]
         print(f"{integrator + ', ' + impact:24}{columns[0]}{columns[1]}")

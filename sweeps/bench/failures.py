@@ -1,7 +1,7 @@
-"""Where a method fails: each failure a scene, a figure measured in a run, and when it is one.
+"""Where the methods fail: a scene for each failure, a figure measured in a run, and its limit.
 
-The method ``to the letter`` is the paper's procedure as it stands, ``vibroimpact.paper``. It starts
-from rest at the stop, so that what needs another start is not measured of it.
+The method ``to the letter`` is the paper's procedure unchanged, ``vibroimpact.paper``. It starts
+from rest at the stop, so figures that need another start are not measured for it.
 """
 
 from __future__ import annotations
@@ -9,23 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from sweeps.bench.scenes import Method
 from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
 from vibroimpact.integrate import integrate
 
-
-class Method(NamedTuple):
-    """An integrator and an impact rule."""
-
-    integrator: str
-    rule: str
-
-
 LETTER = Method("newmark", "to the letter")
-#: Those that differ: at these steps the flow with a rule but ``exact`` fails as ``rk4`` does.
+#: Without ``exact`` under the rules of time stepping, which fails here as ``rk4`` does.
 METHODS: Sequence[Method] = (
     LETTER,
     Method("euler", "plain"),
@@ -65,7 +57,7 @@ COARSE, COARSE_STEPS = Oscillator(h=0.0, R=0.8, omega=0.5, f=1.0), 4
 
 @dataclass(frozen=True)
 class Failure:
-    """A way to fail.
+    """One kind of failure.
 
     Attributes
     ----------
@@ -98,7 +90,7 @@ def follow(
 
 
 def _steps(method: Method, steps: int) -> int | None:
-    return None if method.rule == "exact" else steps
+    return None if method.impact == "exact" else steps
 
 
 def stall(method: Method) -> float:
@@ -186,13 +178,13 @@ def wrong_attractor(method: Method) -> float:
     ends = [
         integrate(
             points,
-            integrator=one.integrator,
-            impact=one.rule,
-            steps_per_period=_steps(one, STEPS),
+            integrator=run_method.integrator,
+            impact=run_method.impact,
+            steps_per_period=_steps(run_method, STEPS),
             transient=1500,
             periods=60,
         )["impacts_per_period"]
-        for one in (method, Method("exact", "exact"))
+        for run_method in (method, Method("exact", "exact"))
     ]
     return float(np.count_nonzero(~(np.abs(ends[0] - ends[1]) < 0.1)))
 

@@ -1,9 +1,9 @@
-"""The paper's three cases: what it claims for its procedure, and what it does not say.
+"""The paper's three cases, without and with its procedure, and with its procedure to the letter.
 
-The procedure suppresses the penetration. It is also of order 2 instead of 1, unless it is taken to
-the letter, which carries the acceleration of eq. (10) across the impact; and to the letter it
-stalls in a chatter. ``vibroimpact.paper`` is the letter; ``plain`` and ``reduced-step`` are the
-rules of the engine without and with the procedure.
+The procedure suppresses the penetration, and is of order 2 instead of 1. Taken to the letter it
+is of order 1 where h > 0, because eq. (10) carries the acceleration across the impact, and it
+stalls in a chatter. ``vibroimpact.paper`` is the procedure to the letter; ``plain`` and
+``reduced-step`` are the rules of the kernel without and with it.
 """
 
 from __future__ import annotations
@@ -148,8 +148,8 @@ def _errors(
         squares = []
         for steps in np.unique(np.rint(least * np.linspace(1.0, 1.6, spread)).astype(int)):
             run = PROCEDURES[name](oscillator, 3, int(steps))
-            found = np.stack([run.impact_t[:FIRST], run.impact_v[:FIRST]])
-            squares.append((found - true) ** 2 if found.shape == true.shape else np.inf)
+            impacts = np.stack([run.impact_t[:FIRST], run.impact_v[:FIRST]])
+            squares.append((impacts - true) ** 2 if impacts.shape == true.shape else np.inf)
         errors.append(np.sqrt(np.mean([np.mean(square) for square in squares])))
     return np.array(errors)
 
@@ -160,7 +160,7 @@ def _order(steps: Sequence[int], errors: np.ndarray) -> float:
 
 def _resolved() -> dict[tuple[str, str], tuple[float, float]]:
     """Count the impacts of the fully dissipative case with every method, at the paper's step."""
-    found = {}
+    impacts = {}
     for integrator in INTEGRATORS:
         for rule in IMPACT_RULES:
             if rule != "exact" or integrator == "exact":
@@ -172,8 +172,8 @@ def _resolved() -> dict[tuple[str, str], tuple[float, float]]:
                     transient=PERIODS,
                     periods=PERIODS,
                 )
-                found[integrator, rule] = (
+                impacts[integrator, rule] = (
                     float(results["impacts_per_period"][0]),
                     float(results["slowest_impact"][0]),
                 )
-    return found
+    return impacts

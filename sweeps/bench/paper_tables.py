@@ -72,8 +72,8 @@ def _resolved(measured: paper.Measured) -> Table:
     for integrator in INTEGRATORS:
         cells = []
         for rule in IMPACT_RULES:
-            found = measured.resolved.get((integrator, rule))
-            star = "*" if found and measured.resolves(integrator, rule) else " "
-            cells.append(f"{found[0]:g} {found[1]:.4f}{star}" if found else "")
+            impacts = measured.resolved.get((integrator, rule))
+            star = "*" if impacts and measured.resolves(integrator, rule) else " "
+            cells.append(f"{impacts[0]:g} {impacts[1]:.4f}{star}" if impacts else "")
         table.add_row(integrator, *cells)
     return table

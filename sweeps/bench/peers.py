@@ -1,7 +1,7 @@
-"""General solvers with events, driven as their users would: what there is besides this package.
+"""General solvers with events, to compare with: SciPy, and heyoka with the extra ``peers``.
 
-SciPy is always there; heyoka is, with the extra ``peers``. Neither knows a rest, so that in a
-complete chatter their events would have no end.
+They are driven as their users would drive them. Neither knows a rest, so a complete chatter would
+have no end for them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LEAST_SECONDS = 0.1
 
 
 class Flight(NamedTuple):
-    """What a solver makes of one motion: its end, and the times and speeds of its impacts."""
+    """A motion as a solver computed it: last state, times and speeds of the impacts."""
 
     x: float
     v: float
@@ -65,7 +65,7 @@ def solve_ivp(method: str, tolerance: float) -> Follow:
             if solution.status == 1:
                 impact_t.append(t)
                 impact_v.append(v)
-                # A root at the launch itself would be found again and again.
+                # The root at the launch itself must not be found again.
                 x, v = stop - 1e-13, -R * v
         return Flight(x, v, impact_t, impact_v)
 
@@ -137,7 +137,7 @@ class Peer:
 
         Returns
         -------
-        found : dict of str to ndarray
+        results : dict of str to ndarray
             As from `Scene.run`; the deepest penetration is not known.
         seconds : float
             Per forcing period, the best of several runs, without the preparation.
@@ -159,7 +159,7 @@ class Peer:
         flights: list[Flight] = []
         while spent < _LEAST_SECONDS:
             began = time.perf_counter()
-            flights = [follow(*one) for one in arguments]
+            flights = [follow(*start) for start in arguments]
             seconds = time.perf_counter() - began
             spent, best = spent + seconds, min(best, seconds)
         return _results(points, flights), best / (len(points) * periods)

@@ -1,4 +1,4 @@
-"""Scenes on which the methods are compared, and the errors that a run of one makes.
+"""Scenes on which the methods are compared, and the errors of a run.
 
 A scene is not one point but 64 neighbours of it: whole blocks of lanes, as a sweep has them, and
 impacts that fall on different places within a step. Errors are root mean squares over them,
@@ -26,7 +26,7 @@ NEIGHBOURS = 64
 #: The last impacts of a run that are kept, to find the counterparts of the true ones among them.
 _KEPT = 8
 
-#: What is measured of an orbit, in the words of the pictures.
+#: The errors of an orbit, as the pictures name them.
 ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
 FLIP, EXPONENT = "flip value", "Lyapunov exponent"
 KINDS = (*ORBIT_ERRORS, FLIP, EXPONENT)
@@ -102,38 +102,38 @@ class Scene:
         return self.run(EXACT, 2 * least_steps(EXACT, self.points), kept=self.impacts)
 
     def errors(
-        self, truth: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]
+        self, truth: Mapping[str, np.ndarray], run: Mapping[str, np.ndarray]
     ) -> dict[str, float]:
         """Return the RMS errors of a run by kind, of those in ``ORBIT_ERRORS``.
 
-        Every true impact is compared with the one found at the nearest phase. What failed is NaN,
-        and inf where no impact was found at all.
+        Every true impact is compared with the one found at the nearest phase. A failed
+        run has the error NaN, a run without an impact the error inf.
 
         Parameters
         ----------
         truth : mapping of str to ndarray
             From `truth`.
-        found : mapping of str to ndarray
-            As from `run`; rows of further copies are not looked at.
+        run : mapping of str to ndarray
+            From `run`; rows of further copies are ignored.
         """
         n = len(self.points)
         omega = self.points["omega"]
         phase, v = truth["impact_phase"], truth["impact_v"]
         real = np.isfinite(phase)
         speed = _rms(v[real])
-        late = found["impact_phase"][:n, None, :] - phase[:, :, None]
-        late = np.abs((late + math.pi) % (2.0 * math.pi) - math.pi)
-        late = np.where(np.isnan(late), np.inf, late)
-        nearest = late.argmin(axis=2)
-        found_v = np.take_along_axis(found["impact_v"][:n], nearest, axis=1)
-        late = late.min(axis=2)
-        dx = found["poincare_x"][:n, -1] - truth["poincare_x"][:, -1]
-        dv = found["poincare_v"][:n, -1] - truth["poincare_v"][:, -1]
+        delay = run["impact_phase"][:n, None, :] - phase[:, :, None]
+        delay = np.abs((delay + math.pi) % (2.0 * math.pi) - math.pi)
+        delay = np.where(np.isnan(delay), np.inf, delay)
+        nearest = delay.argmin(axis=2)
+        run_v = np.take_along_axis(run["impact_v"][:n], nearest, axis=1)
+        delay = delay.min(axis=2)
+        dx = run["poincare_x"][:n, -1] - truth["poincare_x"][:, -1]
+        dv = run["poincare_v"][:n, -1] - truth["poincare_v"][:, -1]
         values = (
             _rms(np.hypot(omega * dx, dv)) / speed,
-            _rms(late[real]) / (2.0 * math.pi),
-            _rms(np.where(np.isfinite(late), found_v - v, np.inf)[real]) / speed,
-            _rms(omega * found["max_penetration"][:n]) / speed,
+            _rms(delay[real]) / (2.0 * math.pi),
+            _rms(np.where(np.isfinite(delay), run_v - v, np.inf)[real]) / speed,
+            _rms(omega * run["max_penetration"][:n]) / speed,
         )
         return dict(zip(ORBIT_ERRORS, values, strict=True))
 
@@ -157,9 +157,9 @@ def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:
     )
 
 
-_NEAR = np.linspace(-0.005, 0.005, NEIGHBOURS)
-# Of the distance from a graze the touch has the root: small ones must be there in number.
-_NEARER = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
+_OFFSETS = np.linspace(-0.005, 0.005, NEIGHBOURS)
+# The speed of an impact grows with the root of the distance from its graze: most are small.
+_GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
 #: Where the first flight from rest touches the stop (h = 0.1).
 _GRAZE = 3.03833647460949767
 #: The orbit whose flip is located, and the interval of omega in which it is looked for.
@@ -172,34 +172,34 @@ _STARTS = np.linspace(-0.5, -0.05, NEIGHBOURS)
 REGULAR = (
     Scene(
         "conservative impacts",
-        _around(Oscillator(h=0.5, R=1.0, omega=1.0, f=1.0), _NEAR),
+        _around(Oscillator(h=0.5, R=1.0, omega=1.0, f=1.0), _OFFSETS),
         periods=20,
         phase=math.pi,
         impacts=2,
     ),
     Scene(
         "conservative motion",
-        _around(Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0), _NEAR),
+        _around(Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0), _OFFSETS),
         periods=20,
         phase=math.pi,
         impacts=2,
     ),
     Scene(
         "fully dissipative",
-        _around(Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0), _NEAR),
+        _around(Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0), _OFFSETS),
         periods=20,
         phase=math.pi,
         impacts=4,
     ),
     Scene(
         "one impact",
-        _around(Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0), _NEAR),
+        _around(Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0), _OFFSETS),
         periods=40,
         impacts=1,
     ),
     Scene(
         "high frequency",
-        _around(Oscillator(h=0.1, R=0.8, omega=10.0, f=1.0), _NEAR),
+        _around(Oscillator(h=0.1, R=0.8, omega=10.0, f=1.0), _OFFSETS),
         periods=60,
         phase=math.pi,
         impacts=1,
@@ -208,7 +208,7 @@ REGULAR = (
 )
 CHATTER = Scene(
     "chatter and rest",
-    _around(Oscillator(h=0.05, R=0.6, omega=0.4, f=1.0), _NEAR),
+    _around(Oscillator(h=0.05, R=0.6, omega=0.4, f=1.0), _OFFSETS),
     periods=5,
     phase=4.4,  # after three impacts of a chatter that is complete at 4.78
     impacts=3,
@@ -216,13 +216,14 @@ CHATTER = Scene(
 GRAZING = Scene(
     "near grazing",
     _around(
-        Oscillator(h=0.1, R=0.8, omega=_GRAZE, f=1.0), np.concatenate([-_NEARER[::-1], _NEARER])
+        Oscillator(h=0.1, R=0.8, omega=_GRAZE, f=1.0),
+        np.concatenate([-_GRAZE_OFFSETS[::-1], _GRAZE_OFFSETS]),
     ),
     periods=1,
     phase=5.67,  # between the second impact, at 5.2 at the latest, and the third
     impacts=2,
 )
-FLIP_SCENE = Scene("flip", _around(FLIPPING, _NEAR), periods=20, kinds=(FLIP,))
+FLIP_SCENE = Scene("flip", _around(FLIPPING, _OFFSETS), periods=20, kinds=(FLIP,))
 CHAOS = Scene(
     "chaos",
     np.concatenate([CHAOTIC.at(x0) for x0 in _STARTS]),

@@ -1,4 +1,4 @@
-"""The section map of a method, x(0) -> x(2 pi / omega), its Jacobian, and what follows from it.
+"""The section map of a method, x(0) -> x(2 pi / omega), its Jacobian, flip and Lyapunov exponent.
 
 A method is a map of its own: its flips and Lyapunov exponents are those of that map, not of the
 motion that it approximates. Its Jacobian is taken by differences, all of them in one batch.
@@ -60,12 +60,12 @@ def jacobians(
     """Return the images (n, 2) of the points' starts, and the Jacobians (n, 2, 2) there."""
     offsets, weights = difference
     size = len(offsets)
-    near = np.repeat(points[:, None], 1 + 2 * size, axis=1)
-    near["x0"][:, 1 : 1 + size] += offsets
-    near["v0"][:, 1 + size :] += offsets
+    neighbours = np.repeat(points[:, None], 1 + 2 * size, axis=1)
+    neighbours["x0"][:, 1 : 1 + size] += offsets
+    neighbours["v0"][:, 1 + size :] += offsets
     # No motion starts beyond the stop.
-    near["x0"] = np.minimum(near["x0"], near["clearance"])
-    images = section_map(near.ravel(), method, steps, threads).reshape(*near.shape, 2)
+    neighbours["x0"] = np.minimum(neighbours["x0"], neighbours["clearance"])
+    images = section_map(neighbours.ravel(), method, steps, threads).reshape(*neighbours.shape, 2)
     along_x = np.einsum("k,nki->ni", weights, images[:, 1 : 1 + size])
     along_v = np.einsum("k,nki->ni", weights, images[:, 1 + size :])
     return images[:, 0], np.stack([along_x, along_v], axis=2)
@@ -148,10 +148,10 @@ def _flip_condition(
                 points["x0"] + np.clip(dx, -0.1, 0.1), points["clearance"] - _SMOOTH.offsets[-1]
             )
             points["v0"] += np.clip(dv, -0.1, 0.1)
-    met = np.abs(residual).max(axis=1) <= size
+    converged = np.abs(residual).max(axis=1) <= size
     condition = 1.0 + J[:, 0, 0] + J[:, 1, 1]
     condition += J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
-    return np.where(met, condition, np.nan)
+    return np.where(converged, condition, np.nan)
 
 
 def largest_exponent(

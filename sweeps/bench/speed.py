@@ -1,8 +1,8 @@
-"""Forcing periods per second on the machine at hand, and their share of what it can do at most.
+"""Forcing periods per second on this machine, and their share of its peak.
 
-The peak is a measured rate of fused multiply-adds, from a loop that does nothing else. A step of
-the affine map is eight of them; what a method does beside the map is work that the peak would
-not do. All runs are interleaved, and the best round of each counts, in wall time.
+The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of
+the affine map is eight of them; the share counts no other work of a method. All runs are
+interleaved, and the best round of each counts, in wall time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""How long a step may be: in closed form, from the map of a step, and seen in a run.
+"""The longest stable step: in closed form, from the map of a step, and from runs.
 
-Free motion has one number, zeta = h / p, and its step another, p T. The runs are those of the
-kernel, without force or stop.
+Without force and stop, eq. (1) has the single number zeta = h / p, and a step adds p T. The runs
+use the kernel.
 """
 
 from __future__ import annotations

@@ -11,10 +11,11 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from sweeps.bench.failures import FAILURES, STEPS, Failure, Method
+from sweeps.bench.failures import FAILURES, STEPS, Failure
+from sweeps.bench.scenes import Method
 from sweeps.bench.stability import LONGEST, ZETAS, Limits
 
-#: What a mark behind a figure means.
+#: Behind a figure that is a failure.
 MARK = "!"
 # As many columns as 80 letters hold.
 _COLUMNS = 4
@@ -23,7 +24,7 @@ Figures = Mapping[tuple[Method, str], float]
 
 
 def report(limits: Mapping[str, Limits], figures: Figures) -> Iterator[str | Table]:
-    """Yield what is to be printed: every table, under its title and over what its columns are."""
+    """Yield every table, with its title before it and the meaning of its columns after it."""
     yield (
         "Greatest stable p T of free motion: in closed form, from the spectral radius of the map, "
         "and from the growth in a run"
@@ -36,19 +37,19 @@ def report(limits: Mapping[str, Limits], figures: Figures) -> Iterator[str | Tab
 
 
 def limit_table(limits: Mapping[str, Limits]) -> Table:
-    """Return the limits, a row per integrator and h / p, or one where there is none at all."""
+    """Return the limits: a row per integrator and h / p, a single row where there is no limit."""
     table = _table("integrator", "h/p", "closed form", "spectral radius", "in a run")
-    for name, found in limits.items():
-        values = np.array([found.closed, found.radius, found.run]).T
+    for name, limit in limits.items():
+        values = np.array([limit.closed, limit.radius, limit.run]).T
         if np.isinf(values).all():
             table.add_row(name, "each", "every step", *2 * [f"> {LONGEST:g}"], end_section=True)
             continue
-        for zeta, (closed, *others) in zip(ZETAS, values, strict=True):
+        for zeta, (closed, *other_methods) in zip(ZETAS, values, strict=True):
             table.add_row(
                 name if zeta == ZETAS[0] else "",
                 f"{zeta:g}",
                 f"{closed:.4f}" if closed > 0.0 else "no step",
-                *(f"{value:.4f}" for value in others),
+                *(f"{value:.4f}" for value in other_methods),
                 end_section=zeta == ZETAS[-1],
             )
     return table
@@ -81,8 +82,8 @@ def write(path: Path, limits: Mapping[str, Limits], figures: Figures) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["method", "figure", "scene", "value"])
-        for name, found in limits.items():
-            for source, values in vars(found).items():
+        for name, limit in limits.items():
+            for source, values in vars(limit).items():
                 for zeta, value in zip(ZETAS, values, strict=True):
                     table.writerow([name, f"limit of p T, {source}", f"h/p = {zeta:g}", value])
         for (method, name), figure in figures.items():

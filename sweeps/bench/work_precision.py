@@ -1,4 +1,4 @@
-"""What follows from errors and costs: orders, means over scenes, the efficient frontier."""
+"""Orders, means over scenes, and the efficient frontier, from measured errors and costs."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ Line = tuple[str, str, Method]
 def lines(measurements: Iterable[Measurement]) -> dict[Line, list[Measurement]]:
     """Group by (scene, kind, method), each group from coarse to fine."""
     groups: dict[Line, list[Measurement]] = defaultdict(list)
-    for one in measurements:
-        groups[one.scene, one.kind, one.method].append(one)
+    for m in measurements:
+        groups[m.scene, m.kind, m.method].append(m)
     for group in groups.values():
-        group.sort(key=lambda one: (one.steps or 0, -(one.tolerance or 0.0)))
+        group.sort(key=lambda m: (m.steps or 0, -(m.tolerance or 0.0)))
     return dict(groups)
 
 
@@ -42,20 +42,20 @@ def means(measurements: Iterable[Measurement]) -> list[Measurement]:
     Where a method failed in one of them, it has no mean.
     """
     names = {scene.name for scene in REGULAR}
-    found: dict[tuple, dict[str, Measurement]] = defaultdict(dict)
-    for one in measurements:
-        if one.scene in names:
-            found[one.kind, one.method, one.steps, one.tolerance][one.scene] = one
-    most = max(map(len, found.values()), default=0)
+    groups: dict[tuple, dict[str, Measurement]] = defaultdict(dict)
+    for m in measurements:
+        if m.scene in names:
+            groups[m.kind, m.method, m.steps, m.tolerance][m.scene] = m
+    scenes = max(map(len, groups.values()), default=0)
     return [
         replace(
             next(iter(group.values())),
             scene=MEAN,
-            error=_geometric_mean([one.error for one in group.values()]),
-            seconds=_geometric_mean([one.seconds for one in group.values()]),
+            error=_geometric_mean([m.error for m in group.values()]),
+            seconds=_geometric_mean([m.seconds for m in group.values()]),
         )
-        for group in found.values()
-        if len(group) == most
+        for group in groups.values()
+        if len(group) == scenes
     ]
 
 
@@ -89,35 +89,36 @@ def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float =
 def orders(measurements: Iterable[Measurement]) -> dict[Line, float]:
     """Return the measured order of every line; NaN for the reference, and for peers."""
     groups = lines(measurements)
-    found = {}
+    measured = {}
     for (scene, kind, method), group in groups.items():
         reference = groups.get((scene, kind, EXACT), ())
-        floor = max((one.error for one in reference), default=0.0)
-        steps = [one.steps for one in group if one.steps is not None]
-        known = method != EXACT and len(steps) == len(group)
-        errors = [one.error for one in group]
-        found[scene, kind, method] = measured_order(steps, errors, floor) if known else math.nan
-    return found
+        floor = max((m.error for m in reference), default=0.0)
+        steps = [m.steps for m in group if m.steps is not None]
+        has_order = method != EXACT and len(steps) == len(group)
+        errors = [m.error for m in group]
+        order = measured_order(steps, errors, floor) if has_order else math.nan
+        measured[scene, kind, method] = order
+    return measured
 
 
-def is_drawn(one: Measurement) -> bool:
+def is_drawn(m: Measurement) -> bool:
     """Whether an error has a place on a logarithmic chart, and a digit is right."""
-    return 0.0 < one.error < NO_DIGIT
+    return 0.0 < m.error < NO_DIGIT
 
 
 def efficient_frontier(measurements: Iterable[Measurement]) -> list[Measurement]:
-    """Return those that no other betters in error at the same cost or less, the cheapest first."""
+    """Return the measurements with no smaller error at the same or lower cost, cheapest first."""
     frontier: list[Measurement] = []
-    for one in sorted(measurements, key=lambda one: (one.seconds, one.error)):
-        if one.error < min((other.error for other in frontier), default=NO_DIGIT):
-            frontier.append(one)
+    for m in sorted(measurements, key=lambda m: (m.seconds, m.error)):
+        if m.error < min((n.error for n in frontier), default=NO_DIGIT):
+            frontier.append(m)
     return frontier
 
 
 def cheapest(measurements: Iterable[Measurement], error: float) -> Measurement | None:
     """Return the cheapest measurement that reaches an error; None if there is none."""
-    good = (one for one in measurements if one.error <= error)
-    return min(good, key=lambda one: one.seconds, default=None)
+    good = (m for m in measurements if m.error <= error)
+    return min(good, key=lambda m: m.seconds, default=None)
 
 
 COLUMNS = (
@@ -134,11 +135,11 @@ COLUMNS = (
 
 
 def write_csv(
-    measurements: Sequence[Measurement], found: Mapping[Line, float], output: Path
+    measurements: Sequence[Measurement], orders: Mapping[Line, float], output: Path
 ) -> None:
     """Write every measurement as a row of ``COLUMNS``, whole or not at all.
 
-    What there is not is empty.
+    A value that does not exist is left empty.
 
     Raises
     ------
@@ -151,9 +152,9 @@ def write_csv(
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             for (scene, kind, method), group in lines(measurements).items():
-                order = found[scene, kind, method]
-                for one in group:
-                    numbers = (one.steps, one.tolerance, one.error, one.seconds, order)
+                order = orders[scene, kind, method]
+                for m in group:
+                    numbers = (m.steps, m.tolerance, m.error, m.seconds, order)
                     writer.writerow((scene, kind, *method, *map(_number, numbers)))
         os.replace(draft, output)
     finally:

@@ -105,7 +105,7 @@ def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
         assert any(fails.values()) and not fails[EXACT], failure.name
     methods = [m for m in failures.METHODS if m.integrator in ("newmark", "rk4")]
     failing = {
-        name: {m.rule for m in methods if failure.fails(figures[m, name])}
+        name: {m.impact for m in methods if failure.fails(figures[m, name])}
         for name, failure in {failure.name: failure for failure in failures.FAILURES}.items()
     }
     assert failing["energy"] == {"plain", "reduced-step"}
