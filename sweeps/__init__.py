@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sweeps.analysis.attractors import attractors as attractors
+    from sweeps.analysis.distinct_attractors import attractors as attractors
     from sweeps.config.loading import load_config as load_config
     from sweeps.config.sweep import SweepConfig as SweepConfig
     from sweeps.engine.run import run_sweep as run_sweep
@@ -16,7 +16,7 @@ _HOME = {
     "ConfigError": "sweeps.config.loading",
     "StoreError": "sweeps.errors",
     "SweepConfig": "sweeps.config.sweep",
-    "attractors": "sweeps.analysis.attractors",
+    "attractors": "sweeps.analysis.distinct_attractors",
     "load_config": "sweeps.config.loading",
     "open_sweep": "sweeps.store.reader",
     "run_sweep": "sweeps.engine.run",

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.classes import Motion
-from sweeps.analysis.periodic import STARTS, Points, records
+from sweeps.analysis.grouping import STARTS, PointNumbers, records
+from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
 from sweeps.errors import Refused
 
-#: As many impact speeds are named; of more, the slowest and the fastest.
+#: Up to so many impact speeds are written out; of more, the slowest and the fastest.
 _MOST_SPEEDS = 4
 
 
@@ -25,15 +25,15 @@ class Row(NamedTuple):
     Attributes
     ----------
     parameters : mapping of str to float
-        Where it is.
+        Of the parameter point.
     number, m, q : int
     motion : Motion
     fraction : float
         Of the starts with a result.
     speeds : ndarray, shape (q,)
-        Before each impact of a repetition, increasing; empty where they are not recorded.
+        Before each impact of a repetition, increasing [length/time]; empty where not recorded.
     point : int
-        The point of the file that stands for it, in C order.
+        A point of the file on the attractor, counted in C order.
     """
 
     parameters: Mapping[str, float]
@@ -72,22 +72,26 @@ def cut(dataset: xr.Dataset, at: Cut) -> xr.Dataset:
     return select(dataset, at, free=free)
 
 
-def rows(dataset: xr.Dataset, found: xr.Dataset) -> list[Row]:
+def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     """List the attractors in the order of the parameter points, the most frequent first.
 
     Parameters
     ----------
     dataset : Dataset
         An opened sweep, or a cut through one.
-    found : Dataset
-        From `sweeps.analysis.attractors.attractors` of it.
+    result : Dataset
+        From `sweeps.analysis.distinct_attractors.attractors` of it.
+
+    Returns
+    -------
+    list of Row
     """
-    points = Points.of(dataset)
+    points = PointNumbers.of(dataset)
     file = np.empty((points.count, len(points.start) // points.count), np.int64)
     file[points.parameter, points.start] = np.arange(len(points.start))
-    width = found.sizes["coexisting"]
+    width = result.sizes["coexisting"]
     table = {
-        name: found[name].values.reshape(points.count, width)
+        name: result[name].values.reshape(points.count, width)
         for name in ("number", "motion", "m", "q", "fraction", "representative")
     }
     at, rank = np.nonzero(table["number"] >= 0)
@@ -137,19 +141,27 @@ def shown_speeds(row: Row) -> str:
     return joint.join(f"{speed:.4g}" for speed in speeds)
 
 
-def told(dataset: xr.Dataset, found: xr.Dataset) -> str:
-    """Describe the attractors: of one parameter point, or of each over the sweep."""
-    table = rows(dataset, found)
-    lines = _over_parameters(dataset, found, table) if found["attractors"].ndim else _at_one(table)
-    missing = int((found["attractor"] < 0).sum())
+def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
+    """Write the attractors as a table: those of one parameter point, or each over the sweep.
+
+    Parameters
+    ----------
+    dataset, result : Dataset
+        As of `rows`.
+    """
+    table = rows(dataset, result)
+    lines = (
+        _over_parameters(dataset, result, table) if result["attractors"].ndim else _at_point(table)
+    )
+    missing = int((result["attractor"] < 0).sum())
     if missing:
         lines.append(
-            f"{missing:,} of {found['attractor'].size:,} points without a result, left out"
+            f"{missing:,} of {result['attractor'].size:,} points without a result, left out"
         )
     return "\n".join(lines)
 
 
-def _at_one(table: Sequence[Row]) -> list[str]:
+def _at_point(table: Sequence[Row]) -> list[str]:
     head = ("attractor", "class", "speeds before the impacts", "fraction of the starts")
     return _columns(
         head,
@@ -160,13 +172,13 @@ def _at_one(table: Sequence[Row]) -> list[str]:
     )
 
 
-def _over_parameters(dataset: xr.Dataset, found: xr.Dataset, table: Sequence[Row]) -> list[str]:
-    axes, counted = parameter_axes(dataset), found["attractors"]
+def _over_parameters(dataset: xr.Dataset, result: xr.Dataset, table: Sequence[Row]) -> list[str]:
+    axes, counted = parameter_axes(dataset), result["attractors"]
     head = ("attractor", "class", *axes, "parameter points", "fraction of the starts there")
     lines = _columns(
-        head, [_summary(number, its, axes) for number, its in _by_number(table).items()]
+        head, [_summary(number, same, axes) for number, same in _by_number(table).items()]
     )
-    starts = found["attractor"].size // counted.size
+    starts = result["attractor"].size // counted.size
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
         noun = "attractor" if count == 1 else "attractors"
         lines.append(f"{count} {noun} at {times:,} of {counted.size:,} parameter points")
@@ -174,27 +186,27 @@ def _over_parameters(dataset: xr.Dataset, found: xr.Dataset, table: Sequence[Row
 
 
 def _by_number(table: Sequence[Row]) -> dict[int, list[Row]]:
-    found: dict[int, list[Row]] = {}
+    by_number: dict[int, list[Row]] = {}
     for row in table:
-        found.setdefault(row.number, []).append(row)
-    return dict(sorted(found.items()))
+        by_number.setdefault(row.number, []).append(row)
+    return dict(sorted(by_number.items()))
 
 
-def classes(its: Sequence[Row], most: int = 3) -> str:
-    """Name the classes of one attractor along the axes, as 1/1, 2/2."""
-    names = {row.name: None for row in sorted(its, key=lambda row: (row.m, row.q))}
+def classes(same: Sequence[Row], most: int = 3) -> str:
+    """Name the classes m/q that one attractor has along the axes, as 1/1, 2/2."""
+    names = {row.name: None for row in sorted(same, key=lambda row: (row.m, row.q))}
     more = ", ..." if len(names) > most else ""
     return ", ".join(list(names)[:most]) + more
 
 
-def _summary(number: int, its: Sequence[Row], axes: Sequence[str]) -> tuple[str, ...]:
+def _summary(number: int, same: Sequence[Row], axes: Sequence[str]) -> tuple[str, ...]:
     ranges = []
     for name in axes:
-        values = [row.parameters[name] for row in its]
+        values = [row.parameters[name] for row in same]
         low, high = min(values), max(values)
         ranges.append(f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}")
-    mean = float(np.mean([row.fraction for row in its]))
-    return (str(number), classes(its), *ranges, f"{len(its):,}", f"{mean:.4f}")
+    mean = float(np.mean([row.fraction for row in same]))
+    return (str(number), classes(same), *ranges, f"{len(same):,}", f"{mean:.4f}")
 
 
 def _columns(head: tuple[str, ...], body: Sequence[tuple[str, ...]]) -> list[str]:

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import nnls
 
-from sweeps.engine.pilot import COSTS, Cost
+from sweeps.engine.pilot import COSTS, MethodCost
 from vibroimpact.integrate import integrate
 from vibroimpact.oscillator import PARAMETERS, POINT
 
@@ -44,7 +44,7 @@ def scene(values: Mapping[str, float | tuple[float, float]], count: int) -> np.n
 
 def measure(
     count: int = POINTS, periods: int = PERIODS, rounds: int = ROUNDS
-) -> dict[tuple[str, str], Cost]:
+) -> dict[tuple[str, str], MethodCost]:
     """Measure the cost of every method of ``COSTS`` [ns]."""
     scenes = {name: scene(values, count) for name, values in SCENES.items()}
     runs = [
@@ -76,7 +76,7 @@ def measure(
     return {method: _fitted(method, spent, impacts) for method in COSTS}
 
 
-def _fitted(method: tuple[str, str], spent: Mapping, impacts: Mapping) -> Cost:
+def _fitted(method: tuple[str, str], spent: Mapping, impacts: Mapping) -> MethodCost:
     rows, times = [], []
     for run, nanoseconds in spent.items():
         if run[0] == method:
@@ -85,7 +85,7 @@ def _fitted(method: tuple[str, str], spent: Mapping, impacts: Mapping) -> Cost:
             times.append(nanoseconds)
     weights = 1.0 / np.array(times)
     fit, _ = nnls(np.array(rows) * weights[:, None], np.ones(len(times)))
-    return Cost(*fit[:3])
+    return MethodCost(*fit[:3])
 
 
 if __name__ == "__main__":

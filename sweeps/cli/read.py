@@ -165,7 +165,7 @@ def attractors(
 ) -> None:
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
     from sweeps.analysis import table as attractor_table
-    from sweeps.analysis.attractors import attractors
+    from sweeps.analysis.distinct_attractors import attractors
     from sweeps.analysis.selection import on_grid
     from sweeps.store.reader import open_sweep
 
@@ -173,12 +173,12 @@ def attractors(
     check_csv(csv)
     with open_sweep(file) as dataset, _named(file):
         cut = attractor_table.cut(dataset, cuts)
-        found = attractors(cut)
+        result = attractors(cut)
         _tell_moved(cuts, on_grid(dataset, cuts), "shown")
-        typer.echo(attractor_table.told(cut, found))
+        typer.echo(attractor_table.describe(cut, result))
         if csv is not None:
             try:
-                attractor_table.write_csv(csv, attractor_table.rows(cut, found))
+                attractor_table.write_csv(csv, attractor_table.rows(cut, result))
             except OSError as error:
                 raise Failed(error) from error
             typer.echo(csv)

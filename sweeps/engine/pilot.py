@@ -1,11 +1,11 @@
 """The cheapest method that reaches an asked accuracy, chosen by a pilot run.
 
 A sample of the sweep's own points is run from the sweep's own start, with the exact engine and
-with each candidate, and their sections are compared: ``reference.py`` says how.
+with each candidate, and their sections are compared (``method_error.py``).
 
-The choice has to be the same on every machine, so cost is a model and no stopwatch:
-nanoseconds per step and per impact, as ``python -m sweeps.bench.costs`` measures them on the lane
-kernel. Only their ratios matter. The impacts are counted in the pilot.
+The choice must be the same on every machine, so the time of a method is not measured but modelled,
+from nanoseconds per step and per impact that ``python -m sweeps.bench.costs`` has measured. Only
+their ratios matter. The impacts are counted in the pilot.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ import yaml
 
 from sweeps.config.schema import MethodSection
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.reference import EXACT, Reference
+from sweeps.engine.method_error import EXACT_METHOD, ExactSample
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 
 #: Points of the sample, at the most.
-POINTS = 64
-#: The asked error is that of every point of the sweep: the sample has to stay this far below it.
-MARGIN = 3.0
-#: The exact engine certifies what it computes, and the model errs by a tenth: what is to be taken
-#: instead has to cost less than this share of its time.
-WORTH = 0.9
-#: Steps per period that are tried.
-STEPS = (
+SAMPLE_SIZE = 64
+#: The asked error is for every point of the sweep, so the error of the sample must be smaller by
+#: this factor.
+SAFETY_FACTOR = 3.0
+#: A method replaces the exact engine, which certifies its results, only if its modelled time is
+#: less than this share of the exact engine's. The model itself is accurate to a tenth.
+MAX_RELATIVE_COST = 0.9
+#: Numbers of steps per period that are tried.
+TRIED_STEPS = (
     12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3200,
 )  # fmt: skip
 
 
-class Cost(NamedTuple):
+class MethodCost(NamedTuple):
     """Time that a method takes, in nanoseconds of one core.
 
     Attributes
@@ -52,16 +53,16 @@ class Cost(NamedTuple):
 
 
 #: Integrator and impact rule of every method worth trying, the exact engine last. A step is an
-#: affine map and costs the same with each integrator, the exact flow among them: `plain` takes that
-#: one, and euler, semi-implicit-euler and verlet have nothing to offer for their bound on the step.
-#: At an impact the integrator itself is called, and there the exact flow is dearer than the exact
-#: rule.
-COSTS: Mapping[tuple[str, str], Cost] = {
-    ("exact", "plain"): Cost(0.42, 0.85, 1.0),
-    ("newmark", "reduced-step"): Cost(0.31, 0.33, 45.0),
-    ("rk4", "reduced-step"): Cost(0.31, 0.33, 47.0),
-    ("rk4", "cubic"): Cost(0.30, 0.32, 189.0),
-    EXACT: Cost(0.45, 0.47, 139.0),
+#: affine map and costs the same with each integrator: so `plain` is tried with the exact flow only,
+#: and euler, semi-implicit-euler and verlet, whose step is limited by stability, are left out. At
+#: an impact the integrator itself is called, and the exact flow would cost more there than the
+#: exact rule.
+COSTS: Mapping[tuple[str, str], MethodCost] = {
+    ("exact", "plain"): MethodCost(0.42, 0.85, 1.0),
+    ("newmark", "reduced-step"): MethodCost(0.31, 0.33, 45.0),
+    ("rk4", "reduced-step"): MethodCost(0.31, 0.33, 47.0),
+    ("rk4", "cubic"): MethodCost(0.30, 0.32, 189.0),
+    EXACT_METHOD: MethodCost(0.45, 0.47, 139.0),
 }
 
 
@@ -122,18 +123,18 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
     """
     asked = config.method.accuracy
     assert asked is not None
-    about: dict[str, object] = {"accuracy": asked, "margin": MARGIN}
+    about: dict[str, object] = {"accuracy": asked, "margin": SAFETY_FACTOR}
     best, tried = None, []
     if "lyapunov" in config.record.diagnostics:
         reason = "lyapunov needs the exact engine"
     else:
-        reference = Reference(config, config.grid.spread(POINTS), threads)
-        about |= reference.about()
-        if reference.any_judged:
-            tried = _try_all(reference, asked / MARGIN)
-            best = _cheapest(tried, asked / MARGIN)
-        reason = _reason(reference, best, asked)
-    integrator, impact = EXACT if best is None else (best.integrator, best.impact)
+        sample = ExactSample(config, config.grid.spread(SAMPLE_SIZE), threads)
+        about |= sample.summary()
+        if sample.any_judged:
+            tried = _try_all(sample, asked / SAFETY_FACTOR)
+            best = _cheapest(tried, asked / SAFETY_FACTOR)
+        reason = _reason(sample, best, asked)
+    integrator, impact = EXACT_METHOD if best is None else (best.integrator, best.impact)
     steps = config.steps if best is None else best.steps_per_period
     chosen = {"integrator": integrator, "impact": impact, "steps_per_period": steps}
     about |= {"chosen": chosen, "reason": reason, "candidates": list(map(_rounded, tried))}
@@ -145,80 +146,81 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
     )
 
 
-def _reason(reference: Reference, best: Candidate | None, asked: float) -> str:
-    points = f"{reference.points.size} pilot points"
-    if not reference.any_judged:
+def _reason(sample: ExactSample, best: Candidate | None, asked: float) -> str:
+    points = f"{sample.points.size} pilot points"
+    if not sample.any_judged:
         return f"the exact engine resolves none of the {points}"
     if best is None:
         return (
-            f"no other has an error <= {asked:g} / {MARGIN:g} on {points} "
-            f"in less than {WORTH:g} of the exact engine's time"
+            f"no other has an error <= {asked:g} / {SAFETY_FACTOR:g} on {points} "
+            f"in less than {MAX_RELATIVE_COST:g} of the exact engine's time"
         )
     return (
-        f"error {best.error:.2g} <= {asked:g} / {MARGIN:g} on {points}, "
+        f"error {best.error:.2g} <= {asked:g} / {SAFETY_FACTOR:g} on {points}, "
         f"modelled {best.cost:.2g} of the exact engine's time"
     )
 
 
-def _rounded(one: Candidate) -> dict[str, object]:
-    digits = {name: float(f"{getattr(one, name):.2g}") for name in ("cost", "error")}
-    return asdict(one) | digits
+def _rounded(candidate: Candidate) -> dict[str, object]:
+    digits = {name: float(f"{getattr(candidate, name):.2g}") for name in ("cost", "error")}
+    return asdict(candidate) | digits
 
 
-def _try_all(reference: Reference, target: float) -> list[Candidate]:
+def _try_all(sample: ExactSample, target: float) -> list[Candidate]:
     tried: list[Candidate] = []
     for family in COSTS:
-        if family != EXACT:
+        if family != EXACT_METHOD:
             best = _cheapest(tried, target)
-            tried += _climb(reference, family, target, WORTH if best is None else best.cost)
+            limit = MAX_RELATIVE_COST if best is None else best.cost
+            tried += _try_family(sample, family, target, limit)
     return tried
 
 
 def _cheapest(tried: list[Candidate], target: float) -> Candidate | None:
     """Return the cheapest that reaches `target`, if it is worth taking."""
-    reached = [one for one in tried if one.error <= target and one.cost < WORTH]
-    return min(reached, key=lambda one: one.cost, default=None)
+    accurate = [c for c in tried if c.error <= target and c.cost < MAX_RELATIVE_COST]
+    return min(accurate, key=lambda candidate: candidate.cost, default=None)
 
 
-def _climb(
-    reference: Reference, family: tuple[str, str], target: float, dearest: float
+def _try_family(
+    sample: ExactSample, family: tuple[str, str], target: float, limit: float
 ) -> list[Candidate]:
-    """Try a family with more and more steps, until it reaches `target` or is too dear.
+    """Try a method with more and more steps, until it reaches `target` or its cost the `limit`.
 
     A number of steps is left out where the error of the one before, falling with the family's
     order, would still be ten times too large.
     """
     orders = INTEGRATORS[family[0]].order, IMPACT_RULES[family[1]].order
-    order = min(one for one in orders if one is not None)
+    order = min(order for order in orders if order is not None)
     least, tried = 0.0, []
-    for steps in STEPS:
-        if _relative_cost(reference, family, steps, 0.0) >= dearest:
+    for steps in TRIED_STEPS:
+        if _relative_cost(sample, family, steps, 0.0) >= limit:
             break
-        if steps < least or not _is_allowed(reference.config, family, steps):
+        if steps < least or not _is_allowed(sample.config, family, steps):
             continue
-        errors, impacts = reference.errors(family, steps)
-        cost = _relative_cost(reference, family, steps, impacts)
-        one = Candidate(*family, steps, cost, float(errors.max()))
-        tried.append(one)
-        if one.error <= target:
+        errors, impacts = sample.errors(family, steps)
+        cost = _relative_cost(sample, family, steps, impacts)
+        error = float(errors.max())
+        tried.append(Candidate(*family, steps, cost, error))
+        if error <= target:
             break
-        least = steps * (min(one.error, 1.0) / (10.0 * target)) ** (1.0 / order)
+        least = steps * (min(error, 1.0) / (10.0 * target)) ** (1.0 / order)
     return tried
 
 
 def _relative_cost(
-    reference: Reference, family: tuple[str, str], steps: int, impacts: float
+    sample: ExactSample, family: tuple[str, str], steps: int, impacts: float
 ) -> float:
     """Return the modelled time of a method, in units of the exact engine's."""
-    record = reference.config.record
+    record = sample.config.record
     recorded = record.periods / (record.transient + record.periods)
 
-    def period(cost: Cost, steps: int, impacts: float) -> float:
+    def time_per_period(cost: MethodCost, steps: int, impacts: float) -> float:
         step = cost.step + recorded * (cost.recorded_step - cost.step)
         return steps * step + impacts * cost.impact
 
-    exact = period(COSTS[EXACT], reference.config.steps, reference.impacts)
-    return period(COSTS[family], steps, impacts) / exact
+    exact = time_per_period(COSTS[EXACT_METHOD], sample.config.steps, sample.impacts)
+    return time_per_period(COSTS[family], steps, impacts) / exact
 
 
 def _is_allowed(config: SweepConfig, family: tuple[str, str], steps: int) -> bool:

@@ -36,7 +36,7 @@ _LEAST_TRIED = 16
 
 
 @dataclass(frozen=True)
-class Cost:
+class Estimate:
     """What a sweep takes.
 
     Attributes
@@ -54,8 +54,16 @@ class Cost:
     memory: int
 
 
-def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Cost:
-    """Return what a sweep takes, with so many threads or `cores` times as many.
+def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Estimate:
+    """Estimate what a sweep takes in time, disk and memory.
+
+    Parameters
+    ----------
+    config : SweepConfig
+    threads : int, optional
+        Threads of the trials; all cores by default.
+    cores : int
+        How many such trials are computed at the same time, as on a cluster.
 
     Raises
     ------
@@ -69,7 +77,7 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
     held = min(block_size(config), config.grid.size)
     memory = _BLOCKS_HELD * held * _memory_per_point(config)
     seconds = expected_seconds(config, threads) / cores
-    return Cost(seconds, file, reserved + copied * file, memory)
+    return Estimate(seconds, file, reserved + copied * file, memory)
 
 
 def reserved_widths(config: SweepConfig) -> dict[str, int]:

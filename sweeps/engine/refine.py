@@ -1,10 +1,10 @@
-"""Further points where the class of the motion changes along an axis, to bracket the change.
+"""Insert points where the class of the motion changes along an axis, to bracket the change.
 
 The interval between two neighbours of different classes is halved, again and again, and the half
-goes on whose ends still differ; both do where the class in the middle is a third one. What the
-class is, beside a bifurcation, ``settle.py`` says. An interval in whose middle it is not known is
-left as it is. Where there are points of no known class between two values, their middle may be one
-of them, which is then followed longer.
+goes on whose ends still differ; both do where the class in the middle is a third one. The
+class beside a bifurcation is found in ``classification.py``. An interval in whose middle it is not
+known is left as it is. Where there are points of no known class between two values, their middle
+may be one of them, which is then followed longer.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.changes import Label, changes, labels
+from sweeps.analysis.class_changes import Label, changes, labels
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.settle import Point, Results, Settling
+from sweeps.engine.classification import ClassifiedPoint, Classifier, Results
 from sweeps.store.variables import VARIABLES
 
 #: Intervals that are halved at the same time, at most: a chaotic range has windows everywhere.
 MOST_INTERVALS = 1000
 
-Interval = tuple[Point, Point]
+Interval = tuple[ClassifiedPoint, ClassifiedPoint]
 
 
 class Refinement:
@@ -39,10 +39,10 @@ class Refinement:
 
     Attributes
     ----------
-    intervals : list of tuple of Point
-        Those that are halved next.
+    intervals : list of tuple of ClassifiedPoint
+        The ends of those that are halved next.
     left_out : int
-        How many more there were, at higher values of the axis: they are left as they are.
+        Number of further intervals, at higher values of the axis, which are not halved.
     points : dict of float to mapping
         By the value of the axis, the results to put into the file: of new points, and of those
         of the grid whose record does not show the class of the attractor.
@@ -52,37 +52,37 @@ class Refinement:
         assert config.refine is not None
         self._levels, self._axis = config.refine.levels, config.refine.axis
         self._followed = config.follow.direction if config.follow else None
-        self._settling = Settling(config, self._axis, threads)
+        self._classifier = Classifier(config, self._axis, threads)
         self._values = line[self._axis].values
         self.points: dict[float, Results] = {}
         self.left_out = 0
         self.intervals = self._fewer(list(_intervals(list(self._grid(line)))))
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the number of each level, when its intervals are halved."""
+        """Yield the number of each level once its intervals are halved."""
         for level in range(1, self._levels + 1):
             if self.intervals:
                 self._halve()
                 yield level
 
-    def _grid(self, line: xr.Dataset) -> Iterator[Point]:
+    def _grid(self, line: xr.Dataset) -> Iterator[ClassifiedPoint]:
         """Yield the points of the grid beside a change of class, with the attractors' classes."""
         shown = labels(line)
         numbers: dict[Label | None, int] = {None: -1}
         classes = np.array([numbers.setdefault(label, len(numbers)) for label in shown])
-        found: dict[int, Point] = {}
-        while (at := np.setdiff1d(_beside_changes(classes), list(found))).size:
+        known: dict[int, ClassifiedPoint] = {}
+        while (at := np.setdiff1d(_beside_changes(classes), list(known))).size:
             results = {
                 name: line[name].isel({self._axis: at}).values for name in VARIABLES if name in line
             }
-            points = self._settling.classified(self._values[at], results)
+            points = self._classifier.classify(self._values[at], results)
             for i, point in zip(at.tolist(), points, strict=True):
                 if point.label not in (None, shown[i]):
                     self.points[point.value] = point.results
-                found[i] = point
+                known[i] = point
                 classes[i] = numbers.setdefault(point.label, len(numbers))
-        for i in sorted(found):
-            yield found[i]
+        for i in sorted(known):
+            yield known[i]
 
     def _halve(self) -> None:
         middles = np.array([self._middle(low.value, high.value) for low, high in self.intervals])
@@ -91,8 +91,8 @@ class Refinement:
             first = 0 if self._followed == "up" else 1
             starts = np.array([interval[first].state for interval in self.intervals])
         halves: list[Interval] = []
-        found = self._settling.computed(middles, starts)
-        for (low, high), middle in zip(self.intervals, found, strict=True):
+        points = self._classifier.compute(middles, starts)
+        for (low, high), middle in zip(self.intervals, points, strict=True):
             if middle.value in (low.value, high.value):  # they are next to each other
                 continue
             if middle.label or middle.value not in self._values:
@@ -118,7 +118,7 @@ def _beside_changes(classes: np.ndarray) -> np.ndarray:
     return np.union1d(known[before], known[before + 1])
 
 
-def _intervals(points: Sequence[Point]) -> Iterator[Interval]:
+def _intervals(points: Sequence[ClassifiedPoint]) -> Iterator[Interval]:
     """Yield the neighbours of different classes, among the points whose class is known."""
     values = np.array([point.value for point in points])
     by_value = {point.value: point for point in points}

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
-    from sweeps.analysis.changes import Change
+    from sweeps.analysis.class_changes import Change
     from sweeps.config.sweep import SweepConfig
-    from sweeps.engine.plan import Cost
+    from sweeps.engine.plan import Estimate
     from vibroimpact.status import Status
 
 
-def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
+def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
     from sweeps.engine.scaling import scales_with_f
     from sweeps.store.variables import shown_bytes
@@ -133,7 +133,7 @@ def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
     Refused
         If there is no such axis, or the classes were not recorded.
     """
-    from sweeps.analysis.changes import cascades, changes, labels
+    from sweeps.analysis.class_changes import cascades, changes, labels
     from sweeps.analysis.selection import chosen_axes
     from sweeps.errors import Refused
 
@@ -161,10 +161,10 @@ def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
 
 
 def _cascade(axis: str, run: Sequence[Change]) -> str:
-    from sweeps.analysis.changes import ratio
+    from sweeps.analysis.class_changes import ratio
 
     flips = ", ".join(f"{0.5 * (one.low + one.high):.9g}" for one in run)
-    ratios = ", ".join(f"{ratio(*run[i : i + 3]):.4g}" for i in range(len(run) - 2))
+    ratios = ", ".join(f"{ratio(run[i : i + 3]):.4g}" for i in range(len(run) - 2))
     return f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
 
 

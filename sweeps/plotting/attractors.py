@@ -9,9 +9,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.attractors import attractors
-from sweeps.analysis.classes import Motion
-from sweeps.analysis.periodic import STARTS, records
+from sweeps.analysis.distinct_attractors import attractors
+from sweeps.analysis.grouping import STARTS, records
+from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.errors import Refused

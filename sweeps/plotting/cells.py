@@ -15,7 +15,7 @@ from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from sweeps.analysis.classes import Motion
+from sweeps.analysis.motion import Motion
 from sweeps.plotting.labels import log_spaced
 from sweeps.plotting.marks import STATUS_COLOURS, cell_edges
 from vibroimpact.status import Status

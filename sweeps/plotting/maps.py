@@ -15,7 +15,7 @@ from matplotlib.colors import (
 )
 from matplotlib.figure import Figure
 
-from sweeps.analysis.classes import Motion, classify, frequent_periods
+from sweeps.analysis.motion import Motion, classify, frequent_periods
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting.cells import (

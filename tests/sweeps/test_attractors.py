@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
 from sweeps import attractors, load_config, open_sweep, run_sweep
-from sweeps.analysis.classes import Motion
+from sweeps.analysis.motion import Motion
 from sweeps.analysis.table import cut, rows
 from sweeps.cli.main import app
 from sweeps.errors import Refused
@@ -164,7 +164,7 @@ def test_parts_of_the_grid_of_starts_agree_with_the_whole(computed):
 def test_small_parts_of_the_file_give_the_same(computed, monkeypatch):
     dataset = computed()
     whole = attractors(dataset)
-    monkeypatch.setattr("sweeps.analysis.periodic._PART", 20)
+    monkeypatch.setattr("sweeps.analysis.grouping._PART", 20)
     xr.testing.assert_allclose(
         attractors(dataset)[["attractor", "fraction", "m", "q"]],
         whole[["attractor", "fraction", "m", "q"]],

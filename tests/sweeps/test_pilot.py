@@ -12,8 +12,15 @@ from sweeps import load_config, open_sweep
 from sweeps.bench import costs
 from sweeps.cli.main import app
 from sweeps.config.schema import MethodSection
-from sweeps.engine.pilot import COSTS, MARGIN, POINTS, STEPS, WORTH, choose
-from sweeps.engine.reference import Reference
+from sweeps.engine.method_error import ExactSample
+from sweeps.engine.pilot import (
+    COSTS,
+    MAX_RELATIVE_COST,
+    SAFETY_FACTOR,
+    SAMPLE_SIZE,
+    TRIED_STEPS,
+    choose,
+)
 from sweeps.errors import ConfigError
 from sweeps.grid import Grid
 
@@ -56,8 +63,8 @@ def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(load
     config = load(scene, accuracy)
     method = choose(config).method
     finer = MethodSection(steps_per_period=3 * config.steps)
-    points = np.setdiff1d(config.grid.points((slice(0, 400),)), config.grid.spread(POINTS))
-    reference = Reference(config.with_method(finer), points)
+    points = np.setdiff1d(config.grid.points((slice(0, 400),)), config.grid.spread(SAMPLE_SIZE))
+    reference = ExactSample(config.with_method(finer), points)
     errors, _ = reference.errors((method.integrator, method.impact), method.steps_per_period)
     assert reference.judged[:, 0].all() and errors.max() > 0.0
     assert errors.max() <= accuracy
@@ -67,9 +74,9 @@ def test_the_choice_is_the_cheapest_that_was_found_to_reach_it(load):
     for accuracy in (1e-2, 1e-4):
         pilot = choose(load("rest", accuracy))
         record = yaml.safe_load(pilot.record)
-        reached = [one for one in record["candidates"] if one["error"] <= accuracy / MARGIN]
+        reached = [one for one in record["candidates"] if one["error"] <= accuracy / SAFETY_FACTOR]
         best = min(reached, key=lambda one: one["cost"])
-        assert best["cost"] < WORTH
+        assert best["cost"] < MAX_RELATIVE_COST
         assert record["chosen"].items() <= best.items()
         assert record["chosen"] == pilot.method.model_dump(exclude={"accuracy", "allow_unstable"})
 
@@ -78,9 +85,9 @@ def test_a_motion_without_impacts_needs_no_rule_for_them(load):
     """The exact flow on the coarsest grid, with the rule that costs nothing, has no error."""
     method = choose(load("free", 1e-12)).method
     assert (method.integrator, method.impact) == ("exact", "plain")
-    assert method.steps_per_period == STEPS[0]
+    assert method.steps_per_period == TRIED_STEPS[0]
     # Without a force nothing moves, and any method will do.
-    assert choose(load("free", 1e-12, "oscillator.f=0")).method.steps_per_period == STEPS[0]
+    assert choose(load("free", 1e-12, "oscillator.f=0")).method.steps_per_period == TRIED_STEPS[0]
 
 
 @pytest.mark.parametrize(
@@ -132,17 +139,17 @@ def point_scene(**values):
 def test_chaos_is_judged_until_neighbours_have_parted(load):
     """h = 0, R = 0.8, omega = 2.8: rounding has grown 1e4 times in 11 periods, 1e10 in 54."""
     long = "record.periods=100"
-    chaos = Reference(*sample(load(point_scene(h=0, R=0.8, omega=2.8), 1e-2, long)))
+    chaos = ExactSample(*sample(load(point_scene(h=0, R=0.8, omega=2.8), 1e-2, long)))
     assert 4 <= chaos.judged.any(axis=2).sum() <= 20
     assert chaos.judged[0, :4].all()  # from the start on, and without a gap
     assert np.diff(chaos.judged.ravel().astype(int)).max() == 0
-    calm = Reference(*sample(load(point_scene(h=0.05, R=0.7, omega=2.3), 1e-2, long)))
+    calm = ExactSample(*sample(load(point_scene(h=0.05, R=0.7, omega=2.3), 1e-2, long)))
     assert calm.judged.all()
 
 
 def sample(config):
     """Return a configuration and the points of its pilot."""
-    return config, config.grid.spread(POINTS)
+    return config, config.grid.spread(SAMPLE_SIZE)
 
 
 def test_states_on_the_two_sides_of_an_impact_are_near(load):
@@ -156,7 +163,7 @@ def test_states_on_the_two_sides_of_an_impact_are_near(load):
         "record.phase=1.05851979",
         "record.transient=60",
     )
-    reference = Reference(*sample(config))
+    reference = ExactSample(*sample(config))
     sections = reference._sections.copy()
     scale = np.abs(sections).max(axis=(1, 2))[0]
     x, v = sections[0, -1, 0]
@@ -171,7 +178,7 @@ def test_states_on_the_two_sides_of_an_impact_are_near(load):
 
 def test_a_method_that_fails_has_an_infinite_error(load):
     config = load("rest", 1e-2, "oscillator.p=30")  # far beyond the stability of rk4
-    reference = Reference(*sample(config))
+    reference = ExactSample(*sample(config))
     errors, _ = reference.errors(("rk4", "cubic"), 12)
     assert (errors > 1e3).all()
 
@@ -247,7 +254,7 @@ def test_the_file_keeps_the_pilot_and_a_configuration_that_gives_the_same_data(l
     (line,) = [line for line in ran.stderr.splitlines() if line.startswith("method: ")]
     with open_sweep("scene.h5") as dataset:
         record = yaml.safe_load(dataset.attrs["pilot"])
-        assert record["accuracy"] == 1e-2 and record["points"] == POINTS
+        assert record["accuracy"] == 1e-2 and record["points"] == SAMPLE_SIZE
         assert record["periods"] == 25 and 0.9 < record["judged"] <= 1.0
         assert line.endswith(record["reason"]) and f"{record['chosen']['impact']} impacts" in line
         configuration = yaml.safe_load(dataset.attrs["configuration"])
@@ -268,7 +275,7 @@ def test_quiet_is_quiet_and_a_dry_run_runs_no_pilot(load, monkeypatch):
     load("free", 1e-2)
     quiet = call("run", "scene.yaml", "--quiet")
     assert (quiet.exit_code, quiet.output) == (0, "")
-    monkeypatch.setattr("sweeps.engine.reference.integrate", None)
+    monkeypatch.setattr("sweeps.engine.method_error.integrate", None)
     plan = call("run", "scene.yaml", "--dry-run", "-o", "b.h5")
     assert plan.exit_code == 0
     assert "the cheapest with an error <= 0.01, found by a pilot run" in plan.stdout

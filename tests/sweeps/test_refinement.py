@@ -13,12 +13,12 @@ from typer.testing import CliRunner
 
 import sweeps.engine.run
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.changes import Change, Label, cascades, changes, labels, ratio
-from sweeps.analysis.classes import Motion
+from sweeps.analysis.class_changes import Change, Label, cascades, changes, labels, ratio
+from sweeps.analysis.motion import Motion
 from sweeps.cli.main import app
+from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
-from sweeps.engine.settle import Settling
 from sweeps.errors import StoreError
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
 from vibroimpact.orbits.one_impact_branches import sections
@@ -91,7 +91,7 @@ def test_an_orbit_that_motions_leave_is_no_class(tmp_path):
     osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
     config = refined_config(tmp_path, CONFIG, "record.periods=4", "record.transient=0")
     start = sections(osc, one_impact_orbit(osc), 0.0)
-    (point,) = Settling(config, "omega").computed(np.array([2.8]), start)
+    (point,) = Classifier(config, "omega").compute(np.array([2.8]), start)
     assert point.label is None or str(point.label) == "chaos"
 
 
@@ -156,7 +156,7 @@ def test_a_motion_that_passes_a_coexisting_orbit_is_not_taken_for_it(tmp_path):
 
 def test_without_a_transient_motions_are_followed_longer_too(tmp_path):
     config = refined_config(tmp_path, CONFIG, "record.transient=0")
-    (point,) = Settling(config, "omega").computed(np.array([2.64]))
+    (point,) = Classifier(config, "omega").compute(np.array([2.64]))
     assert str(point.label) == "1/1"
 
 
@@ -185,7 +185,7 @@ def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tm
         tmp_path, text, "refine.axis=clearance", "oscillator.clearance=[0.0, 0.1]"
     )
     starts = np.array([[0.04, -1.0], [0.0, -1.0], [-0.01, -1.0]])
-    beyond, on, below = Settling(config, "clearance").computed(np.zeros(3), starts)
+    beyond, on, below = Classifier(config, "clearance").compute(np.zeros(3), starts)
     assert str(beyond.label) == "chaos"
     assert beyond.results["poincare_x"].tobytes() == on.results["poincare_x"].tobytes()
     assert beyond.results["poincare_x"][0] != below.results["poincare_x"][0]
@@ -210,7 +210,7 @@ def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tm
     osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
     config = refined_config(tmp_path, CONFIG, "record.periods=3")
     start = sections(osc, one_impact_orbit(osc), 0.0)
-    (point,) = Settling(config, "omega").computed(np.array([omega]), start)
+    (point,) = Classifier(config, "omega").compute(np.array([omega]), start)
     assert str(point.label) == "2/2"
     assert (point.results["period"], point.results["period_impacts"]) == (2, 2)
 
@@ -256,7 +256,7 @@ def test_further_flips_of_a_cascade(cascade):
     # Where the least multiplier of the orbits is -1, far enough from it to be told otherwise.
     for one, exact in zip(run, (flip(1, 2.6, 2.7), 2.71598725144, 2.72911791816), strict=False):
         assert one.low < exact < one.high
-    assert 4.4 < ratio(*run[:3]) < 5.2
+    assert 4.4 < ratio(run[:3]) < 5.2
 
 
 def test_on_either_side_of_a_later_flip_motions_do_what_the_classes_say(cascade):

@@ -3,7 +3,7 @@ import pytest
 import xarray as xr
 import yaml
 
-from sweeps.analysis.classes import Motion, classify, frequent_periods
+from sweeps.analysis.motion import Motion, classify, frequent_periods
 from vibroimpact.integrate import integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.period_class import period_class

@@ -1,6 +1,6 @@
-"""What kind of motion each point of a sweep has: periodic, at rest, chaotic, or not known.
+"""The kind of motion at each point of a sweep: periodic, with rest, chaotic, or not known.
 
-What is said of a point is what its record shows, and no more. The first that holds decides:
+The kind of a point is what its record shows. The first of these that holds decides:
 
 1. not computed, failed, or unbounded: by ``status``;
 2. with rest: the mass rested on the stop during the record, after a complete chatter or, with
@@ -40,7 +40,7 @@ class Motion(IntEnum):
 
 
 def classify(dataset: xr.Dataset) -> np.ndarray:
-    """Name the kind of motion at every point.
+    """Return the kind of motion at every point.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
         A `Motion` per point, in the shape of ``status``.
     """
     status = dataset["status"].values
-    failed = np.isin(status, [one for one in Status if one.failed])
+    failed = np.isin(status, [outcome for outcome in Status if outcome.failed])
     rules = [
         (status == Status.PENDING, Motion.PENDING),
         (failed, Motion.FAILED),
@@ -89,7 +89,11 @@ def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> lis
         Of the periodic points.
     count : int
         How many at the most.
+
+    Returns
+    -------
+    list of tuple of int
     """
-    found, numbers = np.unique(np.stack([period, impacts], axis=1), axis=0, return_counts=True)
-    frequent = found[np.argsort(-numbers, kind="stable")[:count]]
+    pairs, numbers = np.unique(np.stack([period, impacts], axis=1), axis=0, return_counts=True)
+    frequent = pairs[np.argsort(-numbers, kind="stable")[:count]]
     return sorted((int(m), int(q)) for m, q in frequent)

@@ -1,7 +1,7 @@
 """The distinct attractors of a sweep: which there are at a parameter point, and who reaches them.
 
-A parameter point is one of the grid without its starts: all starts there are on one of its
-attractors, by `sweeps.analysis.classes.classify`:
+A parameter point is a point of the grid without its starts. Each start there is on one of its
+attractors, according to its kind of motion (`sweeps.analysis.motion`):
 
 - periodic motions are the same attractor if they have the same number m of forcing periods and
   the same section states within a tolerance, wherever in the cycle each record ends. Impacts need
@@ -23,14 +23,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.classes import Motion, classify
-from sweeps.analysis.identities import Attractors, identities
-from sweeps.analysis.periodic import Leaders, Points, periodic
+from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
+from sweeps.analysis.motion import Motion, classify
+from sweeps.analysis.tracking import PeriodicAttractors, track
 from sweeps.errors import Refused
 from vibroimpact.orbits.cycles import TOLERANCE
 
 #: Motions that count as an attractor; of the others it is not known whether they stay.
-ATTRACTORS = (Motion.PERIODIC, Motion.REST, Motion.CHAOTIC)
+COUNTED_MOTIONS = (Motion.PERIODIC, Motion.REST, Motion.CHAOTIC)
 
 
 def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
@@ -49,12 +49,12 @@ def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
     -------
     Dataset
         ``attractor``, in the shape of ``status``: the number of the attractor, -1 for none. A
-        number is the same attractor along the axes (`sweeps.analysis.identities`); the most
+        number is the same attractor along the axes (`sweeps.analysis.tracking`); the most
         frequent periodic one has 0, and those that are not periodic have the last.
-        ``attractors`` (parameters...): how many of ``ATTRACTORS`` were found, a lower bound.
+        ``attractors`` (parameters...): how many of ``COUNTED_MOTIONS`` were found, a lower bound.
         And for each of a point's, in the dimension ``coexisting`` from the most frequent on, -1 or
         NaN where there are no more: ``number``; ``fraction`` of the starts with a result;
-        ``motion``, a `sweeps.analysis.classes.Motion`; ``m`` forcing periods and ``q`` impacts per
+        ``motion``, a `sweeps.analysis.motion.Motion`; ``m`` forcing periods and ``q`` impacts per
         repetition of a periodic one, otherwise 0;
         ``section_x``, ``section_v``: a state on it; ``representative``: the number of the start it
         is from, in C order over the axes of starts in the order of the file.
@@ -70,28 +70,30 @@ def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
                 "with record.diagnostics: [period]"
             )
-    points = Points.of(dataset)
+    points = PointNumbers.of(dataset)
     motion = classify(dataset).ravel()
     period = np.where(motion == Motion.PERIODIC, dataset["period"].values.ravel(), 0)
-    leaders = periodic(dataset, points, period, tolerance)
-    return _described(dataset, points, _found(points, motion, leaders))
+    groups = group_periodic(dataset, points, period, tolerance)
+    return _as_dataset(dataset, points, _numbered(points, motion, groups))
 
 
-class _Found(NamedTuple):
+class _Attractors(NamedTuple):
     """The attractors of all parameter points, in the order of these, the most frequent first.
 
     Attributes
     ----------
-    of : ndarray of int, shape (points of the file,)
-        Which of them each point is on; -1 for none.
-    at : ndarray of int, shape (n,)
-        The point of the file that stands for each.
+    of_point : ndarray of int, shape (points of the file,)
+        The index of the attractor that each point is on; -1 for none.
+    representative : ndarray of int, shape (n,)
+        A point of the file on each attractor.
     motion, m, number, members : ndarray of int, shape (n,)
+        `members` is the number of points on the attractor.
     section : ndarray, shape (n, 2)
+        The last state of the representative.
     """
 
-    of: np.ndarray
-    at: np.ndarray
+    of_point: np.ndarray
+    representative: np.ndarray
     motion: np.ndarray
     m: np.ndarray
     number: np.ndarray
@@ -99,100 +101,102 @@ class _Found(NamedTuple):
     section: np.ndarray
 
 
-def _found(points: Points, motion: np.ndarray, leaders: Leaders) -> _Found:
+def _numbered(points: PointNumbers, motion: np.ndarray, groups: Groups) -> _Attractors:
     """Number the attractors, those that are not periodic among them."""
-    leader = leaders.of.copy()
-    others = np.flatnonzero((leader < 0) & (motion > Motion.FAILED))
+    representative = groups.representative.copy()
+    others = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
     if len(others):
         kinds = points.parameter[others] * len(Motion) + motion[others]
         _, first, inverse = np.unique(kinds, return_index=True, return_inverse=True)
-        leader[others] = others[first][inverse]
-    at, of = np.unique(leader, return_inverse=True)
-    of = of - int(len(at) > 0 and at[0] < 0)
+        representative[others] = others[first][inverse]
+    at, of_point = np.unique(representative, return_inverse=True)
+    of_point = of_point - int(len(at) > 0 and at[0] < 0)
     at = at[at >= 0]
-    m, place = np.zeros(motion.size, np.int64), np.zeros(motion.size, np.int64)
-    for length, heads in leaders.at.items():
-        m[heads], place[heads] = length, np.arange(len(heads))
-    members = np.bincount(of[of >= 0], minlength=len(at))
-    share = members / np.bincount(points.parameter[at], members, points.count)[points.parameter[at]]
-    number = _numbers(points, motion, at, share, m, place, leaders)
+    members = np.bincount(of_point[of_point >= 0], minlength=len(at))
+    total = np.bincount(points.parameter[at], members, points.count)
+    m, number = _tracked(points, motion, at, members / total[points.parameter[at]], groups)
     order = np.lexsort((number, -members, points.parameter[at]))
-    back = np.empty_like(order)
-    back[order] = np.arange(len(order))
     at = at[order]
-    of = np.where(of < 0, -1, back[of]) if len(at) else of
-    return _Found(of, at, motion[at], m[at], number[order], members[order], leaders.last[at])
-
-
-def _numbers(
-    points: Points,
-    motion: np.ndarray,
-    at: np.ndarray,
-    share: np.ndarray,
-    m: np.ndarray,
-    place: np.ndarray,
-    leaders: Leaders,
-) -> np.ndarray:
-    """Number the attractors along the axes: the periodic by their share, the rest last."""
-    number = np.empty(len(at), np.int64)
-    repeat = np.flatnonzero(motion[at] == Motion.PERIODIC)
-    repeat = repeat[np.argsort(points.parameter[at[repeat]], kind="stable")]
-    own = at[repeat]
-    names = identities(
-        points.shape, Attractors(points.parameter[own], m[own], place[own], leaders.cycles)
+    if len(at):
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        of_point = np.where(of_point < 0, -1, place[of_point])
+    return _Attractors(
+        of_point, at, motion[at], m[order], number[order], members[order], groups.last[at]
     )
-    _, named = np.unique(names, return_inverse=True)
-    shares = np.bincount(named, share[repeat])
+
+
+def _tracked(
+    points: PointNumbers, motion: np.ndarray, at: np.ndarray, share: np.ndarray, groups: Groups
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return m and the number of each attractor: the periodic by their share, the rest last."""
+    lengths, places = np.zeros(motion.size, np.int64), np.zeros(motion.size, np.int64)
+    for length, heads in groups.by_period.items():
+        lengths[heads], places[heads] = length, np.arange(len(heads))
+    number = np.empty(len(at), np.int64)
+    periodic = np.flatnonzero(motion[at] == Motion.PERIODIC)
+    periodic = periodic[np.argsort(points.parameter[at[periodic]], kind="stable")]
+    heads = at[periodic]
+    chains = track(
+        points.shape,
+        PeriodicAttractors(points.parameter[heads], lengths[heads], places[heads], groups.cycles),
+    )
+    _, chain = np.unique(chains, return_inverse=True)
+    shares = np.bincount(chain, share[periodic])
     ranks = np.empty(len(shares), np.int64)
     ranks[np.argsort(-shares, kind="stable")] = np.arange(len(shares))
-    number[repeat] = ranks[named]
+    number[periodic] = ranks[chain]
     other = np.flatnonzero(motion[at] != Motion.PERIODIC)
     _, kinds = np.unique(motion[at[other]], return_inverse=True)
     number[other] = len(shares) + kinds
-    return number
+    return lengths[at], number
 
 
-def _described(dataset: xr.Dataset, points: Points, found: _Found) -> xr.Dataset:
-    """Put what was found into the shape of the grid."""
-    parameter = points.parameter[found.at]
+def _as_dataset(dataset: xr.Dataset, points: PointNumbers, table: _Attractors) -> xr.Dataset:
+    """Put the attractors into the shape of the grid."""
+    parameter = points.parameter[table.representative]
     rank = np.arange(len(parameter)) - np.searchsorted(parameter, parameter)
     width = int(rank.max(initial=0)) + 1
-    results = np.bincount(parameter, found.members, points.count)
-    x, v = found.section.T
+    results = np.bincount(parameter, table.members, points.count)
+    x, v = table.section.T
     columns: dict[str, tuple[np.ndarray, str]] = {
-        "number": (found.number, "number of the attractor"),
-        "fraction": (found.members / results[parameter], "fraction of the starts"),
-        "motion": (found.motion, "kind of motion"),
-        "m": (found.m, "forcing periods per repetition, 0: not periodic"),
-        "q": (_impacts(dataset, found), "impacts per repetition, 0: not periodic"),
+        "number": (table.number, "number of the attractor"),
+        "fraction": (table.members / results[parameter], "fraction of the starts"),
+        "motion": (table.motion, "kind of motion"),
+        "m": (table.m, "forcing periods per repetition, 0: not periodic"),
+        "q": (_impacts(dataset, table), "impacts per repetition, 0: not periodic"),
         "section_x": (x, "displacement at the section"),
         "section_v": (v, "velocity at the section"),
-        "representative": (points.start[found.at], "number of the start that stands for it"),
-    }
+        "representative": (
+            points.start[table.representative], "number of the start that stands for it"
+        ),
+    }  # fmt: skip
     data: dict[str, Any] = {}
     for name, (values, meaning) in columns.items():
         missing = np.nan if values.dtype.kind == "f" else -1
-        table = np.full((points.count, width), missing, values.dtype)
-        table[parameter, rank] = values
-        shaped = table.reshape(*points.shape, width)
+        grid = np.full((points.count, width), missing, values.dtype)
+        grid[parameter, rank] = values
+        shaped = grid.reshape(*points.shape, width)
         data[name] = ((*points.parameters, "coexisting"), shaped, {"long_name": meaning})
-    own = np.where(found.of < 0, -1, found.number[found.of]) if len(found.at) else found.of
-    counted = np.bincount(parameter[np.isin(found.motion, ATTRACTORS)], minlength=points.count)
+    of_point = table.of_point
+    number = np.where(of_point < 0, -1, table.number[of_point]) if len(parameter) else of_point
+    counted = np.bincount(parameter[np.isin(table.motion, COUNTED_MOTIONS)], minlength=points.count)
     about = {"long_name": "number of the attractor, -1: none"}
-    data["attractor"] = (dataset["status"].dims, own.reshape(dataset["status"].shape), about)
+    data["attractor"] = (dataset["status"].dims, number.reshape(dataset["status"].shape), about)
     about = {"long_name": "distinct attractors found"}
     data["attractors"] = (points.parameters, counted.reshape(points.shape), about)
     return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
 
 
-def _impacts(dataset: xr.Dataset, found: _Found) -> np.ndarray:
-    """Return the impacts per repetition that most of those on an attractor have."""
+def _impacts(dataset: xr.Dataset, table: _Attractors) -> np.ndarray:
+    """Return the impacts per repetition that most points on an attractor have."""
     period, impacts = (dataset[name].values.ravel() for name in ("period", "period_impacts"))
-    on = np.flatnonzero(found.of >= 0)
-    of = found.of[on]
-    counted = np.rint(impacts[on] * found.m[of] / np.maximum(period[on], 1)).astype(np.int64)
-    pairs, times = np.unique(np.stack([of, counted]), axis=1, return_counts=True)
-    most = np.zeros(len(found.at), np.int64)
+    on = np.flatnonzero(table.of_point >= 0)
+    attractor = table.of_point[on]
+    repetitions = np.maximum(period[on], 1)
+    counted = np.rint(impacts[on] * table.m[attractor] / repetitions).astype(np.int64)
+    pairs, times = np.unique(np.stack([attractor, counted]), axis=1, return_counts=True)
+    most = np.zeros(len(table.representative), np.int64)
     order = np.argsort(times, kind="stable")
     most[pairs[0, order]] = pairs[1, order]  # the last, most frequent one stays
     return most

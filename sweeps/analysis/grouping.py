@@ -1,4 +1,4 @@
-"""The periodic motions of a sweep that are the same, found a part of the file at a time."""
+"""Group the periodic motions of a sweep that are the same, reading a part of the file at a time."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _PART = 4_000_000
 
 
 @dataclass(frozen=True)
-class Points:
-    """The points of the file, in C order: of which oscillator each is, and from which start.
+class PointNumbers:
+    """The points of a file in C order: the parameter point and the start of each.
 
     Attributes
     ----------
@@ -45,6 +45,7 @@ class Points:
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
+        """Number the points of an opened sweep, or of a cut through one."""
         axes = tuple(map(str, dataset["status"].dims))
         parameters = tuple(name for name in axes if name not in STARTS)
         starts = tuple(name for name in axes if name in STARTS)
@@ -52,8 +53,8 @@ class Points:
 
         def numbers(kept: tuple[str, ...]) -> np.ndarray:
             sizes = [dataset.sizes[name] if name in kept else 1 for name in axes]
-            own = np.arange(np.prod(sizes, dtype=np.int64)).reshape(sizes)
-            return np.broadcast_to(own, shape).ravel()
+            counted = np.arange(np.prod(sizes, dtype=np.int64)).reshape(sizes)
+            return np.broadcast_to(counted, shape).ravel()
 
         return cls(
             tuple(dataset.sizes[name] for name in parameters),
@@ -84,35 +85,37 @@ def _along(dataset: xr.Dataset, name: str) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Leaders:
-    """The points that stand for the periodic attractors.
+class Groups:
+    """Groups of points whose periodic motions are the same; one point of each represents it.
 
     Attributes
     ----------
-    of : ndarray of int, shape (n,)
-        The leader of each point of the file; -1 where the motion is not periodic.
-    at : mapping of int to ndarray of int, shape (k,)
-        The leaders, by their number of forcing periods.
+    representative : ndarray of int, shape (n,)
+        That of each point of the file; -1 where the motion is not periodic.
+    by_period : mapping of int to ndarray of int, shape (k,)
+        The representatives, by their number of forcing periods.
     cycles : mapping of int to Cycles
-        Those of the leaders.
+        Those of the representatives.
     last : ndarray, shape (n, 2)
         The last state of every record.
     """
 
-    of: np.ndarray
-    at: Mapping[int, np.ndarray]
+    representative: np.ndarray
+    by_period: Mapping[int, np.ndarray]
     cycles: Mapping[int, Cycles]
     last: np.ndarray
 
 
-def periodic(dataset: xr.Dataset, points: Points, period: np.ndarray, tolerance: float) -> Leaders:
-    """Find which periodic motions are the same, within parts of the file and then among these.
+def group_periodic(
+    dataset: xr.Dataset, points: PointNumbers, period: np.ndarray, tolerance: float
+) -> Groups:
+    """Group the periodic motions that are the same, within parts of the file and then among these.
 
     Parameters
     ----------
     dataset : Dataset
         An opened sweep.
-    points : Points
+    points : PointNumbers
     period : ndarray of int, shape (n,)
         Forcing periods of each point's motion; 0 where it is not periodic.
     tolerance : float
@@ -120,9 +123,9 @@ def periodic(dataset: xr.Dataset, points: Points, period: np.ndarray, tolerance:
 
     Returns
     -------
-    Leaders
+    Groups
     """
-    leader, last = np.full(period.size, -1), np.empty((period.size, 2))
+    first, last = np.full(period.size, -1), np.empty((period.size, 2))
     parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
     for at, states in _ends(dataset, period):
         last[at] = states[:, -1]
@@ -130,15 +133,15 @@ def periodic(dataset: xr.Dataset, points: Points, period: np.ndarray, tolerance:
             rows = np.flatnonzero(period[at] == m)
             turns = shortest_turn(points.cycles(at[rows], states[rows, -m:]).states, tolerance)
             for turn in np.unique(turns).tolist():
-                its = rows[turns == turn]
-                heads = _leading(at[its], states[its, -turn:], points, leader, tolerance)
-                parts.setdefault(turn, []).append((at[its[heads]], states[its[heads], -turn:]))
-    final, kept, cycles = np.arange(period.size), {}, {}
+                same = rows[turns == turn]
+                heads = _represent(at[same], states[same, -turn:], points, first, tolerance)
+                parts.setdefault(turn, []).append((at[same[heads]], states[same[heads], -turn:]))
+    final, by_period, cycles = np.arange(period.size), {}, {}
     for m, pieces in parts.items():
         at, states = (np.concatenate(column) for column in zip(*pieces, strict=True))
-        heads = _leading(at, states, points, final, tolerance)
-        kept[m], cycles[m] = at[heads], points.cycles(at[heads], states[heads])
-    return Leaders(np.where(leader < 0, -1, final[leader]), kept, cycles, last)
+        heads = _represent(at, states, points, final, tolerance)
+        by_period[m], cycles[m] = at[heads], points.cycles(at[heads], states[heads])
+    return Groups(np.where(first < 0, -1, final[first]), by_period, cycles, last)
 
 
 def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -159,13 +162,17 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray,
         yield at, states
 
 
-def _leading(
-    at: np.ndarray, states: np.ndarray, points: Points, leader: np.ndarray, tolerance: float
+def _represent(
+    at: np.ndarray,
+    states: np.ndarray,
+    points: PointNumbers,
+    representative: np.ndarray,
+    tolerance: float,
 ) -> np.ndarray:
-    """Enter in `leader` who stands for the points `at`, and return the places of these in it."""
-    stands = representatives(points.cycles(at, states), points.parameter[at], tolerance)
-    leader[at] = at[stands]
-    return np.unique(stands)
+    """Enter the representatives of the points `at`, and return their places in `at`."""
+    places = representatives(points.cycles(at, states), points.parameter[at], tolerance)
+    representative[at] = at[places]
+    return np.unique(places)
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
@@ -184,13 +191,13 @@ def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
     ndarray, shape (k, record)
     """
     variable = dataset[name]
-    found = np.empty((len(at), variable.shape[-1]))
+    result = np.empty((len(at), variable.shape[-1]))
     for block, numbers in _blocks(dataset, max(1, _PART // variable.shape[-1])):
         wanted = np.flatnonzero(np.isin(at, numbers))
         if len(wanted):
             rows = np.searchsorted(numbers, at[wanted])
-            found[wanted] = variable[block].values.reshape(len(numbers), -1)[rows]
-    return found
+            result[wanted] = variable[block].values.reshape(len(numbers), -1)[rows]
+    return result
 
 
 def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, np.ndarray]]:

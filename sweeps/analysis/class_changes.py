@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.classes import Motion, classify
+from sweeps.analysis.motion import Motion, classify
 
-#: What is told apart. Of the other kinds it is not known what the motion does in the long run.
-_DECIDED = (Motion.UNBOUNDED, Motion.REST, Motion.PERIODIC, Motion.CHAOTIC)
+#: Kinds of motion that have a class. Of the others it is not known where the motion ends.
+_CLASSIFIED = (Motion.UNBOUNDED, Motion.REST, Motion.PERIODIC, Motion.CHAOTIC)
 _WORDS = {Motion.UNBOUNDED: "unbounded", Motion.REST: "rest", Motion.CHAOTIC: "chaos"}
 
 
@@ -50,7 +50,7 @@ class Change:
 
     @property
     def kind(self) -> str:
-        """What the two classes make it, which is no proof.
+        """What the two classes suggest, which is no proof.
 
         ``flip``: m and q double; ``impact +-1``: m stays and q changes by one, as at a graze;
         ``rest`` and ``chaos``: it begins or ends; ``jump``: anything else.
@@ -59,10 +59,10 @@ class Change:
         for motion, word in _WORDS.items():
             if motion in ends:
                 return word
-        one, other = sorted((self.before[1:], self.after[1:]))
-        if other == (2 * one[0], 2 * one[1]):
+        (m, q), longer = sorted((self.before[1:], self.after[1:]))
+        if longer == (2 * m, 2 * q):
             return "flip"
-        return "impact +-1" if one[0] == other[0] and other[1] - one[1] == 1 else "jump"
+        return "impact +-1" if longer == (m, q + 1) else "jump"
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:
@@ -84,13 +84,20 @@ def labels(line: xr.Dataset) -> list[Label | None]:
 
 def label_of(motion: Motion, m: int, q: int) -> Label | None:
     """Return the class of one motion; None where it is not known."""
-    if motion not in _DECIDED:
+    if motion not in _CLASSIFIED:
         return None
     return Label(motion, m, q) if motion is Motion.PERIODIC else Label(motion)
 
 
 def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
-    """Yield the changes of class along increasing values."""
+    """Yield the changes of class along increasing values, passing over what is not known.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    classes : sequence of Label or None, length n
+        Of the motions there, as from `labels`.
+    """
     known = [i for i, label in enumerate(classes) if label is not None]
     for i, j in pairwise(known):
         before, after = classes[i], classes[j]
@@ -98,9 +105,9 @@ def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Cha
             yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
 
 
-def cascades(found: Sequence[Change]) -> Iterator[list[Change]]:
-    """Yield the runs of three flips and more, each of the orbit that the one before has made."""
-    flips = [change for change in found if change.kind == "flip"]
+def cascades(line: Sequence[Change]) -> Iterator[list[Change]]:
+    """Yield the runs of three flips and more, each of the orbit that arose in the flip before."""
+    flips = [change for change in line if change.kind == "flip"]
     for upwards in (True, False):
         run: list[Change] = []
         reached = None
@@ -115,7 +122,7 @@ def cascades(found: Sequence[Change]) -> Iterator[list[Change]]:
         yield from [run] * (len(run) >= 3)
 
 
-def ratio(one: Change, two: Change, three: Change) -> float:
-    """Return how many times closer the third change is to the second than that to the first."""
-    first, second, third = (0.5 * (change.low + change.high) for change in (one, two, three))
+def ratio(run: Sequence[Change]) -> float:
+    """Return (b - a) / (c - b) of the middles a, b, c of three changes."""
+    first, second, third = (0.5 * (change.low + change.high) for change in run)
     return (second - first) / (third - second)

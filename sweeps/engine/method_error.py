@@ -1,15 +1,13 @@
-"""The exact motion of some points of a sweep, and the error of a method against it.
+"""The exact motion of a sample of points, and the error of a method against it.
 
 The error of a point is the largest of |x - x_exact| / X and |v - v_exact| / V at its sections, with
 X and V the largest |x| and |v| of the exact sections: so it does not change with f, which scales
 the motion. Three sections per forcing period are compared, the recorded phase among them, since a
-mass at rest at one of them has forgotten every error.
+mass at rest at one of them has forgotten every error. States before and after an impact are
+compared through the impact (`vibroimpact.orbits.cycles.section_distance`).
 
-A state just before an impact is near one just after it: they are as far apart as both are from the
-impact (Biemond, van de Wouw, Heemels & Nijmeijer 2013, IEEE Trans. Autom. Control 58, 876-890).
-
-Where the motion is chaotic, or grazes, two exact runs part: a section is judged as long as a
-neighbouring start was amplified less than ``MOST_GROWTH`` times; what follows no method computes.
+Where the motion is chaotic, or grazes, two exact runs part. So each point is run twice, from starts
+``START_OFFSET`` apart, and compared only until these are ``MAX_AMPLIFICATION`` times as far apart.
 An error that takes more than ``PERIODS`` to build up, at almost no damping, is not seen whole.
 """
 
@@ -21,18 +19,23 @@ import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from vibroimpact.integrate import integrate
+from vibroimpact.orbits.cycles import section_distance
 
 #: Forcing periods that the points are followed for, at the most, and sections in each.
 PERIODS, SECTIONS = 60, 3
-#: Neighbouring starts that part by more than this are not judged any further, from this distance.
-MOST_GROWTH, APART, ROUNDING = 1e3, 1e-9, 1e-13
+#: How far apart the two starts of a point are, as a share of the greatest displacement.
+START_OFFSET = 1e-9
+#: Sections are compared until the distance of the two runs has grown by this factor.
+MAX_AMPLIFICATION = 1e3
+#: Distances of the two runs below this are rounding.
+ROUNDING = 1e-13
 
 #: Integrator and impact rule of the exact engine.
-EXACT = ("exact", "exact")
+EXACT_METHOD = ("exact", "exact")
 
 
-class Reference:
-    """The exact motion of some points of a sweep, and what of it can be compared.
+class ExactSample:
+    """The exact motion of some points of a sweep, and which of its sections can be compared.
 
     Parameters
     ----------
@@ -45,7 +48,7 @@ class Reference:
     impacts : float
         Mean impacts per forcing period.
     judged : ndarray of bool, shape (n, periods, SECTIONS)
-        Sections up to the one where neighbours have parted.
+        Sections before the two runs of the point have parted.
     """
 
     def __init__(self, config: SweepConfig, points: np.ndarray, threads: int | None = None) -> None:
@@ -54,15 +57,15 @@ class Reference:
         self._threads = threads
         record = config.record
         self._periods = min(PERIODS, record.transient + record.periods)
-        self._sections, self.impacts = self._run(self.points, EXACT, config.steps)
+        self._sections, self.impacts = self._run(self.points, EXACT_METHOD, config.steps)
         self._scale = np.nanmax(np.abs(self._sections), axis=(1, 2), keepdims=True, initial=0.0)
         self._scale[self._scale == 0.0] = 1.0  # it never moves
         neighbours = self.points.copy()
-        neighbours["x0"] -= APART * self._scale[:, 0, 0, 0]
-        apart = self._distance(self._run(neighbours, EXACT, config.steps)[0])
+        neighbours["x0"] -= START_OFFSET * self._scale[:, 0, 0, 0]
+        apart = self._distance(self._run(neighbours, EXACT_METHOD, config.steps)[0])
         apart = np.maximum(apart, ROUNDING).reshape(self.points.size, -1)
         nearest = np.minimum.accumulate(apart, axis=1)
-        judged = np.logical_and.accumulate(apart < MOST_GROWTH * nearest, axis=1)
+        judged = np.logical_and.accumulate(apart < MAX_AMPLIFICATION * nearest, axis=1)
         self.judged = judged.reshape(self._sections.shape[:3])
 
     @property
@@ -70,8 +73,8 @@ class Reference:
         """Whether there is anything to compare."""
         return bool(self.judged.any())
 
-    def about(self) -> dict[str, object]:
-        """Describe the sample, and the share of its sections that is judged."""
+    def summary(self) -> dict[str, object]:
+        """Return the size of the sample, and the share of its sections that can be compared."""
         return {
             "points": self.points.size,
             "periods": self._periods,
@@ -79,7 +82,22 @@ class Reference:
         }
 
     def errors(self, method: tuple[str, str], steps: int) -> tuple[np.ndarray, float]:
-        """Run a method: the error of every point, and the mean impacts per period."""
+        """Run a method and compare it with the exact motion.
+
+        Parameters
+        ----------
+        method : tuple of str
+            Integrator and impact rule.
+        steps : int
+            Steps per forcing period.
+
+        Returns
+        -------
+        errors : ndarray, shape (n,)
+            Largest error of every point; inf where the method fails.
+        impacts : float
+            Mean impacts per forcing period.
+        """
         sections, impacts = self._run(self.points, method, steps)
         errors = np.max(self._distance(sections), axis=(1, 2), where=self.judged, initial=0.0)
         return errors, impacts
@@ -107,13 +125,7 @@ class Reference:
 
     def _distance(self, sections: np.ndarray) -> np.ndarray:
         """Return the error of every section; inf where there is none."""
-        R = self.points["R"][:, None, None]
-        stop = self.points["clearance"][:, None, None]
-        (x, v), (x_0, v_0) = np.moveaxis(sections, -1, 0), np.moveaxis(self._sections, -1, 0)
-        X, V = np.moveaxis(self._scale, -1, 0)
+        clearance, R = (self.points[name][:, None, None] for name in ("clearance", "R"))
         with np.errstate(all="ignore"):
-            direct = np.maximum(np.abs(x - x_0) / X, np.abs(v - v_0) / V)
-            to_stop = np.maximum(np.abs(x - stop), np.abs(x_0 - stop)) / X
-            rebound = np.abs(np.minimum(v, v_0) + R * np.maximum(v, v_0)) / V
-            apart = np.minimum(direct, np.maximum(to_stop, rebound))
+            apart = section_distance(sections, self._sections, clearance, R, self._scale)
         return np.where(np.isfinite(apart), apart, np.inf)

@@ -1,14 +1,14 @@
-"""Which attractors of neighbouring parameter points are one: a name for each, kept along the axes.
+"""Track attractors from one parameter point to the next: one number for each along the axes.
 
 An attractor goes on at the next value of an axis as the one whose cycle is nearest, if each is the
-nearest to the other and they are no further apart than ``REACH``. It keeps its identity through a
-flip: an orbit of m periods may go on as one of 2 m, or of m / 2, that lies near it, as the branches
-of a diagram do. It loses it in a jump, as at the end of a window.
+nearest to the other and they are no further apart than ``MAX_DISTANCE``. It keeps its number
+through a flip: an orbit of m periods may go on as one of 2 m, or of m / 2, that lies near it, as
+the branches of a diagram do. It loses it in a jump, as at the end of a window.
 
-Along the longest axis chains are made so, over gaps of ``GAP`` of the axis, too: beside a flip the
-motion settles slowly, and for a few values no repetition is found. Along the other axes chains
+Along the longest axis chains are made so, also over gaps of ``MAX_GAP`` of the axis: beside a flip
+the motion settles slowly, and for a few values no repetition is found. Along the other axes chains
 are joined, those with the longest border first, and never two that coexist somewhere; around a
-cusp, where one attractor leads to another, the identity therefore changes along some line.
+cusp, where one attractor leads to another, the number therefore changes along some line.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 from vibroimpact.orbits.cycles import Cycles, distances
 
 #: Attractors further apart than this, relative to their greatest coordinate, are two.
-REACH = 0.2
+MAX_DISTANCE = 0.2
 #: The longest gap that is bridged, as a share of an axis.
-GAP = 1 / 32
+MAX_GAP = 1 / 32
 
 
-class Attractors:
+class PeriodicAttractors:
     """Periodic attractors, in the order of their parameter points.
 
     Parameters
@@ -50,7 +50,7 @@ class Attractors:
         self.point, self.m, self.place, self.cycles = point, m, place, cycles
 
     def distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return how far pairs are apart; inf where one cannot be the other's flip."""
+        """Return how far pairs are apart; inf where neither can be the flip of the other."""
         swap = self.m[a] > self.m[b]
         a, b = np.where(swap, b, a), np.where(swap, a, b)
         apart = np.full(len(a), np.inf)
@@ -58,13 +58,13 @@ class Attractors:
             for turns in (1, 2):
                 pairs = np.flatnonzero((self.m[a] == m) & (self.m[b] == turns * m))
                 if len(pairs):
-                    one = self.cycles[m][self.place[a[pairs]]]
-                    other = self.cycles[turns * m][self.place[b[pairs]]]
-                    apart[pairs] = distances(one, other)
+                    shorter = self.cycles[m][self.place[a[pairs]]]
+                    longer = self.cycles[turns * m][self.place[b[pairs]]]
+                    apart[pairs] = distances(shorter, longer)
         return apart
 
     def links(self, a: np.ndarray, b: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Pair attractors with those `step` points further that they go on as.
+        """Pair attractors with those that continue them `step` points further.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class Attractors:
         within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
         second = b[np.repeat(low, count) + within]
         apart = self.distances(first, second)
-        near = apart <= REACH
+        near = apart <= MAX_DISTANCE
         first, second, apart = first[near], second[near], apart[near]
         mutual = _is_least(first, apart) & _is_least(second, apart)
         return first[mutual], second[mutual]
@@ -98,25 +98,25 @@ def _is_least(key: np.ndarray, value: np.ndarray) -> np.ndarray:
     return least
 
 
-def identities(shape: tuple[int, ...], attractors: Attractors) -> np.ndarray:
-    """Return a number for each attractor, the same for those that are one.
+def track(shape: tuple[int, ...], attractors: PeriodicAttractors) -> np.ndarray:
+    """Return a number for each attractor, the same for those that continue each other.
 
     Parameters
     ----------
     shape : tuple of int
         Of the grid of parameter points.
-    attractors : Attractors
+    attractors : PeriodicAttractors
 
     Returns
     -------
     ndarray of int, shape (n,)
     """
-    own = np.arange(len(attractors.point))
-    if not shape or not len(own):
-        return own
+    alone = np.arange(len(attractors.point))
+    if not shape or not len(alone):
+        return alone
     longest = int(np.argmax(shape))
-    before = own.copy()
-    for a, b in _along(shape, attractors, longest, max(1, int(GAP * shape[longest]))):
+    before = alone.copy()
+    for a, b in _along(shape, attractors, longest, max(1, int(MAX_GAP * shape[longest]))):
         before[b] = a
     while not np.array_equal(before, before[before]):  # twice as far back each time
         before = before[before]
@@ -132,7 +132,7 @@ def identities(shape: tuple[int, ...], attractors: Attractors) -> np.ndarray:
 
 
 def _along(
-    shape: tuple[int, ...], attractors: Attractors, axis: int, longest_step: int
+    shape: tuple[int, ...], attractors: PeriodicAttractors, axis: int, longest_step: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the links along an axis, those over gaps last; none has two ahead or behind."""
     n = len(attractors.point)
@@ -151,25 +151,25 @@ def _joined(
     chain: np.ndarray, point: np.ndarray, borders: Mapping[tuple[int, int], int]
 ) -> np.ndarray:
     """Join chains along their borders, the longest first, but none that share a parameter point."""
-    foes: dict[int, set[int]] = {}
+    separate: dict[int, set[int]] = {}
     for apart in range(1, int(np.unique(point, return_counts=True)[1].max())):
         both = np.flatnonzero(point[apart:] == point[:-apart])
         pairs = np.unique(chain[[both, both + apart]], axis=1)
         for a, b in pairs.T.tolist():
-            foes.setdefault(a, set()).add(b)
-            foes.setdefault(b, set()).add(a)
+            separate.setdefault(a, set()).add(b)
+            separate.setdefault(b, set()).add(a)
     members = {a: [a] for pair in borders for a in pair}
     home = {a: a for a in members}
     for (a, b), _ in sorted(borders.items(), key=lambda item: (-item[1], item[0])):
         a, b = home[a], home[b]
-        if a == b or any(home.get(foe, foe) == b for foe in foes.get(a, ())):
+        if a == b or any(home.get(other, other) == b for other in separate.get(a, ())):
             continue
         if len(members[a]) < len(members[b]):
             a, b = b, a
-        for one in members[b]:
-            home[one] = a
+        for member in members[b]:
+            home[member] = a
         members[a] += members.pop(b)
-        foes[a] = foes.get(a, set()) | foes.pop(b, set())
+        separate[a] = separate.get(a, set()) | separate.pop(b, set())
     names = np.arange(len(chain))
     names[list(home)] = list(home.values())
     return names[chain]

@@ -1,0 +1,77 @@
+"""The stable periodic orbit that a motion goes to, where it settles too slowly for its record.
+
+Beside a bifurcation motions settle ever more slowly, and a record shows a class that is not the
+attractor's, or none. Shooting (`vibroimpact.orbits.shooting`) finds the periodic orbit near the
+last section of the record all the same. The motion goes to that orbit if the orbit is stable, and
+the motion is near it throughout the record and in the second half no farther than in the first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibroimpact.orbits.period_class import LONGEST_PERIOD
+from vibroimpact.orbits.shooting import PeriodicOrbit, doubled, periodic_orbit
+from vibroimpact.oscillator import Oscillator
+
+#: A motion is near an orbit if no section is off by more than this share of the record's size.
+_NEAR = 0.2
+#: A motion may be farther from its orbit in the second half of its record by this share: rounding.
+_ROUNDING = 1e-6
+#: So many periods are tried where the record does not repeat: those after which it nearly does.
+_TRIED_PERIODS = 4
+
+
+def nearby_orbit(
+    oscillator: Oscillator, record: np.ndarray, phase: float, m: int | None = None
+) -> PeriodicOrbit | None:
+    """Find the stable periodic orbit that a motion goes to.
+
+    Parameters
+    ----------
+    oscillator : Oscillator
+    record : ndarray, shape (periods, 2)
+        x and v at the sections of the motion [length, length/time].
+    phase : float
+        omega t mod 2 pi of the section, in [0, 2 pi) [rad].
+    m : int, optional
+        Forcing periods after which the record repeats; without it, those are tried after which the
+        record nearly repeats.
+
+    Returns
+    -------
+    PeriodicOrbit or None
+        Without a rest on the stop. None where no such orbit is found.
+    """
+    if not np.isfinite(record).all():
+        return None
+    x, v = record[-1].tolist()
+    for periods in _nearly_repeats(record) if m is None else [m]:
+        orbit = periodic_orbit(oscillator, x, v, periods, phase)
+        if orbit is not None and not orbit.stable:  # the motion may not have left it yet
+            orbit = doubled(oscillator, orbit, phase)
+        if orbit is None or not orbit.stable or orbit.rests > 0:
+            continue
+        if _goes_to(record, orbit.sections):
+            return orbit
+    return None
+
+
+def _goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
+    """Return whether a motion is near an orbit throughout its record, and does not leave it."""
+    size = np.abs(record).max(axis=0)
+    size[size == 0.0] = 1.0
+    last = np.argmin((np.abs(orbit - record[-1]) / size).max(axis=1))
+    beside = orbit[(last + np.arange(1 - len(record), 1)) % len(orbit)]
+    apart = (np.abs(record - beside) / size).max(axis=1)
+    first, second = np.array_split(apart, 2)
+    return bool(apart.max() <= _NEAR and second.max() <= first.max() + _ROUNDING)
+
+
+def _nearly_repeats(record: np.ndarray) -> list[int]:
+    """Return the numbers of periods after which a record nearly repeats, in increasing order."""
+    most = min(LONGEST_PERIOD, len(record) // 2)
+    size = np.abs(record).max(axis=0)
+    apart = [(np.abs(record[-m:] - record[-2 * m : -m]) / size).max() for m in range(1, most + 1)]
+    best = np.argsort(apart, kind="stable")[:_TRIED_PERIODS]
+    return sorted(int(i) + 1 for i in best if apart[i] < _NEAR)
