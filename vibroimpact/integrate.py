@@ -168,7 +168,9 @@ def integrate(
 def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.ndarray]:
     """Name the results, and withhold those of the points that failed."""
     sums, sections = tally.sums, tally.sections
-    duration = periods * 2.0 * np.pi / points["omega"]
+    with np.errstate(over="ignore", invalid="ignore"):  # omega below the smallest normal number
+        duration = periods * 2.0 * np.pi / points["omega"]
+        share = np.minimum(sums["rested"] / duration, 1.0)
     sums["status"][_grows(points, sums, sections)] = Status.UNBOUNDED
     failed = sums["status"] >= Status.UNRESOLVED
     no_impact = sums["impacts"] == 0
@@ -181,7 +183,7 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
         "impacts_per_period": np.where(failed, np.nan, sums["impacts"] / periods),
         "slowest_impact": np.where(failed | no_impact, np.nan, sums["slowest_impact"]),
         "max_penetration": np.where(failed, np.nan, sums["max_penetration"]),
-        "rest_fraction": np.where(failed, np.nan, np.minimum(sums["rested"] / duration, 1.0)),
+        "rest_fraction": np.where(failed, np.nan, share),
         "chatters": np.where(failed, 0, sums["chatters"]),
         "near_grazes": np.where(failed, 0, sums["near_grazes"]),
         "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),

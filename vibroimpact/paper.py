@@ -84,7 +84,7 @@ def paper_procedure(
     a = _acceleration(oscillator, t, x, v)
     rows, impacts = [(t, x, v)], []
     stalled_at = None
-    while t < end - 1e-9 * T:
+    while t < end - 1e-9 * T:  # ends: after a reduced step x = 0, so a whole one or a stall follows
         x_T, v_T, a_T = _newmark(oscillator, t, x, v, a, T)
         if procedure and x_T > 0.0:
             T_r = T * (0.0 - x) / (x_T - x)  # (6), (7)

@@ -179,7 +179,7 @@ def trace(
     lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))
-    while rows > len(log):
+    while rows > len(log):  # ends: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
         rows, status = _trace(points[0], rule, code, lead, grid, transient, periods, every, log)
     log = log[:rows]

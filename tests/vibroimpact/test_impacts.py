@@ -70,7 +70,7 @@ def flight(rule, integrator, x, v, theta, span, pt):
     """One flight of at most `span`: time, state, and whether it ended on the stop."""
     chosen, s, c = INTEGRATORS[integrator], math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, span, pt)
-    return fly(rule, chosen.code, x, v, s, c, *end, span, pt, new_scratch().coefficients)
+    return fly(rule, chosen.code, x, v, s, c, *end, span, pt, new_scratch().coefficients)[:4]
 
 
 def to_rest(v, theta, left, T, pt):

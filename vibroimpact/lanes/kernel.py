@@ -201,7 +201,7 @@ def take_blocks(
     widest_vectors()
     w, taylor, scratch = new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch()
     lo = LANES * claim(claimed)
-    while lo < points.size:
+    while lo < points.size:  # ends: the counter only rises
         run_block(
             w, taylor, scratch, lo, points[lo : lo + LANES], plain, rule, integrator, lead, grid,
             transient, periods, lyapunov, tally,

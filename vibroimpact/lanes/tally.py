@@ -48,8 +48,8 @@ def list_impact(ring, sums, phase, speed):
     """Count an impact, and put it into the ring of its lane."""
     if ring.shape[0] > 0:
         slot = sums.impacts % ring.shape[0]
-        while phase >= 2.0 * math.pi:  # twice at the most
-            phase -= 2.0 * math.pi
+        for _ in range(2):  # no more are needed, and an infinite phase has no end
+            phase -= 2.0 * math.pi if phase >= 2.0 * math.pi else 0.0
         ring[slot, 0], ring[slot, 1] = phase, speed
     sums.slowest_impact = min(sums.slowest_impact, speed)
     sums.impacts += 1
@@ -76,7 +76,7 @@ def record_step(events, n, x_T, rested, grazes, theta, pt, row, tally):
 @jit(inline=True)
 def reverse(ring, lo, hi):
     """Turn the rows of `ring` from `lo` to before `hi` around."""
-    while hi - lo > 1:
+    while hi - lo > 1:  # ends: hi - lo falls by 2
         hi -= 1
         for k in range(2):
             ring[lo, k], ring[hi, k] = ring[hi, k], ring[lo, k]

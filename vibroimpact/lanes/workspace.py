@@ -164,7 +164,7 @@ def list_met(w, n_points, bits):
     """Write the lanes whose bits are set to row MET, but those without a point; return how many."""
     bits &= (1 << n_points) - 1
     n = 0
-    while bits != 0:
+    while bits != 0:  # ends: one bit less each time
         w[MET + n] = lowest_bit(bits)
         bits &= bits - 1
         n += 1

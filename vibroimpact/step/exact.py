@@ -22,6 +22,13 @@ R epsilon (1 - 4/3 (beta + h) epsilon). Summed to the end, with eta = epsilon / 
 
 The sum replaces the flights once eta is so small that the term left out is below rounding. With
 R near 1 that takes more bounces than can be followed, and at R = 1 there is no end to them.
+
+Underflow. Without a force a mass whose stop is at the equilibrium bounces for ever, each time lower
+by the same factor. Where a flight from the stop is below the smallest normal number, displacement
+and change of displacement over the step alike, the mass is put on the stop at rest, x = clearance
+and v = 0: in free rest, since no force presses it. That is certified, within that number.
+
+Overflow. Where a flight has a coefficient that is not finite, the step ends in NaN.
 """
 
 from __future__ import annotations
@@ -35,6 +42,7 @@ from vibroimpact.jit import jit
 from vibroimpact.status import Status
 from vibroimpact.step.flight import (
     LONGEST_STEP,
+    SMALLEST_NORMAL,
     TERMS,
     expand,
     expansion,
@@ -136,7 +144,8 @@ def time_to_rest(v, theta, s, c, left, pt):
 @jit(inline=True)
 def rises(x, v, T, lane):
     """Whether a flight from (x, v) rises over a whole step, its speed v being more than A T."""
-    return v * T > 8.0 * (lane.along_x * abs(x) + (lane.along_v * abs(v) + lane.along_f))
+    height = lane.along_x * abs(x) + (lane.along_v * abs(v) + lane.along_f)
+    return v * T > 8.0 * height + SMALLEST_NORMAL  # or the inverse of its slope would overflow
 
 
 @jit(inline=True)
@@ -153,9 +162,10 @@ def next_impact(flight, end, rising, value, slope):
     Returns
     -------
     m : int
-        Number of leading coefficients that are zero: 0 where the flight starts off the stop.
+        Number of leading coefficients that are zero: 0 where the flight starts off the stop, 4
+        where it has neither force nor speed, to underflow, and stays there.
     u : float
-        Where it meets the stop, -1 if it does not before `end`.
+        Where it meets the stop, -1 if it does not before `end`; NaN after an overflow.
     slope : float
         Its slope there, if it is `rising`.
     turn : float
@@ -166,11 +176,12 @@ def next_impact(flight, end, rising, value, slope):
     if rising:
         u, slope = rising_root(flight, value, slope)
         return 0, u, slope, -math.inf, False
+    # The first four are x - stop, v, a and a' there: they determine the others.
+    if abs(flight[0]) + abs(flight[1]) + abs(flight[2]) + abs(flight[3]) < SMALLEST_NORMAL:
+        return 4, -1.0, 0.0, -math.inf, False
     m = 0
-    while m < 4 and flight[m] == 0.0:
+    while m < 3 and flight[m] == 0.0:  # ends: m rises
         m += 1
-    if m == 4:  # neither force nor speed: it stays where it is
-        return m, -1.0, 0.0, -math.inf, False
     if flight[m] > 0.0:
         return m, 0.0, 0.0, -math.inf, m > 1
     u, turn = first_crossing(flight, m, end)
@@ -195,6 +206,17 @@ def is_near_graze(flight, turn):
 
 
 @jit(inline=True)
+def end_of_step(x_T, v_T, m, du, stop):
+    """The state at the end of a step with `m` and `du` from ``next_impact``, `du` not >= 0."""
+    if m == 4:
+        return stop, 0.0
+    if math.isnan(du):
+        return math.nan, math.nan
+    # The end of the step may lie beyond the stop by the rounding of its own map.
+    return min(x_T, stop), v_T
+
+
+@jit(inline=True)
 def rebound(x_T, v_T, v, left, T, pt, lane):
     """The end of a step after one impact at speed `v`, `left` before it, and whether it is final.
 
@@ -216,7 +238,7 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
     u, n, grazes, rested = 0.0, 0, 0, 0.0
     undisturbed = True  # no impact yet, so that (x_T, v_T) is the end of the step
     status = _CERTIFIED
-    for _ in range(MAX_FLIGHTS):
+    for _ in range(MAX_FLIGHTS):  # whatever the times are: u need not rise
         released = resting
         if resting:
             wait = time_to_release(theta + step * u, pt) / T
@@ -237,12 +259,12 @@ def exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
             resting = True
             n = log_event(events, n, REST, u * T, 0.0, stop)
             continue
-        if du < 0.0:
+        if not du >= 0.0:
             if not undisturbed:
                 x_T, v_T = value_and_slope(flight, 0, 1.0 - u)
                 x_T, v_T = x_T + stop, v_T / T
-            # The end of the step may lie beyond the stop by the rounding of its own map.
-            return min(x_T, stop), v_T, False, n, rested, status, grazes
+            x, v = end_of_step(x_T, v_T, m, du, stop)
+            return x, v, False, n, rested, status, grazes
         v = slope / T if rising else impact_speed(flight, m, du, v, T)
         u += du
         left = (1.0 - u) * T

@@ -26,9 +26,15 @@ TERMS = 16
 #: 16 times that in its slope.
 LONGEST_STEP = 0.65
 
+#: The smallest normal number. A flight none of whose coefficients reaches it has no digits.
+SMALLEST_NORMAL = 2.0**-1022
+
 # Below this width the excess of a curve over its chord, at most width^3 / 4 of the third
 # derivative where the curvature changes its sign, is rounding.
 _NARROWEST = 2.0**-17
+# Intervals that are passed are wider than half of that, but for the last one: 2^18 fill a step. The
+# others are halved, which undoes the doubling after a passed one, or is one of the first 18.
+_MOST_INTERVALS = 2**19 + 20
 _NO_TURN = -math.inf
 
 
@@ -71,7 +77,7 @@ def value_and_slope(c, m, u):
     p, q = c[last], c[last - 1]
     dp, dq = 0.0, 0.0
     k = last - 2
-    while k > m:
+    while k > m:  # ends: k falls by 2
         dp, p = fma(dp, uu, p), fma(p, uu, c[k])
         dq, q = fma(dq, uu, q), fma(q, uu, c[k - 1])
         k -= 2
@@ -205,7 +211,8 @@ def first_crossing(c, m, end):
     Returns
     -------
     u : float
-        -1 if the flight does not meet the stop.
+        -1 if the flight does not meet the stop; NaN if a coefficient is not finite, or so great
+        that a derivative is not.
     turn : float
         Greatest x - stop among the turning points seen on the way; -inf if there was none.
     """
@@ -213,7 +220,11 @@ def first_crossing(c, m, end):
     turn = _NO_TURN
     a, width = 0.0, end
     value_a, slope_a = c[m], c[m + 1]
-    while a < end:
+    if not jerk < math.inf:
+        return math.nan, turn
+    for _ in range(_MOST_INTERVALS):
+        if not a < end:
+            return -1.0, turn
         b = end if a + width >= end else a + width
         second = _curvature(c, m, a)
         if abs(second) < jerk * (b - a) and b - a > _NARROWEST:
@@ -231,7 +242,7 @@ def first_crossing(c, m, end):
             return _root(c, m, a, b, guess), turn
         width = 2.0 * (b - a)
         a, value_a, slope_a = b, value, slope
-    return -1.0, turn
+    return math.nan, turn
 
 
 @jit(leaf=True, internal=True)
@@ -261,8 +272,9 @@ def rising_root(c, value, slope):
         newton = -y * inverse
         change = newton - 0.5 * newton * newton * (ddy * inverse)
         u += change
-        # The next change would be its cube; the slope's next term is its square.
-        if abs(change) <= 1e-8 * u:
+        # The next change would be its cube; the slope's next term is its square. An overflow is
+        # not taken for a root.
+        if abs(change) <= 1e-8 * min(u, 1.0):
             return u, fma(ddy, change, dy)
     u = _root(c, 0, 0.0, 1.0, u)
     return u, value_and_slope(c, 0, u)[1]

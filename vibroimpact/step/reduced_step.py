@@ -54,6 +54,8 @@ SHORTEST_FLIGHT = 1e-3
 _MAX_HALVINGS = 24
 _SHORTEST_CUT = 2.0**-20
 _MAX_CUTS = 100
+# More cuts than this in one step are not made: what needs them is far from what the rule resolves.
+_MAX_CUTS_OF_STEP = 4 * MAX_FLIGHTS
 # A speed v_Tr below this share of that at the start is rounding.
 _SLOWEST = 1e-6
 
@@ -65,8 +67,8 @@ _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
 @jit(inline=True)
 def plain(x_T, v_T, T, pt, scratch):
-    """Rule (2)-(5) at the end of a step that ended at (x_T, v_T) on or beyond the stop."""
-    if not (v_T > 0.0 and x_T < math.inf):  # an overflow is no impact, and is not mended
+    """Rule (2)-(5) at the end of a step that ended at (x_T, v_T), not surely before the stop."""
+    if not ((x_T >= pt.clearance) & (v_T > 0.0)):
         return x_T, v_T, 0
     return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
 
@@ -116,20 +118,22 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
     dt, x, v : float
         Time used, and the state there: before the impact, if there is one; NaN where it overflows.
     hit : bool
+    cuts : int
+        How often the span was cut.
     """
     launched = x == pt.clearance
     T = span
     halvings = 0
-    for _ in range(_MAX_CUTS):
+    for cuts in range(_MAX_CUTS):
         if T < span:
             x_T, v_T = step(integrator, x, v, s, c, T, pt)
         if not crossed(x_T, v_T, pt.clearance):
             if halvings < _MAX_HALVINGS:
-                return T, x_T, v_T, False
-            return T, pt.clearance, max(v_T, 0.0), True
+                return T, x_T, v_T, False, cuts
+            return T, pt.clearance, max(v_T, 0.0), True, cuts
         # Near overflow what follows has no meaning, nor its times an end.
         if not (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf:
-            return T, math.nan, math.nan, False
+            return T, math.nan, math.nan, False, cuts
         if rule == CUBIC:
             T_r, v_Tr = cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients)
         elif launched:
@@ -143,8 +147,8 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
         elif short:
             T = 2.0 * T_r
         else:
-            return T_r, pt.clearance, v_Tr, True  # (8)
-    return 0.0, pt.clearance, 0.0, True  # no speed that could take it off the stop
+            return T_r, pt.clearance, v_Tr, True, cuts  # (8)
+    return 0.0, pt.clearance, 0.0, True, _MAX_CUTS  # no speed that could take it off the stop
 
 
 @jit(inline=True)
@@ -214,7 +218,11 @@ def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, 
     tau = 0.0
     n = 0
     rested = 0.0
+    undisturbed = True
+    cuts = 0
     for _ in range(MAX_FLIGHTS):
+        if cuts > _MAX_CUTS_OF_STEP:
+            break
         if resting:
             wait = time_to_release(theta + pt.omega * tau, pt)
             if pt.omega * (T - tau - wait) <= RELEASE_MARGIN:
@@ -223,10 +231,12 @@ def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, 
             rested += wait
             n = log_event(events, n, RELEASE, tau, 0.0, pt.clearance)
             s, c = sin_cos(theta + pt.omega * tau + _ROUNDING)
-            x, v, resting = pt.clearance, 0.0, False
-        if tau > 0.0:
+            x, v, resting, undisturbed = pt.clearance, 0.0, False, undisturbed and tau == 0.0
+        if not undisturbed:
             x_T, v_T = step(integrator, x, v, s, c, T - tau, pt)
-        dt, x, v, hit = fly(rule, integrator, x, v, s, c, x_T, v_T, T - tau, pt, coefficients)
+        undisturbed = False
+        dt, x, v, hit, more = fly(rule, integrator, x, v, s, c, x_T, v_T, T - tau, pt, coefficients)
+        cuts += more
         if not hit:
             if dt == T - tau:
                 return x, v, False, n, rested, _COMPUTED

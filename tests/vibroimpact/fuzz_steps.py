@@ -1,0 +1,160 @@
+"""Steps from states of every magnitude, for test_termination.py, in a process of its own.
+
+``fuzz_steps.py SEED STEPS`` takes that many steps with every impact rule, half of them on floats
+made of random bits, half as runs of valid points at and between the bounds of their parameters.
+"""
+
+import sys
+import time
+
+import numba
+import numpy as np
+
+from vibroimpact.integrate import integrate
+from vibroimpact.lanes.tally import SUMS, list_impact
+from vibroimpact.oscillator import PARAMETERS, POINT
+from vibroimpact.status import Status
+from vibroimpact.step.exact import Lane, guard, steps_needed
+from vibroimpact.step.flight import TERMS, fill_rows
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES, mend
+from vibroimpact.step.stop import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
+from vibroimpact.trajectory import trace
+
+METHODS = [
+    (integrator, rule)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != "exact" or integrator == "exact"
+]
+BATCH = 64
+LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-324
+
+
+# --- floats made of random bits ---
+
+
+@numba.njit(error_model="numpy")
+def take_steps(rule, integrator, states, points, rows, consistent, scratch, ring, sums):
+    """Mend one step from each state: nothing about it is right but that its fields are floats."""
+    most = 0
+    for k in range(states.shape[0]):
+        x, v, x_T, v_T, theta, s, c, step = states[k]
+        pt = points[k]
+        lane = Lane(rows[k], x_T, v_T, theta)
+        if consistent:
+            T = step / pt.omega
+            fill_rows(rows[k], T, pt)
+            along_x, along_v, along_f = guard(T, pt)
+            lane = Lane(rows[k], along_x, along_v, along_f)
+        result = mend(
+            rule, integrator, x, v, x_T, v_T, k % 2 == 0, theta, s, c, step, pt, lane, scratch
+        )
+        for j in range(result[3]):
+            if scratch.events[j, KIND] == IMPACT:
+                phase = theta + pt.omega * scratch.events[j, TIME]
+                list_impact(ring, sums[0], phase, scratch.events[j, SPEED])
+        most = max(most, result[3])
+    return most
+
+
+def random_floats(rng, shape):
+    """Random bits, or ordinary numbers with special ones among them."""
+    bits = rng.integers(0, 2**64, shape, dtype=np.uint64).view(float)
+    special = np.array(
+        [0.0, -0.0, 1.0, np.inf, -np.inf, np.nan, SMALLEST, SMALLEST_NORMAL, LARGEST, -LARGEST]
+    )
+    ordinary = np.where(rng.random(shape) < 0.3, rng.choice(special, shape), rng.normal(size=shape))
+    return np.where(rng.random((shape[0],) + (1,) * (len(shape) - 1)) < 0.5, bits, ordinary)
+
+
+def fuzz_bits(rng, integrator, rule, scratch):
+    """Take a batch of steps on random bits."""
+    points = random_floats(rng, (BATCH, len(PARAMETERS))).copy().view(POINT)[:, 0]
+    most = take_steps(
+        IMPACT_RULES[rule].code, INTEGRATORS[integrator].code, random_floats(rng, (BATCH, 8)),
+        points, random_floats(rng, (BATCH, 4, TERMS)), bool(rng.random() < 0.7), scratch,
+        np.empty((4, 2)), np.zeros(1, SUMS),
+    )  # fmt: skip
+    assert 0 <= most <= EVENTS_SHAPE[0]
+    return BATCH
+
+
+# --- runs of valid points ---
+
+
+def any_magnitude(rng, n):
+    """Positive numbers: of every magnitude, the bounds, and ordinary ones."""
+    bounds = rng.choice([0.0, SMALLEST, SMALLEST_NORMAL, LARGEST, 1.0], n)
+    ordinary = rng.uniform(0.0, 3.0, n)
+    every = 10.0 ** rng.uniform(-323.0, 308.0, n)
+    return np.choose(rng.integers(0, 3, n), [bounds, ordinary, every])
+
+
+def random_points(rng, rule):
+    """Valid points; for the rule ``exact`` such as do not need many steps."""
+    n = 8 * BATCH
+    points = np.zeros(n, POINT)
+    points["omega"] = np.where(rng.random(n) < 0.5, 1.0, any_magnitude(rng, n))
+    for name in ("h", "p"):
+        ratio = rng.choice([0.0, 0.3, 1.0, 3.0], n) * rng.random(n)
+        with np.errstate(over="ignore"):
+            near = points["omega"] * (ratio if name == "h" else ratio + 1e-3)
+        points[name] = np.where(rng.random(n) < 0.8, near, any_magnitude(rng, n))
+    restitution = np.array([0.0, 1.0, 1.0 - 2.0**-53, 0.9995, SMALLEST, 0.5, 0.8])
+    points["R"] = np.where(rng.random(n) < 0.5, rng.choice(restitution, n), rng.random(n))
+    points["f"] = rng.choice([0.0, 1.0], n) * any_magnitude(rng, n)
+    signs = rng.choice([-1.0, 1.0], (3, n))
+    points["clearance"] = rng.choice([0.0, 0.0, 1.0], n) * signs[0] * any_magnitude(rng, n)
+    points["x0"] = np.minimum(signs[1] * any_magnitude(rng, n), points["clearance"])
+    points["v0"] = signs[2] * any_magnitude(rng, n)
+    valid = np.all([[p.accepts(q) for q in points[k]] for k, p in PARAMETERS.items()], axis=0)
+    if rule == "exact":
+        with np.errstate(all="ignore"):
+            valid &= steps_needed(points["h"], points["p"], points["omega"]) <= 100
+    return points[valid][:BATCH]
+
+
+def fuzz_run(rng, integrator, rule):
+    """Run a batch of valid points: finite or marked, no energy from nothing, and as if alone."""
+    points = random_points(rng, rule)
+    method = {"integrator": integrator, "impact": rule, "periods": 1}
+    method["phase"] = float(rng.choice([0.0, 1.3, 6.28]))
+    method["at_section"] = bool(rng.random() < 0.5)
+    method["steps_per_period"] = 100 if rule == "exact" else int(rng.choice([1, 7, 40]))
+    out = integrate(points, transient=0, impacts=4, threads=1, **method)
+    done = out["status"] < Status.UNRESOLVED
+    x, v = out["poincare_x"][:, 0], out["poincare_v"][:, 0]
+    assert (np.isfinite(x[done]) & np.isfinite(v[done])).all(), points[done]
+    if rule == "exact":
+        assert (x[done] <= points["clearance"][done]).all(), points[done]
+        free = done & (points["f"] == 0.0)
+        p = points["p"]
+        with np.errstate(over="ignore"):
+            before, after = np.hypot(points["v0"], p * points["x0"]), np.hypot(v, p * x)
+            allowed = before * (1.0 + 1e-12) + SMALLEST_NORMAL * (1.0 + p + points["omega"])
+        assert (after <= allowed)[free].all(), points[free & ~(after <= allowed)]
+    i = int(rng.integers(points.size))
+    log, status = trace(points[i : i + 1], **method)
+    if done[i]:
+        alone, beside = (log[-1, 2], log[-1, 3], status), (x[i], v[i], out["status"][i])
+        assert alone == beside, (method, points[i], alone, beside)
+    return points.size * method["steps_per_period"]
+
+
+def main(seed, steps):
+    """Take about that many steps with every rule."""
+    scratch = new_scratch()
+    for rule in IMPACT_RULES:
+        integrators = [integrator for integrator, other in METHODS if other == rule]
+        rng = np.random.default_rng(seed)
+        began, taken = time.perf_counter(), 0
+        while taken < steps:
+            integrator = str(rng.choice(integrators))
+            taken += fuzz_bits(rng, integrator, rule, scratch)
+            taken += fuzz_run(rng, integrator, rule)
+        print(f"{rule}: {taken} steps in {time.perf_counter() - began:.3g} s", flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,131 @@
+"""Every run ends, whatever the floats are, and a decay below the smallest normal number is rest."""
+
+import itertools
+import subprocess
+import sys
+from pathlib import Path
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, Status, simulate
+from vibroimpact.integrate import integrate
+
+SMALLEST_NORMAL = sys.float_info.min
+
+
+FUZZ = Path(__file__).with_name("fuzz_steps.py")
+
+
+def in_time(*arguments, seconds):
+    """Run Python in a process of its own, so that a hang is a failure and not a hung suite."""
+    command = [sys.executable, "-W", "error", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=seconds)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_hangs():
+    """The decay that once hung ends in a process of its own, before any runs in this one."""
+    in_time("-c", DECAY, seconds=300)
+
+
+DECAY = """
+from vibroimpact import Oscillator
+from vibroimpact.integrate import integrate
+for R in (0.8, 0.5):
+    integrate(Oscillator(h=0.5, R=R, omega=1.0, f=0.0).at(-1.0))
+"""
+
+
+# --- steps from states of every magnitude ---
+
+
+def test_every_step_ends():
+    """20,000 steps with every rule, from random bits and from valid points at their bounds."""
+    in_time(FUZZ, 1, 20_000, seconds=300)
+
+
+@pytest.mark.campaign
+def test_a_million_steps_end():
+    """A million steps with every rule."""
+    in_time(FUZZ, 2, 1_000_000, seconds=3600)
+
+
+# --- free decay ---
+
+
+def bouncing(osc, x0):
+    """A free mass with the stop at its equilibrium, h < p, from rest at x0 < 0; by mpmath.
+
+    x = x0 e^(-ht) (cos w t + h/w sin w t) up to the first impact; then each flight is
+    -R v e^(-ht)/w sin w t, half a period of the damped motion long.
+
+    Returns
+    -------
+    first : mpf
+        Time of the first impact.
+    speed : mpf
+        Speed before it.
+    half : mpf
+        Time from impact to impact.
+    ratio : mpf
+        Speed of an impact over that of the one before it.
+    """
+    h, p, R = mp.mpf(osc.h), mp.mpf(osc.p), mp.mpf(osc.R)
+    w = mp.sqrt(p * p - h * h)
+    first = (mp.pi - mp.atan2(w, h)) / w
+    speed = -mp.mpf(x0) * p * p / w * mp.exp(-h * first) * mp.sin(w * first)
+    return first, speed, mp.pi / w, R * mp.exp(-h * mp.pi / w)
+
+
+DECAYS = [(0.5, 0.8, 300), (0.5, 0.5, 300), (0.1, 0.5, 400), (0.0, 0.3, 300), (0.9, 1.0, 200)]
+
+
+@pytest.mark.parametrize(("h", "R", "periods"), DECAYS)
+def test_a_free_decay_is_followed_to_the_smallest_normal_number(h, R, periods):
+    """Every impact down to there, in closed form; after it zero, at rest, and certified."""
+    osc = Oscillator(h=h, R=R, omega=1.0, f=0.0)
+    tr = simulate(osc, periods, x0=-1.0)
+    assert tr.status is Status.CERTIFIED
+    first, speed, half, ratio = bouncing(osc, -1.0)
+    with mp.workdps(30):
+        count = int(mp.floor(mp.log(SMALLEST_NORMAL / speed) / mp.log(ratio)))
+        assert count <= len(tr.impact_v) <= count + 2  # the last ones are within a step of it
+        for k in range(count):
+            tolerance = 1e-15 * (10 + 4 * k)
+            assert abs(tr.impact_v[k] / (speed * ratio**k) - 1) <= tolerance
+            assert abs(tr.impact_t[k] - (first + k * half)) <= tolerance
+    after = tr.t > tr.impact_t[-1] + 2 * float(half)
+    assert np.count_nonzero(after) > 100
+    assert not tr.x[after].any() and not tr.v[after].any()
+
+
+@pytest.mark.parametrize(("h", "R", "periods"), DECAYS)
+def test_a_free_decay_in_the_lanes(h, R, periods):
+    """The same numbers as alone, beside a lane that moves on."""
+    osc = Oscillator(h=h, R=R, omega=1.0, f=0.0)
+    other = Oscillator(h=h, R=R, omega=1.0, f=1.0)
+    points = np.concatenate([osc.at(-1.0), other.at(-1.0)])
+    out = integrate(points, transient=0, periods=periods, impacts=64)
+    tr = simulate(osc, periods, x0=-1.0)
+    np.testing.assert_array_equal(out["poincare_x"][0], tr.section_x)
+    np.testing.assert_array_equal(out["poincare_v"][0], tr.section_v)
+    np.testing.assert_array_equal(out["impact_v"][0], tr.impact_v[-64:])
+    assert out["status"].tolist() == [Status.CERTIFIED] * 2
+    assert out["poincare_x"][0, -1] == out["poincare_v"][0, -1] == 0.0
+
+
+def test_a_free_decay_ends_with_every_method(integrator, rule):
+    """At the equilibrium; the exact rule also on a stop with preload, where others hammer on."""
+    oscillators = [
+        Oscillator(h=h, R=R, omega=0.2, f=0.0, clearance=clearance)
+        for h, R, clearance in itertools.product((0.2, 1.0, 2.0), (0.0, 0.5, 0.9), (0.0, 0.5, -0.5))
+        if clearance >= 0.0 or rule == "exact"
+    ]
+    points = np.concatenate([osc.at(osc.clearance - 1.0) for osc in oscillators])
+    out = integrate(points, integrator=integrator, impact=rule, transient=1000, periods=3)
+    assert set(out["status"]) == {Status.CERTIFIED if rule == "exact" else Status.COMPUTED}
+    ends = np.repeat(np.minimum(points["clearance"], 0.0)[:, None], 3, axis=1)
+    np.testing.assert_allclose(out["poincare_x"], ends, rtol=0.0, atol=SMALLEST_NORMAL)
