@@ -89,6 +89,7 @@ def integrate(
     impacts: int = 64,
     lyapunov: bool = False,
     threads: int | None = None,
+    interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Run every parameter point from its start and record its attractor.
 
@@ -119,6 +120,9 @@ def integrate(
         Whether to compute the Lyapunov exponents; with the rule ``exact`` only.
     threads : int, optional
         Threads to use; all by default. The results do not depend on it.
+    interrupt : ndarray of int64, shape (1,), optional
+        Once another thread makes it non-zero, the run ends within a forcing period, and the points
+        that are not complete have NaN and the status ``PENDING``.
 
     Returns
     -------
@@ -151,12 +155,16 @@ def integrate(
     tally.sums["slowest_impact"] = np.inf
     tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
+    if interrupt is None:
+        interrupt = np.zeros(1, np.int64)
     threads_before = get_num_threads()
     # A thread without lanes of its own costs time to wake, more than a few lanes take.
     threads = min(threads or threads_before, max(1, -(-n // LANES)))
     set_num_threads(threads)
     try:
-        run_blocks(threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally)
+        run_blocks(
+            threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally, interrupt
+        )
     finally:
         set_num_threads(threads_before)
     results = _results(points, periods, tally)
@@ -166,13 +174,16 @@ def integrate(
 
 
 def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.ndarray]:
-    """Name the results, and withhold those of the points that failed."""
+    """Name the results, and withhold those of the points that failed or were given up."""
     sums, sections = tally.sums, tally.sections
+    pending = sums["status"] == Status.PENDING
+    if pending.any():
+        sections[pending], tally.impacts[pending] = np.nan, np.nan
     with np.errstate(over="ignore", invalid="ignore"):  # omega below the smallest normal number
         duration = periods * 2.0 * np.pi / points["omega"]
         share = np.minimum(sums["rested"] / duration, 1.0)
-    sums["status"][_grows(points, sums, sections)] = Status.UNBOUNDED
-    failed = sums["status"] >= Status.UNRESOLVED
+    sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
+    failed = (sums["status"] >= Status.UNRESOLVED) | pending
     no_impact = sums["impacts"] == 0
     growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
     return {

@@ -205,6 +205,18 @@ def claim(context, counter):
 
 
 @intrinsic
+def is_set(context, flag):
+    """Whether another thread has set the first element of an array of int64; read every time."""
+
+    def generate(context, builder, signature, arguments):
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        value = builder.load_atomic(array.data, "monotonic", 8)
+        return builder.icmp_unsigned("!=", value, context.get_constant(types.int64, 0))
+
+    return types.boolean(flag), generate
+
+
+@intrinsic
 def bit(context, condition, place):
     """An integer with the bit at `place` set where the condition holds, else 0; no branch."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibroimpact.integrate import resolve
-from vibroimpact.jit import jit
+from vibroimpact.jit import is_set, jit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 from vibroimpact.step.one_step import advance, prepare
@@ -30,6 +30,7 @@ from vibroimpact.step.stop import (
 
 # Kinds of row in the log, beside the kinds of event: a grid state, and the end of a period.
 _STATE, _SECTION = 10, 11
+_PENDING = int(Status.PENDING)
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,14 @@ def _put_start(log, t, pt, resting):
 
 
 @jit
-def _approach(rule, integrator, lead, grid, transient, pt, scratch):
+def _approach(rule, integrator, lead, grid, transient, pt, scratch, interrupt):
     """Run from the start to the start of the record: state, whether at rest, and status."""
     x, v, resting = start(pt, sine_at_start(lead, grid))
     resting = resting and rule != PLAIN
     status = 0
     for k in range(-1, transient):
+        if is_set(interrupt):
+            break
         steps = lead if k < 0 else grid
         prepared = prepare(integrator, steps, pt)
         for n in range(steps.table.shape[1]):
@@ -112,8 +115,10 @@ def _approach(rule, integrator, lead, grid, transient, pt, scratch):
 
 
 @jit
-def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
+def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
+
+    Once `interrupt` is set the run ends within a forcing period, with the status ``PENDING``.
 
     Returns
     -------
@@ -122,7 +127,9 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
     status : int
     """
     scratch = new_scratch()
-    x, v, resting, status = _approach(rule, integrator, lead, grid, transient, pt, scratch)
+    x, v, resting, status = _approach(
+        rule, integrator, lead, grid, transient, pt, scratch, interrupt
+    )
     size, T = grid.table.shape[1], grid.step / pt.omega
     prepared = prepare(integrator, grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
@@ -131,6 +138,8 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log):
     else:
         rows = _put(log, 0, REST if resting else _STATE, t, x, v)
     for k in range(transient, transient + periods):
+        if is_set(interrupt):
+            return 0, _PENDING
         for n in range(size):
             last = n + 1 == size
             theta_T = 2.0 * math.pi + grid.table[THETA, 0] if last else grid.table[THETA, n + 1]
@@ -160,8 +169,9 @@ def trace(
     phase: float = 0.0,
     at_section: bool = False,
     every: int = 1,
+    interrupt: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Status]:
-    """Log the motion of one parameter point; arguments as for ``attractors.integrate``.
+    """Log the motion of one parameter point; arguments as for ``integrate``.
 
     Parameters
     ----------
@@ -174,15 +184,22 @@ def trace(
     log : ndarray, shape (rows, 4)
         Kind of row, t, x, v. NaN after a failure.
     status : Status
+        ``PENDING`` with an empty log where `interrupt` was set.
     """
+    if interrupt is None:
+        interrupt = np.zeros(1, np.int64)
     rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
     lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):  # ends: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
-        rows, status = _trace(points[0], rule, code, lead, grid, transient, periods, every, log)
+        rows, status = _trace(
+            points[0], rule, code, lead, grid, transient, periods, every, log, interrupt
+        )
     log = log[:rows]
+    if status == Status.PENDING:
+        return log, Status.PENDING
     failed = ~np.isfinite(log[:, 2:]).all(axis=1)
     log[failed, 2:] = np.nan
     outcome = Status(max(outcome, status))
@@ -279,7 +296,7 @@ def trajectories(points: np.ndarray, **arguments: Any) -> dict[str, np.ndarray]:
     -------
     dict of str to ndarray
         ``trajectory_t``, ``trajectory_x``, ``trajectory_v`` : (n, samples), with NaN after the
-        end of the shorter ones.
+        end of the shorter ones; of a point that was given up, nothing else.
     """
     logs = [trace(points[i : i + 1], **arguments)[0] for i in range(points.size)]
     out = np.full((3, len(logs), max(map(len, logs), default=0)), np.nan)

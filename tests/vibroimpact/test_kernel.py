@@ -1,6 +1,8 @@
 """The kernel: lanes against single orbits bit for bit, and what is kept of a run."""
 
 import math
+import threading
+import time
 
 import naive
 import numpy as np
@@ -12,7 +14,7 @@ from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
-from vibroimpact.trajectory import trajectories
+from vibroimpact.trajectory import trace, trajectories
 
 # One integrator for every rule.
 METHODS = pytest.mark.parametrize(
@@ -424,3 +426,52 @@ def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
     )  # fmt: skip
     assert log["trajectory_v"][0, :2].tolist() == [1.0, -0.5]
     assert (log["trajectory_t"][0, :2] == 2.0 / point["omega"]).all()
+
+
+@METHODS
+def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator):
+    """What is complete has the bits of a whole run, and the rest is pending: NaN and no count."""
+    points = random_points(6 * LANES)
+    arguments = {
+        "integrator": integrator,
+        "impact": rule,
+        "steps_per_period": steps_for(points, rule),
+        "transient": 30_000 if rule == "plain" else 3_000,
+        "periods": 5,
+    }
+    whole = integrate(points, **arguments, threads=1)
+    assert_same(integrate(points, **arguments, interrupt=np.zeros(1, np.int64)), whole)
+    interrupt = np.zeros(1, np.int64)
+    began = time.perf_counter()
+    integrate(points, **arguments, threads=1)
+    half = 0.5 * (time.perf_counter() - began)
+    timer = threading.Timer(half, interrupt.fill, (1,))
+    timer.start()
+    out = integrate(points, **arguments, threads=1, interrupt=interrupt)
+    timer.join()
+    pending = out["status"] == Status.PENDING
+    assert pending[-1]  # the last block is begun last
+    for name in out:
+        np.testing.assert_array_equal(out[name][~pending], whole[name][~pending], err_msg=name)
+        if out[name].dtype.kind == "f":
+            assert np.isnan(out[name][pending]).all()
+        elif name != "status":
+            assert (out[name][pending] == 0).all()
+
+
+def test_a_run_of_days_ends_when_it_is_interrupted():
+    """Also one whose point would take days by itself, and one that is given up before it begins."""
+    interrupt = np.zeros(1, np.int64)
+    timer = threading.Timer(0.2, interrupt.fill, (1,))
+    timer.start()
+    out = integrate(one(), transient=10**11, periods=1, interrupt=interrupt)
+    assert interrupt[0] and out["status"] == Status.PENDING
+    point = {"integrator": "exact", "impact": "exact", "steps_per_period": None}
+    log, status = trace(one(), **point, transient=10**11, periods=2, interrupt=interrupt)
+    assert status is Status.PENDING and len(log) == 0
+    out = trajectories(one(), **point, transient=10**11, periods=2, interrupt=interrupt)
+    assert all(array.shape == (1, 0) for array in out.values())
+    timer = threading.Timer(0.2, interrupt.fill, (1,))
+    interrupt[0] = 0
+    timer.start()
+    assert trace(one(), **point, transient=10**11, periods=2, interrupt=interrupt)[1] < 0

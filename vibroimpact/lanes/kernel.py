@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import prange
 
-from vibroimpact.jit import address_of, call, claim, jit, widest_vectors
+from vibroimpact.jit import address_of, call, claim, is_set, jit, widest_vectors
 from vibroimpact.lanes.plain import advance_plain, sum_up_plain
 from vibroimpact.lanes.reduced_step import mend_side_by_side
 from vibroimpact.lanes.tally import put_in_order, record_step
@@ -50,6 +50,7 @@ from vibroimpact.step.stop import new_scratch, time_to_release
 from vibroimpact.step.tangents import carry_tangents, orthonormalise
 
 _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
+_PENDING = int(Status.PENDING)
 
 
 @jit(leaf=True, internal=True)
@@ -159,14 +160,19 @@ def record_section(w, first, n, k, tally):
 @jit(inline=True)
 def run_block(
     w, taylor, scratch, first, points, plain, rule, integrator, lead, grid, transient, periods,
-    lyapunov, tally,
+    lyapunov, tally, interrupt,
 ):  # fmt: skip
     """Run one block of at most ``LANES`` points from its start to the end of the record.
 
-    `plain` says if the rule is: as a literal, so that one of the two loops is not compiled.
+    `plain` says if the rule is: as a literal, so that one of the two loops is not compiled. Once
+    `interrupt` is set the points are given up: ``PENDING``.
     """
     set_start(w, points, rule, sine_at_start(lead, grid))
+    given_up = False
     for k in range(-1, transient + periods):
+        given_up = is_set(interrupt)
+        if given_up:
+            break
         steps = lead if k < 0 else grid
         if k <= 0:
             set_maps(w, taylor, points, rule, integrator, steps)
@@ -191,12 +197,15 @@ def run_block(
         sum_up_plain(w, first, points.size, tally)
     for i in range(first, first + points.size):
         put_in_order(tally.impacts[i], tally.sums[i].impacts)
+        if given_up:
+            tally.sums[i].status = _PENDING
 
 
 @jit(inline=True)
 def take_blocks(
-    claimed, points, plain, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-):
+    claimed, points, plain, rule, integrator, lead, grid, transient, periods, lyapunov, tally,
+    interrupt,
+):  # fmt: skip
     """Run block after block, as long as there are any that no thread has taken yet."""
     widest_vectors()
     w, taylor, scratch = new_workspace(), np.empty((LANES, 4, TERMS)), new_scratch()
@@ -204,42 +213,47 @@ def take_blocks(
     while lo < points.size:  # ends: the counter only rises
         run_block(
             w, taylor, scratch, lo, points[lo : lo + LANES], plain, rule, integrator, lead, grid,
-            transient, periods, lyapunov, tally,
+            transient, periods, lyapunov, tally, interrupt,
         )  # fmt: skip
         lo = LANES * claim(claimed)
 
 
 @jit(internal=True)
 def take_plain(
-    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-):  # fmt: skip
+    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally, interrupt
+):
     """The work of one thread with the rule ``plain``."""
     take_blocks(
-        claimed, points, True, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-    )
+        claimed, points, True, rule, integrator, lead, grid, transient, periods, lyapunov, tally,
+        interrupt,
+    )  # fmt: skip
 
 
 @jit(internal=True)
 def take_mended(
-    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-):  # fmt: skip
+    claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally, interrupt
+):
     """The work of one thread with any other rule."""
     take_blocks(
-        claimed, points, False, rule, integrator, lead, grid, transient, periods, lyapunov, tally
-    )
+        claimed, points, False, rule, integrator, lead, grid, transient, periods, lyapunov, tally,
+        interrupt,
+    )  # fmt: skip
 
 
 @jit(parallel=True)
 def on_threads(
     threads, work, claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov,
-    tally,
+    tally, interrupt,
 ):  # fmt: skip
     """Do the `work`, the address of one of the two functions before, on so many threads."""
     for _ in prange(threads):
         call(
             work,
-            (claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally),
-        )
+            (
+                claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally,
+                interrupt,
+            ),
+        )  # fmt: skip
 
 
 def run_blocks(threads, points, rule, *others):
