@@ -5,15 +5,11 @@ What a command needs is imported inside it, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
-import os
 import shlex
-import signal
-import sys
-import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -23,6 +19,7 @@ from sweeps.cli import read as cli_read
 from sweeps.cli.options import check_threads
 from sweeps.cli.read import targets
 from sweeps.errors import Failed, Refused
+from sweeps.interrupts import check, raised_at_once
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -58,33 +55,6 @@ app = typer.Typer(
 app.add_typer(cli_bench.app, name="bench")
 
 
-def main() -> None:
-    """Run the command line; exits with 0 done, 1 failed or interrupted, 2 request refused."""
-    try:
-        app(prog_name="vibroimpact")
-    except SystemExit as end:
-        if threading.active_count() > 1 and isinstance(end.code, int):
-            # An interrupted run is still in the kernel, and its file is closed.
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(end.code)
-        raise
-
-
-@contextmanager
-def _termination_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM end the block like Ctrl-C."""
-
-    def interrupt(*_: object) -> NoReturn:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _show_version(asked: bool) -> None:
     if asked:
         from importlib import metadata
@@ -98,6 +68,7 @@ def _show_version(asked: bool) -> None:
 
 @app.callback()
 def _common(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
@@ -106,6 +77,8 @@ def _common(
     ] = False,
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
+    if context.invoked_subcommand != "run":
+        context.with_resource(raised_at_once())
 
 
 @app.command()
@@ -153,26 +126,29 @@ def run(
     from sweeps.store.reader import check_output
 
     existing = {"overwrite": overwrite, "resume": resume}
-    with _termination_as_interrupt():
-        if resume and overwrite:
-            raise Refused("--resume and --overwrite exclude each other; give one of them")
-        check_threads(threads)
-        _check_cluster(dask, threads)
-        sweeps = [load_config(config, overrides or ()) for config in configs]
-        paths = targets(configs, output, [sweep.output for sweep in sweeps])
-        for path in paths:
-            check_output(path, **existing)
-        with _client(dask, quiet) as client:
-            if dry_run:
-                texts = [
-                    _plan(sweep, path, threads, client, **existing)
-                    for sweep, path in zip(sweeps, paths, strict=True)
-                ]
-                typer.echo("\n\n".join(texts))
-                return
-            for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
-                again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
-                _run(sweep, path, again, quiet, threads=threads, client=client, **existing)
+    if resume and overwrite:
+        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    check_threads(threads)
+    _check_cluster(dask, threads)
+    sweeps = []
+    for config in configs:
+        check()
+        sweeps.append(load_config(config, overrides or ()))
+    paths = targets(configs, output, [sweep.output for sweep in sweeps])
+    for path in paths:
+        check()
+        check_output(path, **existing)
+    with _client(dask, quiet) as client:
+        if dry_run:
+            texts = [
+                _plan(sweep, path, threads, client, **existing)
+                for sweep, path in zip(sweeps, paths, strict=True)
+            ]
+            typer.echo("\n\n".join(texts))
+            return
+        for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
+            again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
+            _run(sweep, path, again, quiet, threads=threads, client=client, **existing)
     if not quiet:
         from sweeps.engine.reports import next_command
 
@@ -211,13 +187,14 @@ def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
 ) -> str:
     """Return what a sweep takes, or refuse it where that is too much."""
+    from sweeps.engine.background import in_background
     from sweeps.engine.cluster import computer_for
     from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
     from sweeps.store.reader import check_output
 
     computer = computer_for(client, threads)
-    cost = estimate(sweep, computer.threads, computer.cores)
+    (cost,) = in_background(map(estimate, [sweep], [computer.threads], [computer.cores]))
     check_output(path, **existing, size=cost.disk)
     return plan(sweep, path, cost)
 
@@ -228,6 +205,7 @@ def _run(sweep: SweepConfig, path: Path, again: str, quiet: bool, **options: Any
     try:
         from sweeps.engine.run import run_sweep
 
+        check()
         path = run_sweep(sweep, path, progress=not quiet, **options)
     except KeyboardInterrupt:
         raise Failed(f"interrupted; {reports.kept(path, again)}") from None
@@ -268,7 +246,3 @@ def schema() -> None:
     from sweeps.config.sweep import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=2))
-
-
-if __name__ == "__main__":
-    main()

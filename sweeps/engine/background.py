@@ -1,109 +1,95 @@
-"""Work in another thread, so that the main one hears Ctrl-C and SIGTERM at once.
+"""What a run computes, in a thread of its own: one item ahead of the main one, which writes.
 
-The kernel runs a block to its end, which may take hours for one point of many periods, and Python
-handles a signal only between two steps of the main thread.
+The main thread waits, and hears Ctrl-C and SIGTERM at once. Where it leaves the items, because of
+a signal or an error, it sets a flag, which the kernel looks at in every forcing period, and numba
+before each of its passes over a function: a pass takes two seconds at the most, of the 15 that a
+first run compiles. So the thread ends by itself.
 """
 
 from __future__ import annotations
 
-import queue
-import signal
-import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext
 from typing import Any, TypeVar
+
+import numpy as np
+from numba.core import event
+
+from sweeps.interrupts import check
 
 T = TypeVar("T")
 
-#: Held by the thread that is in the kernel. Some of numba's threading layers cannot be entered from
-#: two threads; so a run waits for the kernel of an interrupted one.
+#: Held by the thread that is in the kernel: some of numba's threading layers cannot be entered from
+#: two threads.
 KERNEL = threading.Lock()
+#: How often the main thread looks up [s]: a signal that another thread took does not wake it.
+_WAIT = 0.1
+
+_this_thread = threading.local()
+_END: Any = object()
 
 
-@dataclass(frozen=True)
-class _End:
-    """What ended the items: an error, or nothing."""
+def in_background(items: Iterable[T], *, alone: bool = True) -> Generator[T, None, None]:
+    """Yield items that are computed in another thread, one ahead; to be closed where it is left.
 
-    error: BaseException | None = None
+    Parameters
+    ----------
+    items : iterable
+    alone : bool
+        Whether to compute an item while no other thread is in the kernel, and to wait for the one
+        in work when the items are left.
 
-
-def in_background(items: Iterable[T], *, alone: bool = True) -> Iterator[T]:
-    """Yield items that are computed in another thread, two ahead at the most.
-
-    The thread is `alone` in the kernel, which items that do not enter it need not wait for. Where
-    the iteration is left, it ends with its next item; a process need not wait for it.
+    Raises
+    ------
+    KeyboardInterrupt
+        After a signal, while an item is waited for.
     """
-    ready: queue.Queue[T | _End] = queue.Queue(maxsize=1)
-    left = threading.Event()
+    given_up = np.zeros(1, np.int64)
+    iterator = iter(items)
+    thread = ThreadPoolExecutor(1, initializer=setattr, initargs=(_this_thread, "flag", given_up))
 
-    def put(item: T | _End) -> None:
-        while not left.is_set():
-            try:
-                return ready.put(item, timeout=0.1)
-            except queue.Full:
-                continue
+    def compute() -> T:
+        with KERNEL if alone else nullcontext():
+            return next(iterator, _END)
 
-    def work() -> None:
-        try:
-            with KERNEL if alone else nullcontext():
-                for item in items:
-                    put(item)
-                    if left.is_set():
-                        return
-        except BaseException as error:
-            put(_End(error))
-        else:
-            put(_End())
-
-    threading.Thread(target=work, daemon=True).start()
     try:
-        while not isinstance(item := ready.get(), _End):
+        ahead = thread.submit(compute)
+        while (item := _waited(ahead)) is not _END:
+            ahead = thread.submit(compute)
             yield item
-        if item.error is not None:
-            raise item.error
     finally:
-        left.set()
+        given_up[0] = 1
+        thread.shutdown(wait=alone, cancel_futures=True)
 
 
-@contextmanager
-def no_interrupt_lost() -> Iterator[Callable[[], None]]:
-    """Yield a check that raises an interrupt which was swallowed, as in callbacks of LLVM or HDF5.
+def _waited(future: Future[T]) -> T:
+    while not wait([future], _WAIT).done:
+        check()
+    return future.result()
 
-    It is raised at the end, too.
-    """
-    came = False
 
-    def check() -> None:
-        if came:
-            raise KeyboardInterrupt
+def interrupt() -> np.ndarray | None:
+    """Return the flag that ends the work of this thread, for the kernel; None in any other."""
+    return getattr(_this_thread, "flag", None)
 
-    if threading.current_thread() is not threading.main_thread():
-        yield check
-        return
 
-    def noted(handler: Callable[..., object]) -> Callable[..., None]:
-        def handle(number: int, frame: object) -> None:
-            nonlocal came
-            came = True
-            handler(number, frame)
+def check_given_up() -> None:
+    """Raise a KeyboardInterrupt in the thread of items that were left."""
+    flag = interrupt()
+    if flag is not None and flag[0]:
+        raise KeyboardInterrupt
 
-        return handle
 
-    def report(unraisable: Any) -> None:
-        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-            hook(unraisable)
+class _Compilation(event.Listener):
+    """Ends a compilation for items that were left, before the next pass over a function."""
 
-    hook, sys.unraisablehook = sys.unraisablehook, report
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number, handler in before.items():
-        if callable(handler):
-            signal.signal(number, noted(handler))
-    try:
-        yield check
-    finally:
-        sys.unraisablehook = hook
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    check()
+    def on_start(self, event: event.Event) -> None:
+        check_given_up()
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+event.register("numba:run_pass", _Compilation())

@@ -21,7 +21,7 @@ import math
 import queue
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import metadata
@@ -31,7 +31,7 @@ import numba
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import KERNEL, in_background
+from sweeps.engine.background import KERNEL, check_given_up, in_background
 from sweeps.engine.workers import Advance, Computer, Item, Local, Results, Work
 from sweeps.errors import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 _PER_WORKER = 3
 #: How often the scheduler is asked for its workers [s].
 _COUNT = 2.0
+#: How often the thread that waits for results looks up [s], to end where the run was left.
+_WAIT = 0.1
 #: How long a worker may take to answer this process [s].
 _CONNECT = 3.0
 
@@ -115,7 +117,7 @@ class Cluster:
         config: SweepConfig,
         items: Sequence[Item],
         advance: Advance | None = None,
-    ) -> Iterator[tuple[Item, Results]]:
+    ) -> Generator[tuple[Item, Results], None, None]:
         """Yield every item with its results, as they come in.
 
         Raises
@@ -134,7 +136,7 @@ class Cluster:
             yield from in_background(self._results(job, iter(items), futures), alone=False)
         finally:
             with suppress(Exception):  # where the scheduler is gone
-                self._client.cancel([job, *futures])
+                self._client.cancel([job, *list(futures)])  # the other thread may add to them
 
     def _results(
         self, job: Future, items: Iterator[Item], futures: dict[Future, Item]
@@ -143,7 +145,7 @@ class Cluster:
         with self._scheduler_needed():
             while self._refill(job, items, futures, ready):
                 try:
-                    future = ready.get(timeout=_COUNT)
+                    future = ready.get(timeout=_WAIT)
                 except queue.Empty:
                     continue
                 results = self._gathered(future)
@@ -159,9 +161,11 @@ class Cluster:
         ready: queue.SimpleQueue[Future],
     ) -> bool:
         """Hand out items until every worker has enough; return whether any are out."""
+        check_given_up()
         if time.monotonic() - self._asked > _COUNT:
             self._count()
         while len(futures) < _PER_WORKER * max(1, len(self._workers)):
+            check_given_up()
             item = next(items, None)
             if item is None:
                 break

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
+from sweeps.engine.background import check_given_up, interrupt
 from sweeps.engine.follow import follow
 from sweeps.engine.scaling import computed_once, scales_with_f
 from sweeps.grid import Block, block_points
@@ -103,6 +104,7 @@ def _run(
         "periods": record.periods,
         "phase": record.phase,
         "at_section": at_section,
+        "interrupt": interrupt(),
     }
     results = integrate(
         points,
@@ -113,4 +115,5 @@ def _run(
     )
     if record.trajectory:
         results |= trajectories(points, every=record.trajectory.every, **common)
+    check_given_up()
     return results

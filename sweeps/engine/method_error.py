@@ -18,6 +18,7 @@ import math
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
+from sweeps.engine.background import check_given_up, interrupt
 from vibroimpact.integrate import integrate
 from vibroimpact.orbits.cycles import section_distance
 
@@ -118,7 +119,9 @@ class ExactSample:
                 phase=(self.config.record.phase + 2.0 * math.pi * k / SECTIONS) % (2.0 * math.pi),
                 impacts=0,
                 threads=self._threads,
+                interrupt=interrupt(),
             )
+            check_given_up()
             sections.append(np.stack([results["poincare_x"], results["poincare_v"]], axis=-1))
             impacts += float(np.nan_to_num(results["impacts_per_period"]).mean()) / SECTIONS
         return np.stack(sections, axis=2), impacts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from rich.progress import (
 )
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import in_background, no_interrupt_lost
+from sweeps.engine.background import in_background
 from sweeps.engine.cluster import computer_for
 from sweeps.engine.compute import compute_block
 from sweeps.engine.pilot import Pilot, choose
@@ -28,6 +29,7 @@ from sweeps.engine.reports import plan
 from sweeps.engine.scaling import scales_with_f
 from sweeps.engine.workers import Computer
 from sweeps.grid import Block, block_points
+from sweeps.interrupts import check, raised_by_check
 from sweeps.store.layout import ADDED, Layout
 from sweeps.store.lock import only_writer
 from sweeps.store.reader import check_output, open_sweep
@@ -93,7 +95,7 @@ def run_sweep(
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     path = Path(output) if output is not None else config.output
     console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
-    with no_interrupt_lost() as check, only_writer(path):
+    with raised_by_check(), only_writer(path):
         check_output(path, overwrite=overwrite, resume=resume)
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
@@ -107,17 +109,16 @@ def run_sweep(
         console.print(plan(config, path, cost), markup=False)
         layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
-            check()  # the first block may take long
             if writer.damage:
                 console.print(f"damaged, and computed again: {writer.damage}", markup=False)
             with _Display(config, writer, console, computer) as display:
                 pending = writer.pending()
                 computed = computer.computed(compute_block, config, pending, display.computed)
-                for block, results in computed:
-                    check()
-                    writer.write(block, results)
-                    display.written(block)
-                    check()
+                with closing(computed):
+                    for block, results in computed:
+                        check()
+                        writer.write(block, results)
+                        display.written(block)
             if config.refine is not None and not writer.refined:
                 _refine(config, writer, path, threads, console)
             writer.finish(compressed=config.compression != "none")
@@ -131,9 +132,10 @@ def _refine(
     assert config.refine is not None
     with console.status("refining") as status, open_sweep(path, verify=False) as line:
         refinement = Refinement(config, line, threads)
-        for level in in_background(refinement):
-            found = f"{len(refinement.intervals):,} changes of class"
-            status.update(f"refining: level {level} of {config.refine.levels}, {found}")
+        with closing(in_background(refinement)) as levels:
+            for level in levels:
+                found = f"{len(refinement.intervals):,} changes of class"
+                status.update(f"refining: level {level} of {config.refine.levels}, {found}")
     writer.insert(config.refine.axis, refinement.points)
     added = writer.layout.attributes[ADDED]
     told = f"refined: {added:,} points added beside the changes of class"
@@ -185,7 +187,6 @@ class _Display:
         # Points counted in two threads, the first ahead of the second.
         self._computed = 0
         self._written = 0
-        self._left = False
 
     def __enter__(self) -> _Display:
         self._bar.start()
@@ -196,9 +197,7 @@ class _Display:
         return self
 
     def computed(self, points: int) -> None:
-        """Count points of a block in work, which goes no further once the run was left."""
-        if self._left:
-            raise RuntimeError("the run was left")
+        """Count points of a block in work."""
         self._computed += points
         self._show()
 
@@ -223,5 +222,4 @@ class _Display:
         return self._name + self._computer.described()
 
     def __exit__(self, *_: object) -> None:
-        self._left = True
         self._bar.stop()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -42,11 +42,11 @@ class Computer(Protocol):
         config: SweepConfig,
         items: Sequence[Item],
         advance: Advance | None = None,
-    ) -> Iterator[tuple[Item, Results]]:
+    ) -> Generator[tuple[Item, Results], None, None]:
         """Yield every item with its results, in any order, and hold few of them at a time.
 
-        `advance` is handed to the work where that is done in this process. Where the iteration is
-        left, what is still to be computed is given up.
+        `advance` is handed to the work where that is done in this process. Where the generator is
+        closed, what is still to be computed is given up.
         """
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
@@ -70,7 +70,7 @@ class Local:
         config: SweepConfig,
         items: Sequence[Item],
         advance: Advance | None = None,
-    ) -> Iterator[tuple[Item, Results]]:
+    ) -> Generator[tuple[Item, Results], None, None]:
         """Yield every item with its results, in order."""
         told = () if advance is None else (advance,)
         return in_background((item, work(config, item, self.threads, *told)) for item in items)

@@ -113,7 +113,7 @@ def test_help(race):
     """That it imports neither numba nor matplotlib is tested with the command line."""
     shown = race.run(
         "--help / the bare interpreter",
-        lambda: python("-m", "sweeps.cli.main", "--help"),
+        lambda: python("-m", "sweeps.cli", "--help"),
         lambda: python("-c", "pass"),
         of_reference=1.0,
         rounds=10,
@@ -127,7 +127,7 @@ def test_second_run(race, sweep):
     libraries = "import numba, scipy.linalg, xarray, h5netcdf, pydantic, yaml, typer, rich.progress"
     told = race.run(
         "a second run / importing what it needs",
-        lambda: python("-m", "sweeps.cli.main", "run", path, "--overwrite"),
+        lambda: python("-m", "sweeps.cli", "run", path, "--overwrite"),
         lambda: python("-c", libraries),
         of_reference=1.0,
         rounds=3,

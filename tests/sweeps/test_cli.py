@@ -19,6 +19,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sweeps
+from sweeps import interrupts
 from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.engine import run as runner
@@ -76,7 +77,7 @@ def refused(*arguments):
 
 def process(*arguments):
     """Run the command line in its own process, as a user does."""
-    command = [sys.executable, "-m", "sweeps.cli.main", *arguments]
+    command = [sys.executable, "-m", "sweeps.cli", *arguments]
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
 
@@ -372,7 +373,7 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run(folder, number):
     endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
-    command = [sys.executable, "-m", "sweeps.cli.main", "run", "small.yaml", *endless]
+    command = [sys.executable, "-m", "sweeps.cli", "run", "small.yaml", *endless]
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
         deadline = time.monotonic() + 120
@@ -385,8 +386,19 @@ def test_a_signal_ends_a_run(folder, number):
     assert "Traceback" not in stderr
 
 
+@pytest.fixture
+def listening(monkeypatch):
+    """What the process of a command has from its start."""
+    monkeypatch.setattr(interrupts, "_came", False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupts.listen()
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, number):
+def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
     class Callback:  # exceptions in it are swallowed, as in LLVM's
         def __del__(self):
             os.kill(os.getpid(), number)
@@ -570,7 +582,7 @@ def test_help_imports_nothing_heavy(arguments, typers):
     heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers
     code = (
         "import sys\n"
-        "from sweeps.cli.main import main\n"
+        "from sweeps.cli.__main__ import main\n"
         "try:\n"
         "    main()\n"
         "except SystemExit as end:\n"

@@ -421,7 +421,7 @@ def test_the_command_says_where_it_computes(client):
 def command(*arguments):
     """Start the command line as a terminal does, in a process group of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "sweeps.cli.main", "run", "sweep.yaml", "-o", "out.h5", *arguments],
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments],
         env={"PYTHONPATH": str(ROOT), "PATH": ""},
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,

@@ -89,7 +89,7 @@ def ended(process, timeout=120):
 
 
 def run(*arguments):
-    return python("-m", "sweeps.cli.main", "run", "sweep.yaml", *arguments)
+    return python("-m", "sweeps.cli", "run", "sweep.yaml", *arguments)
 
 
 def data(path):
@@ -154,7 +154,7 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names():
     assert code == 1
     message, command = stderr.splitlines()[-1].split("; to go on: vibroimpact ")
     assert int(message.split("interrupted; ")[1].split()[0]) >= done > 0
-    assert ended(python("-m", "sweeps.cli.main", *command.split(), "--dry-run")) == (0, "")
+    assert ended(python("-m", "sweeps.cli", *command.split(), "--dry-run")) == (0, "")
     # With less to do than that, since another transient is another sweep.
     code, stderr = ended(run("--resume"))
     assert code == 2 and "record.transient was 20000 and is 500" in stderr
