@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,8 @@ import numba
 import platformdirs
 from numba import types
 from numba.extending import intrinsic
+
+from vibroimpact.cache import CompiledCode
 
 _config: Any = numba.config  # its settings are made at run time, unseen by a type checker
 
@@ -34,22 +35,15 @@ def _numerics() -> str:
 NUMERICS = _numerics()
 
 
-def _cache_folder() -> str:
-    """Return a cache folder named after the code.
+def _cache_folder() -> Path:
+    """Return the folder of compiled code, which is named after the code that it was compiled from.
 
-    Numba's own cache looks only at the file that holds a function, so an edited helper in
-    another file would leave a stale kernel behind; a name made of all sources cannot. It lies
-    outside the package: what pip did not install it would leave behind, to shadow the next one.
+    A cache that looks only at the file that holds a function would serve a stale kernel where a
+    helper in another file was edited; a name made of all sources cannot. The folder lies outside
+    the package: what pip did not install it would leave behind, to shadow the next one.
     """
-    root = Path(_config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        root = Path(tempfile.gettempdir(), "vibroimpact")
-    return str(root / f"numba-{NUMERICS}")
-
-
-_CACHE_FOLDER = _cache_folder()
+    root = _config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False)
+    return Path(root, f"compiled-{NUMERICS}")
 
 
 def jit(
@@ -88,7 +82,6 @@ def jit(
         )
     options: dict[str, Any] = {
         "error_model": "numpy",
-        "cache": True,
         "parallel": parallel,
         "nogil": True,  # so that a main thread hears signals while another one computes
         "inline": "always" if inline else "never",
@@ -97,12 +90,9 @@ def jit(
         "no_cfunc_wrapper": True,
         "no_cpython_wrapper": internal,
     }
-    users_folder = _config.CACHE_DIR
-    _config.CACHE_DIR = _CACHE_FOLDER
-    try:
-        return numba.njit(function, **options)
-    finally:
-        _config.CACHE_DIR = users_folder
+    dispatcher = numba.njit(function, **options)
+    dispatcher._cache = CompiledCode(function, _cache_folder())
+    return dispatcher
 
 
 @intrinsic

@@ -1,0 +1,154 @@
+"""The cache of compiled code: never needed, never trusted where another user could write."""
+
+import os
+import pickle
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+import vibroimpact
+from vibroimpact import cache
+from vibroimpact.cache import CacheWarning, CompiledCode
+
+
+def call(folder):
+    """Compile a function, or read it from the cache; return whether it was read."""
+
+    @numba.njit
+    def double(x):
+        return x + x
+
+    double._cache = CompiledCode(double.py_func, folder)
+    cache._warn.cache_clear()
+    assert double(21) == 42
+    return sum(double.stats.cache_hits.values()) == 1
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a folder that holds the compiled function."""
+    folder = tmp_path / "root/compiled"
+    assert [call(folder), call(folder)] == [False, True]
+    return folder
+
+
+def test_the_folder_and_its_files_are_private(folder):
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert [path.stat().st_mode & 0o777 for path in folder.iterdir()] == [0o600]
+
+
+@pytest.mark.parametrize("place", [0, 40, -1])
+def test_a_changed_byte_is_compiled_anew(folder, place):
+    (path,) = folder.iterdir()
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    assert [call(folder), call(folder)] == [False, True]
+
+
+@pytest.mark.parametrize("size", [0, 10, 40, 1000])
+def test_a_cut_file_is_compiled_anew(folder, size):
+    (path,) = folder.iterdir()
+    os.truncate(path, size)
+    assert [call(folder), call(folder)] == [False, True]
+
+
+class Planted:
+    """Tells by a file that its pickle was read."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def plant(folder, trace):
+    """Put a file there that is executed if it is read, in the form of those of the cache."""
+    (path,) = folder.iterdir()
+    data = pickle.dumps(Planted(trace))
+    path.write_bytes(cache.hashlib.sha256(data).digest() + data)
+    return path
+
+
+def test_a_planted_file_would_be_executed_in_a_private_folder(folder, tmp_path):
+    """What the tests below would see."""
+    plant(folder, tmp_path / "trace")
+    assert not call(folder)
+    assert (tmp_path / "trace").exists()
+
+
+@pytest.mark.parametrize("which", ["folder", "file", "both"])
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
+def test_what_belongs_to_another_user_is_not_executed(folder, tmp_path, which):
+    path = plant(folder, tmp_path / "trace")
+    for part in {"folder": [folder], "file": [path], "both": [folder, path]}[which]:
+        os.chown(part, 65534, 65534)
+    if which == "file":  # which is replaced
+        assert [call(folder), call(folder)] == [False, True]
+    else:
+        with pytest.warns(CacheWarning, match="it belongs to another user"):
+            assert not call(folder)
+    assert not (tmp_path / "trace").exists()
+
+
+def test_what_others_may_write_to_is_not_executed(folder, tmp_path):
+    plant(folder, tmp_path / "trace")
+    folder.chmod(0o777)
+    with pytest.warns(CacheWarning, match=r"other users may write .* NUMBA_CACHE_DIR"):
+        assert not call(folder)
+    assert not (tmp_path / "trace").exists()
+
+
+def test_a_link_in_place_of_the_folder_is_not_followed(folder, tmp_path):
+    link = tmp_path / "link"
+    link.symlink_to(folder)
+    with pytest.warns(CacheWarning, match="it is not a folder"):
+        assert not call(link)
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.warns(CacheWarning, match=r"cannot be kept in .*file/compiled \(File exists\)"):
+        assert not call(tmp_path / "file/compiled")
+    with pytest.warns(CacheWarning, match="there is no home folder"):
+        assert not call(Path("~/.cache/compiled"))
+    assert not Path("~").exists()
+
+
+def test_a_full_disk(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.warns(CacheWarning, match="File too large"):
+            assert not call(tmp_path / "compiled")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list((tmp_path / "compiled").iterdir()) == []
+
+
+def test_an_unusable_cache_leaves_nothing_in_the_package_or_the_temporary_folder(tmp_path):
+    package = tmp_path / "site/vibroimpact"
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(vibroimpact.__file__).parent, package, ignore=ignored)
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "file").touch()
+    before = sorted(tmp_path.rglob("*"))
+    code = "from vibroimpact.step.trigonometry import sin_cos as f; print(f(0.0))"
+    environment = {
+        "PATH": "",
+        "PYTHONPATH": str(package.parent),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "NUMBA_CACHE_DIR": str(tmp_path / "file"),
+        "TMPDIR": str(tmp_path / "temporary"),
+        "HOME": str(tmp_path / "file"),
+    }
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0 and result.stderr.count("CacheWarning") == 1, result.stderr
+    assert sorted(tmp_path.rglob("*")) == before

@@ -1,0 +1,154 @@
+"""Compiled code on disk: kept where no other user can write, and never needed.
+
+What lies in a cache is executed. So its folder must belong to this user alone, and every file opens
+with a checksum of the rest. A folder or a file that cannot be used costs a compilation, and one
+warning where nothing can be kept; it never ends a program.
+
+Numba's own cache writes beside the sources where its folder is unusable, and raises what a damaged
+file or a full disk raises.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import inspect
+import os
+import pickle
+import stat
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+_DIGEST = hashlib.sha256().digest_size
+
+
+class CacheWarning(UserWarning):
+    """Compiled code cannot be kept; the text is one line for the user."""
+
+
+class CompiledCode:
+    """The compiled forms of one function, in the interface that numba's dispatchers ask for.
+
+    Parameters
+    ----------
+    function : callable
+        The Python function.
+    folder : Path
+        Where the files are; it is made when the first is written.
+    """
+
+    def __init__(self, function: Callable, folder: Path) -> None:
+        self.cache_path = str(folder)
+        self._function = function
+        self._folder = folder
+
+    def load_overload(self, signature: Any, context: Any) -> CompileResult | None:
+        """Return the form for a signature, or None where there is none that can be used."""
+        context.refresh()
+        if _unusable(self._folder) is not None:
+            return None
+        key = self._key(signature, context.codegen())
+        try:
+            with self._path(key).open("rb") as file:
+                if _foreign(os.fstat(file.fileno())) is not None:
+                    return None
+                data = file.read()
+            if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
+                return None
+            kept_key, kept = pickle.loads(data[_DIGEST:])
+            return CompileResult._rebuild(context, *kept) if kept_key == key else None
+        except Exception:  # of another version of Python, say
+            return None
+
+    def save_overload(self, signature: Any, result: CompileResult) -> None:
+        """Keep the form for a signature, or warn once that nothing can be kept."""
+        if result.library.has_dynamic_globals or any(not part.can_cache for part in result.lifted):
+            return
+        key = self._key(signature, result.library.codegen)
+        try:
+            _make(self._folder)
+            data = dumps((key, result._reduce()))
+            _write(self._path(key), hashlib.sha256(data).digest() + data)
+        except OSError as error:
+            _warn(self._folder, error.strerror or type(error).__name__)
+
+    def flush(self) -> None:
+        """Forget nothing: what is compiled again is written again."""
+
+    def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
+        """Return what the compiled form depends on, beside the package that names the folder."""
+        cells = tuple(cell.cell_contents for cell in self._function.__closure__ or ())
+        source = Path(inspect.getfile(self._function)).read_bytes()
+        parts = (source, self._function.__code__.co_code, dumps(cells) if cells else b"")
+        digests = tuple(hashlib.sha256(part).hexdigest() for part in parts)
+        return (signature, codegen.magic_tuple(), *digests)
+
+    def _path(self, key: tuple[Any, ...]) -> Path:
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:24]
+        return self._folder / f"{self._function.__name__}-{digest}"
+
+
+def _make(folder: Path) -> None:
+    """Make a folder of this user alone.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made, or is there and unsafe.
+    """
+    if folder.parts[0] == "~":
+        raise OSError(0, "there is no home folder")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    if reason := _unusable(folder):
+        raise OSError(0, reason)
+
+
+def _unusable(folder: Path) -> str | None:
+    """Say why what lies in a folder must not be executed; None where it may be."""
+    try:
+        status = folder.lstat()
+    except OSError as error:
+        return error.strerror or type(error).__name__
+    return _foreign(status) if stat.S_ISDIR(status.st_mode) else "it is not a folder"
+
+
+def _foreign(status: os.stat_result) -> str | None:
+    """Say why another user may have made something, or may change it; None if none may."""
+    if os.name != "posix":
+        return None
+    if status.st_uid != os.geteuid():
+        return "it belongs to another user"
+    return "other users may write to it" if status.st_mode & 0o022 else None
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Put a file in its place whole, beside other processes that do the same."""
+    descriptor, draft = tempfile.mkstemp(dir=path.parent)
+    try:
+        with open(descriptor, "wb") as file:
+            file.write(data)
+        os.replace(draft, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(draft)
+        raise
+
+
+@cache
+def _warn(folder: Path, reason: str) -> None:
+    """Warn, once in a process, that every process will compile anew."""
+    warnings.warn(
+        f"the compiled code cannot be kept in {folder} ({reason}), so that every command compiles "
+        "it anew; set NUMBA_CACHE_DIR to a folder of your own with room",
+        CacheWarning,
+        stacklevel=2,
+    )
