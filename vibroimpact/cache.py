@@ -49,7 +49,7 @@ class CompiledCode:
         self._function = function
         self._folder = folder
 
-    def load_overload(self, signature: Any, context: Any) -> CompileResult | None:
+    def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the form for a signature, or None where there is none that can be used."""
         context.refresh()
         if _unusable(self._folder) is not None:
@@ -67,7 +67,7 @@ class CompiledCode:
         except Exception:  # of another version of Python, say
             return None
 
-    def save_overload(self, signature: Any, result: CompileResult) -> None:
+    def save_overload(self, signature: Any, result: Any) -> None:
         """Keep the form for a signature, or warn once that nothing can be kept."""
         if result.library.has_dynamic_globals or any(not part.can_cache for part in result.lifted):
             return

@@ -90,7 +90,7 @@ def jit(
         "no_cfunc_wrapper": True,
         "no_cpython_wrapper": internal,
     }
-    dispatcher = numba.njit(function, **options)
+    dispatcher: Any = numba.njit(function, **options)
     dispatcher._cache = CompiledCode(function, _cache_folder())
     return dispatcher
 

@@ -11,9 +11,9 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from sweeps.config.values import suggestion
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
+from sweeps.text import nearest, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -102,8 +102,8 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
         slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
         if not low - slack <= value <= high + slack:
             raise Refused(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
-        nearest = float(values[np.argmin(np.abs(values - value))])
-        found[name] = value if abs(nearest - value) <= slack else nearest
+        closest = float(values[np.argmin(np.abs(values - value))])
+        found[name] = value if abs(closest - value) <= slack else closest
     return found
 
 
@@ -112,7 +112,7 @@ def _direction(dataset: xr.Dataset, name: str) -> str:
     if not valid:
         raise Refused("direction cannot be fixed here; the sweep was not followed in both")
     if name not in valid:
-        meant = suggestion(name, valid)
+        meant = suggestion(nearest(name, valid))
         raise Refused(f"there is no direction {name}{meant}; choose from: {listed(valid)}")
     return name
 

@@ -1,1 +1,11 @@
-"""From a YAML file to a checked `SweepConfig`."""
+"""From a YAML file to a checked `SweepConfig`, with errors that name the line and the key.
+
+``values.py`` has the forms of a value, ``schema.py`` the groups of keys, ``sweep.py`` all of them
+with the checks across groups, ``loading.py`` the YAML and the errors, ``names.py`` what people type
+instead of a key.
+"""
+
+from sweeps.config.loading import load_config
+from sweeps.config.sweep import SweepConfig, json_schema
+
+__all__ = ["SweepConfig", "json_schema", "load_config"]

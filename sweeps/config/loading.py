@@ -5,7 +5,7 @@ Every error names the file, the line, the key, what was given and what is allowe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,15 +13,31 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from sweeps.config.schema import RecordSection, Trajectory, key_list
+from sweeps.config.names import meant
+from sweeps.config.schema import RecordConfig, Trajectory, key_list
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Key, MisplacedError, Range, Section, nearest, suggestion
+from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.errors import ConfigError
+from sweeps.text import shortened, shown_count, suggestion
 
 #: A longer file is none that was typed; a long axis is better told as a range.
 _MOST_BYTES = 250_000
 #: The schema has four levels.
 _DEEPEST = 16
+#: Of more errors the first are said, and the number of the others.
+_MOST_ERRORS = 8
+
+#: What pydantic calls an error of a number or a truth value, in the words of the messages.
+_PROBLEMS = {
+    "float_parsing": "is not a number",
+    "float_type": "is not a number",
+    "finite_number": "is not a finite number",
+    "int_type": "is not an integer",
+    "int_parsing": "is not an integer",
+    "int_from_float": "is not an integer",
+    "bool_type": "is neither true nor false",
+    "bool_parsing": "is neither true nor false",
+}
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
@@ -55,7 +71,9 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
         return SweepConfig.model_validate({"name": path.stem, **data})
     except ValidationError as refusal:
         errors = _without_echoes(refusal.errors())
-        texts = [_explained(error, data, sources, str(path)) for error in errors]
+        texts = [_explained(error, data, sources, str(path)) for error in errors[:_MOST_ERRORS]]
+        if (more := len(errors) - _MOST_ERRORS) > 0:
+            texts.append(f"{path}: and {shown_count(more, 'error')} more")
         raise ConfigError("\n".join(texts)) from None
 
 
@@ -104,8 +122,9 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise ConfigError(f"{origin}{place}: not valid YAML: {error.problem}") from None
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ConfigError(f"{origin}: not valid YAML: {' '.join(str(error).split())}") from None
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
+        # The last two are of an escaped character that there is not, as "\\U00110000".
+        raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
     return "" if node is None else _tree(node, origin, key, sources)
 
 
@@ -116,13 +135,14 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
     sources.setdefault(key, source(node))
     if isinstance(node, yaml.SequenceNode):
         return [_tree(item, origin, (*key, i), sources) for i, item in enumerate(node.value)]
-    if not isinstance(node, yaml.MappingNode):
-        return node.value
+    if isinstance(node, yaml.ScalarNode):
+        return _text_of(node, source(node))
     mapping: dict[str, object] = {}
     for key_node, value_node in node.value:
         here, name = source(key_node), key_node.value
         if not isinstance(name, str):
             raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
+        _text_of(key_node, here)
         child = (*key, name)
         if name in mapping:
             raise ConfigError(
@@ -132,6 +152,14 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
         sources[child] = here
         mapping[name] = _tree(value_node, origin, child, sources)
     return mapping
+
+
+def _text_of(node: yaml.Node, source: str) -> str:
+    """Return the text of a scalar, if it can be written to a file."""
+    text = str(node.value)
+    if any("\ud800" <= c <= "\udfff" for c in text):
+        raise ConfigError(f"{source}: half of a surrogate pair is no character; expected: Unicode")
+    return text
 
 
 def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
@@ -158,8 +186,16 @@ def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> N
 def _without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
     """Leave out that a key is missing where it is only misspelt."""
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
-    meant = {(*loc[:-1], nearest(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
-    return [error for error in errors if error["type"] != "missing" or error["loc"] not in meant]
+    replaced = {(*loc[:-1], meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
+    return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
+
+
+def _keys_elsewhere() -> Iterator[str]:
+    """Yield every key of the configuration, dotted, but those of ranges."""
+    for name, field in SweepConfig.model_fields.items():
+        yield name
+        group = _group_of(field.annotation)
+        yield from (f"{name}.{key}" for key in (group.model_fields if group else ()))
 
 
 def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
@@ -167,42 +203,43 @@ def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pa
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, MisplacedError):
         return f"{_source(reason.key, sources, path)}: {_dotted(reason.key)}: {reason}"
-    key, section, expected = _located(error["loc"])
+    key, group, expected = _located(error["loc"])
     where = f"{_source(key, sources, path)}: "
     if error["type"] == "missing":
         return f"{where}{_dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
-        meant = suggestion(str(key[-1]), section.model_fields)
-        return f"{where}unknown key {_dotted(key)}{meant}; expected: {key_list(section)}"
+        word = meant(str(key[-1]), group.model_fields, _keys_elsewhere())
+        return f"{where}unknown key {_dotted(key)}{suggestion(word)}; expected: {key_list(group)}"
     given = f"{_dotted(key)} = {_shown(_typed(data, key, error['input']))}"
-    return f"{where}{given} {reason or 'is not allowed'}; expected: {expected}"
+    problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
+    return f"{where}{given} {problem}; expected: {expected}"
 
 
-def _located(loc: Key) -> tuple[Key, type[Section], str]:
-    """Return the key at pydantic's `loc`, the section it is in, and what is expected there."""
+def _located(loc: Key) -> tuple[Key, type[Group], str]:
+    """Return the key at pydantic's `loc`, the group it is in, and what is expected there."""
     key: list[str | int] = []
-    section: type[Section] = SweepConfig
-    inner: type[Section] | None = SweepConfig
+    group: type[Group] = SweepConfig
+    inner: type[Group] | None = SweepConfig
     expected = ""
     for part in loc:
         if isinstance(part, int):
             key.append(part)
         elif inner is None:
-            # Not a key: below a value of several forms, pydantic names the form (see `_form`).
-            inner = Trajectory if section is RecordSection else Range
+            # Not a key: below a value of several forms, pydantic names the form (see `form`).
+            inner = Trajectory if group is RecordConfig else Range
         else:
             key.append(part)
-            section = inner
-            field = section.model_fields.get(part)
+            group = inner
+            field = group.model_fields.get(part)
             expected = field.description or "" if field else ""
-            inner = _section_of(field.annotation if field else None)
-    return tuple(key), section, expected
+            inner = _group_of(field.annotation if field else None)
+    return tuple(key), group, expected
 
 
-def _section_of(kind: Any) -> type[Section] | None:
-    """Return the section that a field holds, or may hold beside null."""
+def _group_of(kind: Any) -> type[Group] | None:
+    """Return the group that a field holds, or may hold beside null."""
     kinds = (kind, *get_args(kind))
-    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Section)), None)
+    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Group)), None)
 
 
 def _typed(data: Any, key: Key, otherwise: object) -> object:
@@ -216,7 +253,7 @@ def _typed(data: Any, key: Key, otherwise: object) -> object:
 
 
 def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
-    """Where `key` or the closest section around it comes from."""
+    """Where `key` or the closest group around it comes from."""
     for length in range(len(key), -1, -1):
         if key[:length] in sources:
             return sources[key[:length]]
@@ -234,5 +271,5 @@ def _shown(value: object) -> str:
     elif isinstance(value, (list, tuple)):
         text = "[" + ", ".join(map(_shown, value)) + "]"
     else:
-        text = " ".join(str(value).split()) or "(nothing)"
-    return text if len(text) <= 80 else text[:77] + "..."
+        text = str(value) or "(nothing)"
+    return shortened(text)

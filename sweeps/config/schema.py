@@ -1,4 +1,4 @@
-"""The sections of a configuration, each checked on its own: what may be given in them.
+"""The groups of a configuration, each checked on its own: what may be given in them.
 
 The names, ranges and defaults of the parameters are those of ``vibroimpact.oscillator.PARAMETERS``.
 """
@@ -21,23 +21,20 @@ from pydantic import (
 )
 
 from sweeps.config.values import (
+    Group,
     MisplacedError,
     Number,
-    Section,
     Values,
     Whole,
-    boolean,
     extremes,
     form,
     integer,
     known,
     null,
-    number,
-    off,
-    shortest,
-    suggestion,
-    whole,
+    plain_integer,
+    plain_number,
 )
+from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.integrate import MOST_STEPS
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.integrators import INTEGRATORS
@@ -56,6 +53,7 @@ _MOST_RECORDED = 1_000_000
 
 
 def choice(meaning: str, table: Collection[str], default: str) -> Any:
+    """Return a field for a name out of a table."""
     text = f"{meaning}: {', '.join(table)}"
     return Field(default, description=text, json_schema_extra={"enum": [*table]})
 
@@ -70,7 +68,9 @@ def _parameter(name: str) -> Any:
     return Field(... if parameter.default is None else parameter.default, description=text)
 
 
-class ParameterSection(Section):
+class ParameterConfig(Group):
+    """Parameters of ``PARAMETERS``, each a number, a list or a range, and within its bounds."""
+
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
@@ -83,7 +83,7 @@ class ParameterSection(Section):
         return value
 
 
-class OscillatorSection(ParameterSection):
+class OscillatorConfig(ParameterConfig):
     """The parameters of the oscillator."""
 
     h: Values = _parameter("h")
@@ -94,14 +94,14 @@ class OscillatorSection(ParameterSection):
     clearance: Values = _parameter("clearance")
 
 
-class StartSection(ParameterSection):
+class StartConfig(ParameterConfig):
     """The state at time 0."""
 
     x0: Values = _parameter("x0")
     v0: Values = _parameter("v0")
 
 
-class MethodSection(Section):
+class MethodConfig(Group):
     """How the motion is computed."""
 
     integrator: Annotated[str, known(INTEGRATORS)] = choice(
@@ -109,7 +109,7 @@ class MethodSection(Section):
     )
     impact: Annotated[str, known(IMPACT_RULES)] = choice("rule for impacts", IMPACT_RULES, "exact")
     steps_per_period: Annotated[
-        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(whole)] | None,
+        Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(plain_integer)] | None,
         BeforeValidator(null),
     ] = Field(
         None,
@@ -117,7 +117,7 @@ class MethodSection(Section):
         "or null for as many as the method needs",
     )
     accuracy: Annotated[
-        Annotated[float, Field(ge=1e-13, lt=1.0), BeforeValidator(number)] | None,
+        Annotated[float, Field(ge=1e-13, lt=1.0), BeforeValidator(plain_number)] | None,
         BeforeValidator(null),
     ] = Field(
         default=None,
@@ -125,14 +125,14 @@ class MethodSection(Section):
         "relative to the motion: a number >= 1e-13 and < 1, or null; the engine then picks the "
         "cheapest method that a pilot run finds to reach it",
     )
-    allow_unstable: Annotated[bool, BeforeValidator(boolean)] = Field(
+    allow_unstable: bool = Field(
         default=False,
         description="compute although the step is too long for the integrator to be stable: "
         "true or false",
     )
 
     @model_validator(mode="after")
-    def _leaves_thechoice(self) -> Self:
+    def _accuracy_alone(self) -> Self:
         given = self.model_fields_set - {"accuracy"}
         if self.accuracy is not None and given:
             name = next(name for name in type(self).model_fields if name in given)
@@ -144,7 +144,7 @@ class MethodSection(Section):
         return self
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _exact_with_exact(self) -> Self:
         if self.impact == "exact" and self.integrator != "exact":
             others = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
             raise MisplacedError(
@@ -155,13 +155,17 @@ class MethodSection(Section):
         return self
 
 
-class Trajectory(Section):
+class Trajectory(Group):
     """Which samples of the motion are kept."""
 
     every: Whole = integer("time steps from one sample to the next", 1, _MOST_PERIODS)
 
 
-class RecordSection(Section):
+def _false(value: object) -> object:
+    return False if isinstance(value, str) and value.lower() == "false" else value
+
+
+class RecordConfig(Group):
     """What is kept of each point."""
 
     transient: Whole = integer(
@@ -176,7 +180,7 @@ class RecordSection(Section):
     )
     impacts: Whole = integer("how many of the last impacts are kept", 0, _MOST_RECORDED, 64)
     trajectory: Annotated[
-        Annotated[Literal[False], BeforeValidator(off), Tag("<scalar>")]
+        Annotated[Literal[False], BeforeValidator(_false), Tag("<scalar>")]
         | Annotated[Trajectory, Tag("<mapping>")],
         Discriminator(form),
     ] = Field(
@@ -193,27 +197,27 @@ class RecordSection(Section):
 
     @field_validator("diagnostics")
     @classmethod
-    def _once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
         if len(set(names)) < len(names):
             raise ValueError("has a name twice")
         return names
 
 
 def _followable(name: str) -> str:
-    if name in StartSection.model_fields:
+    if name in StartConfig.model_fields:
         raise ValueError("is a start, which every point but the first has from its neighbour")
-    if name not in OscillatorSection.model_fields:
-        raise ValueError("is unknown" + suggestion(name, OscillatorSection.model_fields))
+    if name not in OscillatorConfig.model_fields:
+        raise ValueError("is unknown" + suggestion(nearest(name, OscillatorConfig.model_fields)))
     return name
 
 
-class FollowSection(Section):
+class FollowConfig(Group):
     """An axis along which each point starts from its neighbour's final state."""
 
     axis: Annotated[str, AfterValidator(_followable)] = Field(
         description="axis along which each point starts from its neighbour's final state: a swept "
-        f"parameter out of {', '.join(OscillatorSection.model_fields)}",
-        json_schema_extra={"enum": [*OscillatorSection.model_fields]},
+        f"parameter out of {', '.join(OscillatorConfig.model_fields)}",
+        json_schema_extra={"enum": [*OscillatorConfig.model_fields]},
     )
     direction: Annotated[str, known(DIRECTIONS)] = choice(
         "values of the axis increasing (up), decreasing (down), or once each way",
@@ -227,7 +231,7 @@ class FollowSection(Section):
         return BOTH if self.direction == "both" else (self.direction,)
 
 
-class RefineSection(Section):
+class RefineConfig(Group):
     """Where points are added."""
 
     axis: Annotated[str, known(PARAMETERS)] = Field(
@@ -239,6 +243,6 @@ class RefineSection(Section):
     levels: Whole = integer("how often the interval of a change is halved", 1, 52)
 
 
-def key_list(section: type[Section]) -> str:
-    """Say which keys a section has."""
-    return f"a mapping with keys among {', '.join(section.model_fields)}"
+def key_list(group: type[Group]) -> str:
+    """Say which keys a group has."""
+    return f"a mapping with keys among {', '.join(group.model_fields)}"

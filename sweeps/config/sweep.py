@@ -15,29 +15,29 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from sweeps.config.schema import (
-    FollowSection,
-    MethodSection,
-    OscillatorSection,
-    ParameterSection,
-    RecordSection,
-    RefineSection,
-    StartSection,
+    FollowConfig,
+    MethodConfig,
+    OscillatorConfig,
+    ParameterConfig,
+    RecordConfig,
+    RefineConfig,
+    StartConfig,
     choice,
     key_list,
 )
 from sweeps.config.steps import refuse_unstable, worst_points
 from sweeps.config.values import (
+    Group,
     Key,
     MisplacedError,
-    Section,
-    every,
+    as_array,
     extremes,
     known,
     length,
     null,
-    shortest,
 )
 from sweeps.grid import Grid
+from sweeps.text import printable, shortest
 from vibroimpact.integrate import MOST_STEPS, default_steps
 
 #: How a complete file can be compressed.
@@ -48,42 +48,42 @@ _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
 
 
-def _section(meaning: str, section: type[Section], **default: Any) -> Any:
-    return Field(description=f"{meaning}: {key_list(section)}", **default)
+def _group(meaning: str, group: type[Group], **default: Any) -> Any:
+    return Field(description=f"{meaning}: {key_list(group)}", **default)
 
 
-class SweepConfig(Section):
+class SweepConfig(Group):
     """A sweep of the forced oscillator with impacts over a grid of its parameters."""
 
     name: str = Field(
         "sweep",
-        pattern=r"^[^/\\\x00-\x1f]+$",
-        description="name of the sweep: a text without slashes "
+        pattern=r"^[^/\\\x00-\x1f\x7f-\x9f]+$",
+        description="name of the sweep: a text without slashes and control characters "
         "(default: the name of the configuration file)",
     )
-    oscillator: OscillatorSection = _section("parameters of eq. (1)", OscillatorSection)
-    start: StartSection = _section(
+    oscillator: OscillatorConfig = _group("parameters of eq. (1)", OscillatorConfig)
+    start: StartConfig = _group(
         "state at time 0",
-        StartSection,
-        default_factory=StartSection,
+        StartConfig,
+        default_factory=StartConfig,
         validate_default=True,
     )
-    method: MethodSection = _section(
+    method: MethodConfig = _group(
         "how to compute",
-        MethodSection,
-        default_factory=MethodSection,
+        MethodConfig,
+        default_factory=MethodConfig,
         validate_default=True,
     )
-    record: RecordSection = _section("what to keep", RecordSection, default_factory=RecordSection)
-    follow: Annotated[FollowSection | None, BeforeValidator(null)] = Field(
+    record: RecordConfig = _group("what to keep", RecordConfig, default_factory=RecordConfig)
+    follow: Annotated[FollowConfig | None, BeforeValidator(null)] = Field(
         None,
         description="start each point along an axis from its neighbour's final state: "
-        f"{key_list(FollowSection)}, or null",
+        f"{key_list(FollowConfig)}, or null",
     )
-    refine: Annotated[RefineSection | None, BeforeValidator(null)] = Field(
+    refine: Annotated[RefineConfig | None, BeforeValidator(null)] = Field(
         None,
         description="put further points where the class of the motion changes: "
-        f"{key_list(RefineSection)}, or null",
+        f"{key_list(RefineConfig)}, or null",
     )
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
@@ -101,7 +101,7 @@ class SweepConfig(Section):
 
     @field_validator("start")
     @classmethod
-    def _before_stop(cls, start: StartSection, info: ValidationInfo) -> StartSection:
+    def _before_stop(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
         if "oscillator" not in info.data:
             return start  # refused already
         x0 = max(extremes(start.x0))
@@ -117,13 +117,13 @@ class SweepConfig(Section):
 
     @field_validator("start")
     @classmethod
-    def _not_too_many(cls, start: StartSection, info: ValidationInfo) -> StartSection:
+    def _not_too_many(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
         if "oscillator" in info.data:
-            sections = {"oscillator": info.data["oscillator"], "start": start}
+            groups = {"oscillator": info.data["oscillator"], "start": start}
             lengths: dict[Key, int] = {
                 (title, name): length(value)
-                for title, section in sections.items()
-                for name, value in section.items()
+                for title, group in groups.items()
+                for name, value in group.items()
             }
             points = math.prod(lengths.values())
             if points > _MOST_POINTS:
@@ -136,7 +136,7 @@ class SweepConfig(Section):
 
     @field_validator("method")
     @classmethod
-    def _enough_steps(cls, method: MethodSection, info: ValidationInfo) -> MethodSection:
+    def _enough_steps(cls, method: MethodConfig, info: ValidationInfo) -> MethodConfig:
         if "oscillator" not in info.data:
             return method
         steps = method.steps_per_period
@@ -157,7 +157,7 @@ class SweepConfig(Section):
 
     @field_validator("record")
     @classmethod
-    def _can_be_recorded(cls, record: RecordSection, info: ValidationInfo) -> RecordSection:
+    def _can_be_recorded(cls, record: RecordConfig, info: ValidationInfo) -> RecordConfig:
         if "oscillator" not in info.data or "method" not in info.data:
             return record
         method = info.data["method"]
@@ -178,11 +178,11 @@ class SweepConfig(Section):
 
     @field_validator("follow")
     @classmethod
-    def _along_an_axis(cls, follow: FollowSection | None, info: ValidationInfo) -> Any:
+    def _along_an_axis(cls, follow: FollowConfig | None, info: ValidationInfo) -> Any:
         if follow is None or "oscillator" not in info.data:
             return follow
         lengths = {
-            name: len(np.unique(every(value))) for name, value in info.data["oscillator"].items()
+            name: len(np.unique(as_array(value))) for name, value in info.data["oscillator"].items()
         }
         if lengths[follow.axis] < 2:
             swept = [name for name, number in lengths.items() if number > 1]
@@ -213,7 +213,7 @@ class SweepConfig(Section):
             "sample": _samples(self.record, self.steps),
         }
 
-    def with_method(self, method: MethodSection) -> Self:
+    def with_method(self, method: MethodConfig) -> Self:
         """Return this sweep computed in another way.
 
         Raises
@@ -228,13 +228,13 @@ class SweepConfig(Section):
         """The swept axes, in the order of the file, and the fixed values."""
         axes: dict[str, np.ndarray] = {}
         fixed: dict[str, float] = {}
-        for _, section in self.items():
-            if isinstance(section, ParameterSection):
-                for name, value in section.items():
+        for _, group in self.items():
+            if isinstance(group, ParameterConfig):
+                for name, value in group.items():
                     if isinstance(value, float):
                         fixed[name] = value
                     else:
-                        axes[name] = every(value)
+                        axes[name] = as_array(value)
         return Grid(axes, fixed)
 
     @property
@@ -262,7 +262,10 @@ class SweepConfig(Section):
         else:
             del plain["method"]["accuracy"]
             plain["method"]["steps_per_period"] = self.steps
-        return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True)
+        options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
+        text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
+        # Written for a terminal, too: what it would obey is escaped, where YAML reads it back.
+        return text if printable(text) == text else yaml.safe_dump(plain, **options)
 
 
 def _refuse_refinement(axis: str, config: SweepConfig) -> None:
@@ -309,27 +312,27 @@ def _refuse_refinement(axis: str, config: SweepConfig) -> None:
         )
 
 
-def _worst_points(oscillator: OscillatorSection, method: MethodSection) -> np.ndarray:
+def _worst_points(oscillator: OscillatorConfig, method: MethodConfig) -> np.ndarray:
     """Return the points of the grid that need the most steps per period."""
     return worst_points(
         method.integrator,
-        h=every(oscillator.h),
+        h=as_array(oscillator.h),
         p=np.array(extremes(oscillator.p)),
         omega=min(extremes(oscillator.omega)),
     )
 
 
-def _default_steps(oscillator: OscillatorSection, method: MethodSection) -> int:
+def _default_steps(oscillator: OscillatorConfig, method: MethodConfig) -> int:
     """Return the steps per period that the method needs all over the grid."""
     return default_steps(_worst_points(oscillator, method), method.impact, method.integrator)
 
 
-def _samples(record: RecordSection, steps: int) -> int:
+def _samples(record: RecordConfig, steps: int) -> int:
     return record.periods * steps // record.trajectory.every + 1 if record.trajectory else 0
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, Section):
+    if isinstance(value, Group):
         return {name: _plain(item) for name, item in value.items()}
     return list(value) if isinstance(value, tuple) else value
 

@@ -1,10 +1,10 @@
-"""The values of a configuration: numbers as typed, lists, ranges, and mappings of them."""
+"""The values of a configuration: numbers as typed, lists, ranges, and groups of keys."""
 
 from __future__ import annotations
 
-import difflib
+import contextlib
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -19,6 +19,8 @@ from pydantic import (
     Tag,
     model_validator,
 )
+
+from sweeps.text import nearest, suggestion
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
@@ -35,48 +37,30 @@ class MisplacedError(ValueError):
         self.key = key
 
 
-def number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+def plain_number(value: object) -> object:
+    """Refuse what pydantic takes for a number beside numbers: 1_0 for 10, and True for 1."""
+    if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
         raise ValueError("is not a number")
-    if isinstance(value, str) and "_" in value:  # Python reads 1_0 as 10
-        raise ValueError("is not a number")
-    try:
-        result = float(value)
-    except OverflowError:
-        result = math.inf
-    except ValueError:
-        raise ValueError("is not a number") from None
-    if not math.isfinite(result):
-        raise ValueError("is not a finite number")
-    return result
+    return value
 
 
-def whole(value: object) -> int:
-    result = number(value)
-    if not result.is_integer():
-        raise ValueError("is not an integer")
-    return int(result)
-
-
-def off(value: object) -> object:
-    return False if isinstance(value, str) and value.lower() == "false" else value
-
-
-def boolean(value: object) -> bool:
-    text = str(value).lower()
-    if text not in ("true", "false"):
-        raise ValueError("is neither true nor false")
-    return text == "true"
-
-
-def null(value: object) -> object:
-    return None if isinstance(value, str) and value.lower() in ("null", "~") else value
+def plain_integer(value: object) -> object:
+    """Refuse the same, and let pydantic read 1e3 as an integer, too."""
+    value = plain_number(value)
+    with contextlib.suppress(ValueError):
+        return float(value) if isinstance(value, str) else value
+    return value
 
 
 def _not_empty(values: tuple[float, ...]) -> tuple[float, ...]:
     if not values:
         raise ValueError("is empty")
     return values
+
+
+def null(value: object) -> object:
+    """Read null as YAML does: the loader leaves every scalar a text."""
+    return None if isinstance(value, str) and value.lower() in ("null", "~") else value
 
 
 def form(value: object) -> str:
@@ -87,37 +71,23 @@ def form(value: object) -> str:
 
 
 def known(table: Collection[str]) -> AfterValidator:
+    """Refuse a name that is not in a table, and suggest one that is."""
+
     def check(name: str) -> str:
         if name not in table:
-            raise ValueError("is unknown" + suggestion(name, table))
+            raise ValueError("is unknown" + suggestion(nearest(name, table)))
         return name
 
     return AfterValidator(check)
 
 
-def nearest(name: str, valid: Iterable[str]) -> str | None:
-    """Return the valid word that may have been meant."""
-    folded = {word.casefold(): word for word in valid}
-    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.5)
-    return folded[match[0]] if match else None
-
-
-def suggestion(name: str, valid: Iterable[str]) -> str:
-    word = nearest(name, valid)
-    return f" (did you mean {word}?)" if word else ""
-
-
-def shortest(value: float) -> str:
-    """Write a number with as many digits as it needs: 7, not 7.0."""
-    return repr(value).removesuffix(".0")
-
-
 def integer(meaning: str, low: int, high: int, default: Any = ...) -> Any:
+    """Return a field for an integer from `low` to `high`; it must be given without a default."""
     text = f"{meaning}: an integer from {low} to {high}"
     return Field(default, ge=low, le=high, description=text)
 
 
-class Section(BaseModel):
+class Group(BaseModel):
     """A mapping of the configuration, which remembers the order of its keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -127,10 +97,10 @@ class Section(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _keep_order(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        section = handler(data)
+        group = handler(data)
         if isinstance(data, dict):
-            section._order = tuple(dict.fromkeys([*data, *cls.model_fields]))
-        return section
+            group._order = tuple(dict.fromkeys([*data, *cls.model_fields]))
+        return group
 
     def items(self) -> Iterator[tuple[str, Any]]:
         """Yield names and values, the given ones first and in their order."""
@@ -138,11 +108,11 @@ class Section(BaseModel):
             yield name, getattr(self, name)
 
 
-Number = Annotated[float, BeforeValidator(number)]
-Whole = Annotated[int, BeforeValidator(whole)]
+Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(plain_number)]
+Whole = Annotated[int, BeforeValidator(plain_integer)]
 
 
-class Range(Section):
+class Range(Group):
     """The values of an axis, from its first to its last."""
 
     start: Number = Field(description="first value: a finite number")
@@ -161,7 +131,7 @@ class Range(Section):
         return self
 
     def values(self) -> np.ndarray:
-        """Return the values, `start` and `stop` exactly among them."""
+        """Return the values, shape (num,), `start` and `stop` exactly among them."""
         space = np.geomspace if self.spacing == "log" else np.linspace
         low, high = sorted((self.start, self.stop))
         # Rounding may put a value next to an end on the wrong side of it.
@@ -189,13 +159,13 @@ def extremes(value: float | tuple[float, ...] | Range) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def every(value: float | tuple[float, ...] | Range) -> np.ndarray:
-    """Return every value, in order."""
+def as_array(value: float | tuple[float, ...] | Range) -> np.ndarray:
+    """Return every value in order, shape (n,)."""
     return value.values() if isinstance(value, Range) else np.atleast_1d(value)
 
 
 def length(value: float | tuple[float, ...] | Range) -> int:
-    """Return the number of values."""
+    """Return the number of values, without making them."""
     if isinstance(value, Range):
         return value.num
     return len(value) if isinstance(value, tuple) else 1

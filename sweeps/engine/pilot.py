@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import yaml
 
-from sweeps.config.schema import MethodSection
+from sweeps.config.schema import MethodConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.method_error import EXACT_METHOD, ExactSample
 from vibroimpact.step.integrators import INTEGRATORS
@@ -93,7 +93,7 @@ class Pilot:
 
     Attributes
     ----------
-    method : MethodSection
+    method : MethodConfig
         The method to take.
     summary : str
         The choice and its reason in one line.
@@ -101,7 +101,7 @@ class Pilot:
         What was asked, tried and chosen, as YAML.
     """
 
-    method: MethodSection
+    method: MethodConfig
     summary: str
     record: str
 
@@ -231,5 +231,5 @@ def _is_allowed(config: SweepConfig, family: tuple[str, str], steps: int) -> boo
     return True
 
 
-def _method(family: tuple[str, str], steps: int) -> MethodSection:
-    return MethodSection(integrator=family[0], impact=family[1], steps_per_period=steps)
+def _method(family: tuple[str, str], steps: int) -> MethodConfig:
+    return MethodConfig(integrator=family[0], impact=family[1], steps_per_period=steps)

@@ -15,7 +15,8 @@ from sweeps.engine.compute import compute
 from sweeps.engine.scaling import scales_with_f
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
-from sweeps.store.variables import bytes_per_point, shown_bytes
+from sweeps.store.variables import bytes_per_point
+from sweeps.text import shown_bytes
 from vibroimpact.lanes.workspace import LANES
 from vibroimpact.oscillator import POINT
 

@@ -5,13 +5,14 @@ As in ``cli.py``, what a report needs is imported inside it.
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING
+
+from sweeps.text import shown_bytes, shown_count, shown_duration, table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
     from sweeps.engine.scaling import scales_with_f
-    from sweeps.store.variables import shown_bytes
 
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
@@ -45,7 +45,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
         halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"
         scaled.append(("further points", halved))
     compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
-    return _table(
+    return table(
         [
             ("name", sweep.name),
             *(("axis", axis) for axis in axes or ["none, a single point"]),
@@ -54,7 +54,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
             ("forcing periods", f"{periods:,}"),
             *steps,
             *scaled,
-            ("expected time", f"about {_duration(cost.seconds)}"),
+            ("expected time", f"about {shown_duration(cost.seconds)}"),
             ("size of the file", shown_bytes(cost.file) + compressed),
             ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
             ("output", str(path)),
@@ -69,7 +69,7 @@ def summary(path: Path) -> str:
     with open_sweep(path, verify=False) as dataset:
         seconds = float(dataset.attrs["duration"])
         outcome = f"{path}: {_outcomes(status_counts(dataset))}"
-    return f"{outcome} in {_duration(seconds)}"
+    return f"{outcome} in {shown_duration(seconds)}"
 
 
 def next_command(paths: Iterable[Path]) -> str:
@@ -90,7 +90,7 @@ def kept(path: Path, command: str) -> str:
         return "nothing is kept"
     points = sum(counts.values())
     done = points - counts[Status.PENDING]
-    return f"{done:,} of {_count(points, 'point')} kept in {path}; to go on: {command}"
+    return f"{done:,} of {shown_count(points, 'point')} kept in {path}; to go on: {command}"
 
 
 def contents(dataset: xr.Dataset) -> str:
@@ -115,9 +115,9 @@ def contents(dataset: xr.Dataset) -> str:
         ("variable", f"{shape:{width}}  {_meaning(dataset[name])}")
         for name, shape in zip(names, shapes, strict=True)
     ]
-    attributes["duration"] = _duration(float(attributes["duration"]))
+    attributes["duration"] = shown_duration(float(attributes["duration"]))
     rows += [(str(name), str(value)) for name, value in attributes.items()]
-    return f"{_table(rows)}\n\n{pilot}{configuration}"
+    return f"{table(rows)}\n\n{pilot}{configuration}"
 
 
 def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
@@ -155,9 +155,7 @@ def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
         remarks += [", ".join([*at, _cascade(along, run)]) for run in cascades(found)]
     if not rows:
         return f"the class of the motion does not change along {along}"
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return "\n".join([*lines, *remarks])
+    return "\n".join([table(rows), *remarks])
 
 
 def _cascade(axis: str, run: Sequence[Change]) -> str:
@@ -169,7 +167,7 @@ def _cascade(axis: str, run: Sequence[Change]) -> str:
 
 
 def _change(axis: str, change: Change) -> list[str]:
-    unknown = f"{_count(change.between, 'point')} between of no known class"
+    unknown = f"{shown_count(change.between, 'point')} between of no known class"
     return [
         f"{axis} = {change.low:.12g} .. {change.high:.12g}",
         f"width {change.high - change.low:.1e}",
@@ -188,21 +186,6 @@ def _meaning(variable: xr.DataArray) -> str:
     return variable.attrs["long_name"] + ("" if unit == "1" else f" [{unit}]")
 
 
-def _duration(seconds: float) -> str:
-    """Write a time with the unit that suits it; NaN where a run was killed."""
-    if math.isnan(seconds):
-        return "unknown"
-    for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
-        if seconds < limit:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds / 86400:,.3g} days"
-
-
-def _table(rows: list[tuple[str, str]]) -> str:
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:{width}}  {text}" for name, text in rows)
-
-
 def _axis(name: str, values: np.ndarray) -> str:
     from sweeps.store.variables import DIRECTION
     from vibroimpact.oscillator import PARAMETERS
@@ -211,11 +194,7 @@ def _axis(name: str, values: np.ndarray) -> str:
         return f"{name} = {', '.join(values)}"
     unit = PARAMETERS[name].unit
     ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
-    return f"{name} = {ends}, {_count(len(values), 'value')}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+    return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 
 
 def _outcomes(counts: Mapping[Status, int]) -> str:
@@ -229,7 +208,7 @@ def _outcomes(counts: Mapping[Status, int]) -> str:
         if number and is_remarkable(status)
     ]
     points = sum(counts.values())
-    text = _count(points, "point")
+    text = shown_count(points, "point")
     if counts[Status.CERTIFIED] == points:
         return f"{text}, all certified: every impact found, none missed"
     return f"{text}, of which {'; '.join(remarks)}" if remarks else text

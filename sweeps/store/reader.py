@@ -20,7 +20,8 @@ from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.store.layout import ADDED, BLOCKS, FORMAT, FORMAT_VERSION, Layout
 from sweeps.store.ledger import DamageError, Ledger, checksum
-from sweeps.store.variables import VARIABLES, shown_bytes
+from sweeps.store.variables import VARIABLES
+from sweeps.text import shown_bytes
 from vibroimpact.status import Status
 
 #: Endings that name another kind of file, which a slip would give to the data.

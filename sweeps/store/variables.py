@@ -111,12 +111,3 @@ def bytes_per_point(widths: Mapping[str, int], diagnostics: Collection[str] = ()
 def is_remarkable(status: Status) -> bool:
     """Whether there is more to say of a point than that it was computed."""
     return status not in (Status.COMPUTED, Status.CERTIFIED)
-
-
-def shown_bytes(size: float) -> str:
-    """Write a size with its unit, as in 1.2 GB."""
-    units = ["B", "kB", "MB", "GB", "TB"]
-    while size >= 1000.0 and len(units) > 1:
-        size /= 1000.0
-        del units[0]
-    return f"{size:.3g} {units[0]}"

@@ -9,9 +9,10 @@ import yaml
 
 from sweeps.config import sweep as config_module
 from sweeps.config.loading import load_config
-from sweeps.config.schema import OscillatorSection, StartSection
+from sweeps.config.schema import OscillatorConfig, StartConfig
 from sweeps.config.sweep import json_schema
 from sweeps.errors import ConfigError
+from sweeps.text import printable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.flight import LONGEST_STEP
 from vibroimpact.step.integrators import INTEGRATORS
@@ -80,9 +81,9 @@ def test_the_example_is_read_as_written(load):
 def test_the_defaults_are_the_documented_ones(load):
     config, example = load(oscillator()), load(EXAMPLE)
     assert (config.name, config.output) == ("sweep", Path("sweep.h5"))
-    for section in ("start", "method", "record"):
-        given = getattr(example, section)
-        assert getattr(config, section).model_dump() == given.model_dump()
+    for group in ("start", "method", "record"):
+        given = getattr(example, group)
+        assert getattr(config, group).model_dump() == given.model_dump()
     assert config.grid.axes == {}
     for name, parameter in PARAMETERS.items():
         if parameter.default is not None:
@@ -93,8 +94,8 @@ def test_the_output_is_named_after_the_sweep(load):
     assert load("name: other\n" + oscillator()).output == Path("other.h5")
 
 
-def test_the_sections_have_every_parameter():
-    names = [*OscillatorSection.model_fields, *StartSection.model_fields]
+def test_the_groups_have_every_parameter():
+    names = [*OscillatorConfig.model_fields, *StartConfig.model_fields]
     assert names == list(PARAMETERS)
 
 
@@ -317,7 +318,7 @@ def test_overrides_replace_and_add_in_order(load):
     assert config.name == "renamed"
 
 
-def test_overrides_may_add_a_section(load):
+def test_overrides_may_add_a_group(load):
     assert load(oscillator(), ["method.impact=plain"]).method.impact == "plain"
 
 
@@ -448,7 +449,7 @@ def test_refused_values(refusal, values, key, given, allowed):
         ("record: {trajectory: [1]}", "record.trajectory", "[1]", "false, or {every: k}"),
         ("record: {trajectory: {every: 0}}", "record.trajectory.every", "0", "an integer from 1"),
         ("record: 3", "record", "3", "a mapping with keys among transient, periods"),
-        ("method: {allow_unstable: 1}", "method.allow_unstable", "1", "true or false"),
+        ("method: {allow_unstable: 2}", "method.allow_unstable", "2", "true or false"),
         ("method:", "method", "(nothing)", "a mapping with keys among integrator"),
         ("name: a/b", "name", "a/b", "without slashes"),
         ("name: ''", "name", "(nothing)", "without slashes"),
@@ -489,12 +490,90 @@ def test_unknown_key_in_another_case(refusal):
     assert "(did you mean R?)" in refusal(oscillator(r="1"))
 
 
-def test_missing_key_names_the_line_of_its_section(refusal):
+@pytest.mark.parametrize(
+    ("place", "name", "key"),
+    [
+        ("oscillator", "gap", "clearance"),
+        ("oscillator", "Sigma", "clearance"),
+        ("oscillator", "restitution", "R"),
+        ("oscillator", "coefficient-of-restitution", "R"),
+        ("oscillator", "damping", "h"),
+        ("oscillator", "zeta", "h"),
+        ("oscillator", "frequency", "omega"),
+        ("oscillator", "amplitude", "f"),
+        ("oscillator", "omega_0", "p"),
+        ("oscillator", "x0", "start.x0"),
+        ("oscillator", "velocity", "start.v0"),
+        ("oscillator.f", "points", "num"),
+        ("oscillator.f", "max", "stop"),
+        ("method", "solver", "integrator"),
+        ("method", "dt", "steps_per_period"),
+        ("method", "tol", "accuracy"),
+        ("record", "skip", "transient"),
+        ("record", "impact", "impacts"),
+        (None, "omega", "oscillator.omega"),
+        (None, "gap", "oscillator.clearance"),
+        (None, "integrator", "method.integrator"),
+        (None, "parameters", "oscillator"),
+        (None, "filename", "output"),
+    ],
+)
+def test_a_name_of_other_programs_leads_to_the_key(refusal, place, name, key):
+    dotted = f"{place}.{name}" if place else name
+    text = oscillator(f="{start: 1, stop: 2, num: 2}") + "method: {}\nrecord: {}\n"
+    message = refusal(text, [f"{dotted}=1"])
+    assert f"unknown key {dotted} (did you mean {key}?)" in message and message.count("\n") == 0
+
+
+def test_a_key_under_another_name_is_not_reported_missing_as_well(refusal):
+    message = refusal("oscillator: {damping: 0.1, restitution: 0.8, frequency: 2, F: 1}\n")
+    assert message.count("\n") == 3 and "missing" not in message
+
+
+def test_of_many_errors_the_first_are_said_and_the_number_of_all(refusal):
+    message = refusal(oscillator(h=f"[{', '.join('a' * 60_000)}]"))
+    lines = message.splitlines()
+    assert "line 1: oscillator.h[7] = a is not a number" in lines[7]
+    assert lines[8].endswith("sweep.yaml: and 59,992 errors more") and len(lines) == 9
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        r'name: "\U00110000"',
+        r'name: "\UFFFFFFFF"',
+        r'name: "\uD800"',
+        r'output: "\uDFFF.h5"',
+        r'"\uD800": 1',
+        r'oscillator: {h: "\UFFFFFFFF"}',
+    ],
+)
+def test_an_escape_that_is_no_character_is_refused(refusal, text):
+    assert "sweep.yaml" in refusal(text + "\n")
+    if text.startswith("osc"):
+        assert "--set oscillator.h=" in refusal(oscillator(), [r'oscillator.h="\UFFFFFFFF"'])
+
+
+@pytest.mark.parametrize("escape", [r"\x1b[31m", r"\x9b31m", r"\x7f", r"\r"])
+def test_a_name_with_a_control_character_is_refused(refusal, escape):
+    assert "without slashes and control characters" in refusal(f'name: "a{escape}"\n{oscillator()}')
+
+
+def test_to_yaml_can_be_shown_and_read_back(load):
+    name = "\u202egnp.x \u200b é"  # written from right to left
+    config = load(f'name: "{name}"\n{oscillator()}')
+    written = config.to_yaml()
+    assert name not in written and printable(written) == written
+    assert load(written).name == name
+    assert "name: é" in load(f"name: é\n{oscillator()}").to_yaml()
+
+
+def test_missing_key_names_the_line_of_its_group(refusal):
     message = refusal("name: a\noscillator:\n  h: 0.1\n  R: 1\n  omega: 1\n")
     assert "line 2: oscillator.f is missing; expected: forcing amplitude" in message
 
 
-def test_missing_section(refusal):
+def test_missing_group(refusal):
     assert "line 1: oscillator is missing" in refusal("name: a\n")
 
 
@@ -588,8 +667,8 @@ def test_the_schema_accepts_the_example_and_refuses_a_wrong_one():
 def test_the_schema_describes_every_parameter():
     definitions = json_schema()["$defs"]
     properties = {
-        **definitions["OscillatorSection"]["properties"],
-        **definitions["StartSection"]["properties"],
+        **definitions["OscillatorConfig"]["properties"],
+        **definitions["StartConfig"]["properties"],
     }
     for name, parameter in PARAMETERS.items():
         description = properties[name]["description"]

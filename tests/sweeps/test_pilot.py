@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from sweeps import load_config, open_sweep
 from sweeps.bench import costs
 from sweeps.cli.main import app
-from sweeps.config.schema import MethodSection
+from sweeps.config.schema import MethodConfig
 from sweeps.engine.method_error import ExactSample
 from sweeps.engine.pilot import (
     COSTS,
@@ -62,7 +62,7 @@ def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(load
     """Against the exact engine on steps three times finer, so that it does not judge itself."""
     config = load(scene, accuracy)
     method = choose(config).method
-    finer = MethodSection(steps_per_period=3 * config.steps)
+    finer = MethodConfig(steps_per_period=3 * config.steps)
     points = np.setdiff1d(config.grid.points((slice(0, 400),)), config.grid.spread(SAMPLE_SIZE))
     reference = ExactSample(config.with_method(finer), points)
     errors, _ = reference.errors((method.integrator, method.impact), method.steps_per_period)
@@ -236,7 +236,7 @@ def test_the_configuration_round_trips_before_and_after_the_choice(load):
     Path("again.yaml").write_text(config.to_yaml())
     assert load_config("again.yaml").to_yaml() == config.to_yaml()
     assert load("rest", "null").method.accuracy is None
-    chosen = config.with_method(MethodSection(integrator="rk4", impact="cubic"))
+    chosen = config.with_method(MethodConfig(integrator="rk4", impact="cubic"))
     assert (config.steps, chosen.steps) == (33, 100)  # 2 pi (1.2 / 0.5 + 1) / 0.65, the default
     method = {"integrator": "rk4", "impact": "cubic", "steps_per_period": 100}
     method["allow_unstable"] = False

@@ -505,7 +505,7 @@ def test_what_cannot_be_refined_is_refused(tmp_path, overrides, said):
 
 def test_the_schema_knows_it():
     schema = json.loads(told("schema"))
-    assert set(schema["$defs"]["RefineSection"]["properties"]) == {"axis", "around", "levels"}
+    assert set(schema["$defs"]["RefineConfig"]["properties"]) == {"axis", "around", "levels"}
 
 
 def test_the_first_flip_with_damping_too(tmp_path):
