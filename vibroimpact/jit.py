@@ -20,6 +20,8 @@ from numba.extending import intrinsic
 from vibroimpact.cache import CompiledCode
 
 _config: Any = numba.config  # its settings are made at run time, unseen by a type checker
+if _config.DISABLE_JIT:
+    raise ImportError("vibroimpact needs numba's compiler, which NUMBA_DISABLE_JIT turns off")
 
 
 def _numerics() -> str:

@@ -26,7 +26,9 @@ def main() -> NoReturn:
 def _run() -> int:
     try:
         from sweeps.cli.main import app
+        from sweeps.cli.terminal import prepare_streams
 
+        prepare_streams()
         interrupts.check()
         app(prog_name="vibroimpact")
     except SystemExit as end:

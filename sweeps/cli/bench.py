@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from sweeps.cli.options import check_csv, check_threads
+from sweeps.cli.terminal import say
 from sweeps.errors import Failed
 
 app = typer.Typer(
@@ -40,7 +41,7 @@ def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
         raise Failed(error) from error
     for path in (output, csv):
         if path is not None:
-            typer.echo(path)
+            say(path)
 
 
 @app.command("accuracy-speed")
@@ -68,9 +69,9 @@ def accuracy_speed(
         orders = work_precision.orders(measured)
         for peer in PEERS.values():
             if not peer.installed:
-                typer.echo(f"{peer.name} is not installed, so it is not on the chart", err=True)
+                say(f"{peer.name} is not installed, so it is not on the chart", error=True)
         for title, rows in tables(measured, orders):
-            typer.echo(title)
+            say(title)
             Console(width=110).print(rows)
         draw(measured, orders, output)
         if csv is not None:
@@ -108,7 +109,7 @@ def paper(output: Figure = Path("paper.png")) -> None:
     with _files(output):
         measured = paper.measure()
         for title, table in tables(measured):
-            typer.echo(title)
+            say(title)
             Console().print(table)
         draw(measured, output)
 
@@ -122,5 +123,5 @@ def speed(quick: Quick = False) -> None:
     from sweeps.bench.speed_tables import table
 
     title, rows = table(speed.measure(quick, progress=True))
-    typer.echo(title)
+    say(title)
     Console().print(rows)

@@ -16,8 +16,10 @@ from typer.core import TyperGroup
 
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import read as cli_read
+from sweeps.cli.environment import check_environment
 from sweeps.cli.options import check_threads
 from sweeps.cli.read import targets
+from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import check, raised_at_once
 
@@ -39,7 +41,7 @@ class _Commands(TyperGroup):
             error, code = str(failure), 1
         except Refused as refusal:
             error, code = str(refusal), 2
-        typer.echo(f"vibroimpact: error: {error}", err=True)
+        say(f"vibroimpact: error: {error}", error=True)
         raise typer.Exit(code)
 
 
@@ -60,9 +62,9 @@ def _show_version(asked: bool) -> None:
         from importlib import metadata
 
         try:
-            typer.echo(f"vibroimpact {metadata.version('vibroimpact')}")
+            say(f"vibroimpact {metadata.version('vibroimpact')}")
         except metadata.PackageNotFoundError:
-            typer.echo("vibroimpact, run from a checkout that was not installed")
+            say("vibroimpact, run from a checkout that was not installed")
         raise typer.Exit
 
 
@@ -77,6 +79,7 @@ def _common(
     ] = False,
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
+    check_environment()
     if context.invoked_subcommand != "run":
         context.with_resource(raised_at_once())
 
@@ -144,7 +147,7 @@ def run(
                 _plan(sweep, path, threads, client, **existing)
                 for sweep, path in zip(sweeps, paths, strict=True)
             ]
-            typer.echo("\n\n".join(texts))
+            say("\n\n".join(texts))
             return
         for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
             again = _go_on(configs[i:], output, overrides or (), threads, dask, quiet)
@@ -152,7 +155,7 @@ def run(
     if not quiet:
         from sweeps.engine.reports import next_command
 
-        typer.echo(next_command(paths))
+        say(next_command(paths))
 
 
 def _check_cluster(address: str | None, threads: int | None) -> None:
@@ -179,7 +182,7 @@ def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
 
     with connected(address) as client:
         if not quiet:
-            typer.echo(dashboard(client), err=True)
+            say(dashboard(client), error=True)
         yield client
 
 
@@ -213,7 +216,7 @@ def _run(sweep: SweepConfig, path: Path, again: str, quiet: bool, **options: Any
         reason = str(error) or type(error).__name__
         raise Failed(f"the run failed: {reason}; {reports.kept(path, again)}") from error
     if not quiet:
-        typer.echo(reports.summary(path))
+        say(reports.summary(path))
 
 
 def _go_on(
@@ -245,4 +248,4 @@ def schema() -> None:
 
     from sweeps.config.sweep import json_schema
 
-    typer.echo(json.dumps(json_schema(), indent=2))
+    say(json.dumps(json_schema(), indent=2))

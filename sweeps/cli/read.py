@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.cli.options import check_csv
+from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 
 if TYPE_CHECKING:
@@ -141,15 +142,15 @@ def _plot(
     _tell_moved(cuts, cut, "drawn")
     if options["exact"]:
         for line in plotting.compare(dataset, options["axes"], cut, options["coordinate"]):
-            typer.echo(line)
-    typer.echo(written)
+            say(line)
+    say(written)
 
 
 def _tell_moved(cuts: Cut, found: Cut, done: str) -> None:
     for name, value in cuts.items():
         if value != found[name]:
             text = f"{name} = {value:g} is not on the grid; {done} at {name} = {found[name]:g}"
-            typer.echo(text, err=True)
+            say(text, error=True)
 
 
 def attractors(
@@ -175,13 +176,13 @@ def attractors(
         cut = attractor_table.cut(dataset, cuts)
         result = attractors(cut)
         _tell_moved(cuts, on_grid(dataset, cuts), "shown")
-        typer.echo(attractor_table.describe(cut, result))
+        say(attractor_table.describe(cut, result))
         if csv is not None:
             try:
                 attractor_table.write_csv(csv, attractor_table.rows(cut, result))
             except OSError as error:
                 raise Failed(error) from error
-            typer.echo(csv)
+            say(csv)
 
 
 def _cuts(texts: Sequence[str]) -> dict[str, float | str]:
@@ -224,6 +225,6 @@ def info(
         raise Refused(f"--axis {axis} is not allowed here; expected: with --bifurcations")
     with open_sweep(file) as dataset, _named(file):
         if bifurcations:
-            typer.echo(reports.bifurcations(dataset, axis))
+            say(reports.bifurcations(dataset, axis))
         else:
-            typer.echo(reports.contents(dataset), nl=False)
+            say(reports.contents(dataset), end=False)

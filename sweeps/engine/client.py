@@ -14,6 +14,7 @@ from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from sweeps.errors import Refused
+from sweeps.text import shortened
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -57,13 +58,14 @@ def connected(address: str) -> Iterator[Client]:
     Parameters
     ----------
     address : str
-        ``tcp://host:port`` or ``tls://host:port`` of a scheduler; or ``local:N``, which starts N
-        processes with a thread each on this machine, and ends them.
+        ``tcp://host:port`` of a scheduler; ``tls://host:port`` of one that asks for certificates,
+        which Dask's own configuration names; or ``local:N``, which starts N processes with a
+        thread each on this machine, which no other user can reach, and ends them.
 
     Raises
     ------
     Refused
-        If it is no such address, Dask is not installed, or no scheduler answers.
+        If it is no such address, Dask is not installed, or no scheduler takes this process in.
     """
     check_address(address)
     try:
@@ -80,8 +82,26 @@ def connected(address: str) -> Iterator[Client]:
                     yield client
             return
         _refuse_silence(address)
-        with distributed.Client(address, timeout=_PATIENCE, set_as_default=False) as client:
+        with _registered(address) as client:
             yield client
+
+
+def _registered(address: str) -> Client:
+    """Return a client that a scheduler has taken in."""
+    import distributed
+
+    class Client(distributed.Client):
+        def __del__(self) -> None:
+            """Do not wait for a scheduler that never took it in; ``with`` closes all others."""
+
+    try:
+        return Client(address, timeout=_PATIENCE, set_as_default=False)
+    except Exception as error:  # whatever another program answers
+        reason = shortened(str(error)) or f"no answer in {_PATIENCE} s"
+        raise Refused(
+            f"the Dask scheduler at {address} answers, but does not take this process in "
+            f"({reason}); look at what it logs, and whether it has the same version of Dask"
+        ) from None
 
 
 def _refuse_silence(address: str) -> None:
@@ -97,49 +117,68 @@ def _refuse_silence(address: str) -> None:
             return str((await remote.identity())["type"])
 
     try:
-        found = asyncio.run(asyncio.wait_for(kind(), _PATIENCE))
-        why = f"it is the address of a {found.lower()}"
+        server = asyncio.run(asyncio.wait_for(kind(), _PATIENCE))
+        why = f"it is the address of a {shortened(server.lower())}"
     except TimeoutError:
-        found, why = "", f"no answer in {_PATIENCE} s"
+        server, why = "", f"no answer in {_PATIENCE} s"
     except Exception as error:  # whatever another program answers
-        found, why = "", " ".join(str(error).split())
-    if found != "Scheduler":
-        raise Refused(
-            f"no Dask scheduler answers at {address} ({why}); start one with the command dask "
-            "scheduler, or give the address that it shows"
-        )
+        server, why = "", shortened(str(error), 200)
+    if server != "Scheduler":
+        advice = "start one with the command dask scheduler, or give the address that it shows"
+        if address.startswith("tls:"):
+            advice += "; the certificates are those of distributed.comm.tls in Dask's configuration"
+        raise Refused(f"no Dask scheduler answers at {address} ({why}); {advice}")
 
 
 def dashboard(client: Client) -> str:
     """Say where the cluster can be watched: on its dashboard, or else by its scheduler's address.
 
-    A scheduler serves the dashboard where bokeh is installed.
+    A scheduler serves the dashboard where bokeh is installed; that of ``local:N`` serves none.
     """
-    if find_spec("bokeh"):
+    if client.cluster is None and find_spec("bokeh"):
         return f"dashboard: {client.dashboard_link}"
     return f"scheduler: {client.scheduler.address}"
 
 
 @contextmanager
 def _processes(number: int) -> Iterator[LocalCluster]:
-    """Start workers with one thread each, and end them at once, also in the middle of a task."""
+    """Start workers with one thread each, and end them at once, also in the middle of a task.
+
+    Who reaches a scheduler or a worker of Dask runs code there. So they talk with a certificate
+    that is made for this run and never leaves these processes, and serve no pages.
+    """
     import dask
     from distributed import LocalCluster
+    from distributed.security import Security
 
-    # The profiler of the workers would look into the kernel a hundred times a second.
-    with dask.config.set({"distributed.worker.profile.enabled": False}):
-        with ExitStack() as stack:
-            with _signals_wait():
-                cluster = stack.enter_context(
-                    LocalCluster(
-                        n_workers=number,
-                        threads_per_worker=1,
-                        dashboard_address="127.0.0.1:0",  # any port: 8787 may be taken
-                        silence_logs=logging.CRITICAL,
-                    )
+    try:
+        security = Security.temporary()
+    except ImportError:
+        raise Refused(
+            "--dask local:N makes a certificate with the package cryptography, which is not "
+            "installed; install it with pip install 'vibroimpact[distributed]'"
+        ) from None
+    settings = {
+        # The profiler of the workers would look into the kernel a hundred times a second.
+        "distributed.worker.profile.enabled": False,
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
+    }
+    with dask.config.set(settings), ExitStack() as stack:
+        with _signals_wait():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=number,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    security=security,
+                    scheduler_kwargs={"dashboard": False},
+                    dashboard_address="127.0.0.1:0",  # any port: 8787 may be taken
+                    silence_logs=logging.CRITICAL,
                 )
-                stack.callback(_kill, cluster)
-            yield cluster
+            )
+            stack.callback(_kill, cluster)
+        yield cluster
 
 
 def _kill(cluster: LocalCluster) -> None:

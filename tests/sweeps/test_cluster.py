@@ -1,20 +1,30 @@
 """Sweeps on a Dask cluster of this machine: the same bits, whoever is lost on the way."""
 
+import asyncio
+import gc
 import logging
 import os
+import queue
 import re
 import signal
 import socket
+import ssl
 import subprocess
 import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 
+import dask
 import numpy as np
+import psutil
 import pytest
 import xarray as xr
 from distributed import Client, LocalCluster
+from distributed.core import Server
+from distributed.security import Security
 from typer.testing import CliRunner
 
 import sweeps
@@ -435,6 +445,111 @@ def test_processes_of_this_machine():
     assert process.communicate(timeout=120) == ("", "")
     assert process.returncode == 0
     assert_same_bits("out.h5")
+
+
+def test_no_other_user_reaches_the_processes_of_this_machine():
+    """Every port that they listen at asks for the certificate of the run, or serves nothing."""
+    with clients.connected("local:1") as client:
+        address = client.scheduler.address
+        (worker,) = client.nthreads()
+        me = psutil.Process()
+        ports = {
+            connection.laddr[:2]
+            for process in [me, *me.children(recursive=True)]
+            for connection in process.net_connections("tcp")
+            if connection.status == psutil.CONN_LISTEN
+        }
+        trusted = client.security.get_connection_args("client")["ssl_context"]
+        assert {host for host, _ in ports} == {"127.0.0.1"}
+        encrypted = {(host, port) for host, port in ports if answers_tls(host, port, trusted)}
+        assert {tuple(a.removeprefix("tls://").split(":")) for a in (address, worker)} <= {
+            (host, str(port)) for host, port in encrypted
+        }
+        for host, port in encrypted:
+            assert not answers_tls(host, port, ssl._create_unverified_context())
+            assert "no Dask scheduler answers" in refused("--dask", f"tcp://{host}:{port}")
+        for host, port in ports - encrypted:
+            for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
+                with pytest.raises(urllib.error.HTTPError, match="404"):
+                    urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=5)
+
+
+def answers_tls(host, port, context):
+    """Whether a server shakes hands, and goes on once it has looked at the client's certificate."""
+    try:
+        with (
+            socket.create_connection((host, port), timeout=2) as plain,
+            context.wrap_socket(plain, server_hostname=None) as encrypted,
+        ):
+            return len(encrypted.recv(1)) == 1  # Dask's servers speak first
+    except OSError:  # among them ssl.SSLError
+        return False
+
+
+@pytest.fixture
+def certificates(tmp_path_factory):
+    """Return Dask's settings for a certificate in files, as for a cluster of a group."""
+    temporary = Security.temporary()
+    files = {
+        "ca-file": temporary.tls_ca_file,
+        "cert": temporary.tls_scheduler_cert,
+        "key": temporary.tls_scheduler_key,
+    }
+    folder = tmp_path_factory.mktemp("certificates")
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    settings = {"ca-file": "ca-file"}
+    for role in ("scheduler", "worker", "client"):
+        settings |= {f"{role}.cert": "cert", f"{role}.key": "key"}
+    return {f"distributed.comm.tls.{key}": str(folder / name) for key, name in settings.items()}
+
+
+def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
+    options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    with dask.config.set(certificates):
+        security = Security(require_encryption=True)
+        with LocalCluster(
+            **options, host="127.0.0.1", dashboard_address=":0", security=security
+        ) as cluster:
+            address = cluster.scheduler_address
+            assert address.startswith("tls://")
+            result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--quiet")
+            assert result.exit_code == 0, result.stderr
+            assert_same_bits("out.h5")
+            Path("out.h5").unlink()
+            Path("here.h5").unlink()
+            with dask.config.set(dict.fromkeys(certificates)):
+                message = refused("--dask", address)
+    assert f"no Dask scheduler answers at {address} (" in message
+    assert "distributed.comm.tls in Dask's configuration" in message
+
+
+@pytest.mark.parametrize("answer", [None, {"op": "nonsense"}])
+def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
+    class Imposter(Server):
+        def __init__(self):
+            super().__init__({"identity": self.identify, "register-client": self.register})
+
+        def identify(self, **_):
+            return {"type": "Scheduler", "id": "x", "address": self.address}
+
+        async def register(self, comm, **_):
+            if answer:
+                await comm.write([answer])
+            await asyncio.sleep(100)
+
+    async def serve():
+        server = Imposter()
+        await server.listen("tcp://127.0.0.1:0")
+        addresses.put(server.address)
+        await asyncio.sleep(100)
+
+    addresses = queue.SimpleQueue()
+    threading.Thread(target=asyncio.run, args=[serve()], daemon=True).start()
+    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    message = refused("--dask", addresses.get(timeout=60))
+    assert "answers, but does not take this process in" in message
+    gc.collect()  # a client that was thrown away says nothing (pytest would)
 
 
 def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
