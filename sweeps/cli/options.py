@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from sweeps.errors import Refused
@@ -9,7 +10,7 @@ from sweeps.errors import Refused
 
 def check_csv(path: Path | None) -> None:
     """Refuse a file that is no .csv file in an existing folder."""
-    if path is not None and not (path.suffix == ".csv" and path.absolute().parent.is_dir()):
+    if path is not None and not (path.suffix == ".csv" and os.path.isdir(path.absolute().parent)):
         raise Refused(f"--csv {path} is not allowed; expected: a .csv file in an existing folder")
 
 

@@ -111,7 +111,7 @@ def plot(
         "quantity": quantity,
         "exact": exact,
     }
-    figures = targets(files, output, [file.with_suffix(".png") for file in files])
+    figures = targets(files, output, [file.parent / f"{file.stem}.png" for file in files])
     for file in files:
         open_sweep(file).close()  # before any is drawn
     for file, figure in zip(files, figures, strict=True):

@@ -112,7 +112,7 @@ class _Stack:
     ) -> None:
         """Add the results of one value of the axis for each direction, which are in their order."""
         for name, values in results.items():
-            values = values.reshape(len(order), -1, *values.shape[1:])
+            values = values.reshape(len(order), len(values) // len(order), *values.shape[1:])
             stack = self._room(name, values)
             for way, value in enumerate(order):
                 if values.ndim > 2:

@@ -34,6 +34,7 @@ from sweeps.store.layout import ADDED, Layout
 from sweeps.store.lock import only_writer
 from sweeps.store.reader import check_output, open_sweep
 from sweeps.store.writer import SweepWriter, sweep_writer
+from sweeps.text import printable
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def run_sweep(
                 console.print(pilot.summary, markup=False)
             (cost,) = in_background(map(estimate, [config], [computer.threads], [computer.cores]))
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
-        console.print(plan(config, path, cost), markup=False)
+        console.print(printable(plan(config, path, cost)), markup=False)
         layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
             if writer.damage:
@@ -171,10 +172,10 @@ class _Display:
         self._size = config.size
         self._there = self._size - sum(map(block_points, writer.pending()))
         scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
-        self._name = config.name + scaled
+        self._name = printable(config.name) + scaled
         self._computer = computer
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("points  {task.fields[speed]}"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -104,7 +105,7 @@ def plot(
     """
     output = Path(output)
     data = Path(str(dataset.encoding.get("source", "")))
-    if output.exists() and data.is_file() and output.samefile(data):
+    if os.path.exists(output) and os.path.isfile(data) and output.samefile(data):
         raise Refused(f"the picture {output} would replace the data; give -o another file")
     check_picture(output)
     options = {name: value for name, value in options.items() if value not in (None, False, ())}
@@ -155,9 +156,9 @@ def check_picture(output: Path) -> None:
     """
     if output.suffix.lower().lstrip(".") not in FORMATS:
         raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
-    if not output.parent.is_dir():
+    if not os.path.isdir(output.parent):  # which, unlike Path.is_dir(), never raises
         raise Refused(f"the folder {output.parent} of the picture {output.name} does not exist")
-    if output.is_dir():
+    if os.path.isdir(output):
         raise Refused(f"{output} is a directory; give -o the name of a file")
 
 
@@ -169,8 +170,8 @@ def save(figure: Figure, output: Path) -> None:
     Failed
         If it cannot be written.
     """
-    target = output.resolve()
-    draft = target.with_name(f".{target.stem}-{os.getpid()}{output.suffix}")
+    target = Path(os.path.realpath(output))  # resolve() raises where links make a loop
+    draft = target.with_name(f".picture-{os.getpid()}{output.suffix}")
     try:
         with warnings.catch_warnings():
             # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
@@ -180,7 +181,8 @@ def save(figure: Figure, output: Path) -> None:
     except OSError as error:
         raise Failed(f"{output} cannot be written: {error.strerror or error}") from error
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):  # which must not hide why there is none
+            draft.unlink()
 
 
 def _default_kind(dataset: xr.Dataset, at: Cut, options: Mapping[str, Any]) -> str:

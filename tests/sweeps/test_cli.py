@@ -24,6 +24,7 @@ from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.engine import run as runner
 from sweeps.engine.run import block_size
+from sweeps.text import printable
 from vibroimpact.status import Status
 from vibroimpact.step.flight import LONGEST_STEP
 
@@ -75,10 +76,10 @@ def refused(*arguments):
     return result.stderr
 
 
-def process(*arguments):
-    """Run the command line in its own process, as a user does."""
+def process(*arguments, **variables):
+    """Run the command line in its own process, as a user does, with variables around it."""
     command = [sys.executable, "-m", "sweeps.cli", *arguments]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", **variables}
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
 
 
@@ -605,3 +606,79 @@ def test_a_process_exits_like_the_command(folder):
     assert result.stderr.count("\n") == 1
     assert process("run", "small.yaml", "--dry-run").returncode == 0
     assert [path.name for path in folder.iterdir()] == ["small.yaml"]
+
+
+# What other programs and people put in the way
+
+
+def test_what_a_file_says_reaches_the_terminal_escaped(monkeypatch):
+    odd = '"a\\e]0;owned\\x07\\x9b31m\\u202E.h5"'
+    message = refused("run", "small.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
+    assert message.isascii() and printable(message) == message
+    printed = done("run", "small.yaml", "--set", f"output={odd}", "--dry-run")
+    assert r"a\x1b]0;owned\x07\x9b31m\u202e.h5" in printed and printable(printed) == printed
+    result = call("run", "small.yaml", "--set", f"output={odd}", "--set", "name=a[red]\u202eb")
+    assert result.exit_code == 0
+    assert printable(result.stdout) == result.stdout and r"\u202e.h5" in result.stdout
+    for text in (result.stderr, done("info", next(Path().glob("*.h5")))):
+        assert r"a[red]\u202eb" in text and "\u202e" not in text
+    bad = refused("run", "small.yaml", "--set", 'oscillator.h="\\e[31m"')
+    assert r"oscillator.h = \x1b[31m is not a number" in bad and "\x1b" not in bad
+    assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "/"])
+def test_a_folder_is_no_file_of_a_sweep(name):
+    for command in ("plot", "info", "attractors"):
+        assert "vibroimpact: error: " in refused(command, name)
+
+
+def test_a_picture_with_a_long_name():
+    done("run", "small.yaml", "--quiet")
+    assert done("plot", "small.h5", "-o", "a" * 251 + ".png")
+    Path("loop.png").symlink_to("loop.png")
+    for name in ("a" * 252 + ".png", "/proc/x.png"):
+        result = call("plot", "small.h5", "-o", name)
+        assert result.exit_code == 1
+        assert re.fullmatch(r"vibroimpact: error: \S+ cannot be written: .*\n", result.stderr)
+    assert call("plot", "small.h5", "-o", "loop.png").exit_code in (0, 1)
+    assert not list(Path().glob(".*"))
+
+
+def test_a_followed_sweep_that_records_no_impacts():
+    followed = ("--set", "follow={axis: omega}", "--set", "record.impacts=0")
+    done("run", "small.yaml", "--quiet", *followed)
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("NUMBA_NUM_THREADS=abc", "could not be parsed"),
+        ("NUMBA_NUM_THREADS=0", "Number of threads specified must be > 0"),
+        ("NUMBA_DISABLE_JIT=1", "needs numba's compiler"),
+        ("NUMBA_OPT=9", "unsupported value '9'"),
+    ],
+)
+def test_odd_settings_of_numba_are_refused(setting, told):
+    name, value = setting.split("=")
+    result = process("run", "small.yaml", **{name: value})
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith("vibroimpact: error: numba cannot work with its settings: ")
+    assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_an_encoding_that_lacks_a_character():
+    result = process("run", "small.yaml", "--set", "name=é", PYTHONIOENCODING="ascii")
+    assert result.returncode == 0, result.stderr
+    assert r"next: vibroimpact plot '\xe9.h5'" in result.stdout
+
+
+def test_a_cache_that_cannot_be_kept_is_one_line(folder):
+    result = process("run", "small.yaml", "--quiet", NUMBA_CACHE_DIR=str(folder / "small.yaml"))
+    assert result.returncode == 0
+    assert re.fullmatch(
+        r"vibroimpact: warning: the compiled code cannot be kept .*NUMBA_CACHE_DIR .*\n",
+        result.stderr,
+    )
