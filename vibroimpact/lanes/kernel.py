@@ -158,6 +158,15 @@ def record_section(w, first, n, k, tally):
 
 
 @jit(inline=True)
+def close_records(first, size, given_up, tally):
+    """Put the impacts of a block's points in order; points that were given up are ``PENDING``."""
+    for i in range(first, first + size):
+        put_in_order(tally.impacts[i], tally.sums[i].impacts)
+        if given_up:
+            tally.sums[i].status = _PENDING
+
+
+@jit(inline=True)
 def run_block(
     w, taylor, scratch, first, points, plain, rule, integrator, lead, grid, transient, periods,
     lyapunov, tally, interrupt,
@@ -195,10 +204,7 @@ def run_block(
             stretch(tangents_of(w, i), tally.sums[first + i], True)
     if plain:
         sum_up_plain(w, first, points.size, tally)
-    for i in range(first, first + points.size):
-        put_in_order(tally.impacts[i], tally.sums[i].impacts)
-        if given_up:
-            tally.sums[i].status = _PENDING
+    close_records(first, points.size, given_up, tally)
 
 
 @jit(inline=True)
