@@ -122,16 +122,14 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
 
 
 def _speeds(dataset: xr.Dataset, at: np.ndarray, impacts: np.ndarray) -> list[np.ndarray]:
-    """Return the speeds before the last impacts of points, as many as asked for, increasing."""
-    none = np.empty(0)
+    """Return the speeds before the last impacts of points, so many of each, increasing."""
     if "impact_v" not in dataset:
-        return [none] * len(at)
-    held = dataset.sizes["impact"]
-    last = records(dataset, "impact_v", at)
-    return [
-        np.sort(speed[held - q :]) if 0 < q <= held else none
-        for speed, q in zip(last, impacts.tolist(), strict=True)
-    ]
+        return [np.empty(0)] * len(at)
+    speeds = []
+    for record, q in zip(records(dataset, "impact_v", at), impacts.tolist(), strict=True):
+        kept = record[np.isfinite(record)]  # what is not filled is at the end
+        speeds.append(np.sort(kept[len(kept) - q :]) if 0 < q <= len(kept) else np.empty(0))
+    return speeds
 
 
 def shown_speeds(row: Row) -> str:

@@ -114,6 +114,15 @@ def test_the_known_coexisting_attractors(computed, h, R, single, three):
         assert zero == by_class["2/3"].number
 
 
+@pytest.mark.parametrize("impacts", [3, 12, 64, 200])
+def test_speeds_are_shown_whatever_room_the_record_has(computed, impacts):
+    """In 32 periods the orbits have 32 and 48 impacts; of more room the rest is padding."""
+    dataset = computed("record.transient=1500", f"record.impacts={impacts}")
+    by_class = {row.name: row.speeds for row in rows(dataset, attractors(dataset))}
+    np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
+    np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
+
+
 def test_the_same_partition_pair_by_pair(computed):
     dataset = computed()
     assert partition(attractors(dataset)["attractor"]) == partition(pair_by_pair(dataset))
