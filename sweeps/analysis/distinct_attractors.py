@@ -10,9 +10,10 @@ attractors, according to its kind of motion (`sweeps.analysis.motion`):
   of so many periods;
 - motions with rest are one attractor: when the force releases the mass from the stop, at a phase
   that depends on the parameters only, nothing is left of the past;
-- what does not repeat is one for each of chaotic, quasi-periodic or unsettled, undecided, and
-  unbounded. Whether two chaotic motions are on one attractor cannot be told from a finite record,
-  so they are taken for one, and the number of attractors is a lower bound;
+- chaotic motions are one attractor, and unbounded ones. Whether two chaotic motions are on one
+  attractor cannot be seen in a finite record, so the number of attractors is a lower bound;
+- motions that have not settled in their record are followed on (`sweeps.analysis.unsettled`); what
+  has not settled then is listed as such, and is no attractor;
 - failed points and those not computed yet are on none.
 """
 
@@ -24,8 +25,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
-from sweeps.analysis.motion import Motion, classify
+from sweeps.analysis.motion import Motion
 from sweeps.analysis.tracking import PeriodicAttractors, track
+from sweeps.analysis.unsettled import EXTENSIONS, Outcomes, outcomes
 from sweeps.errors import Refused
 from vibroimpact.orbits.cycles import TOLERANCE
 
@@ -33,7 +35,9 @@ from vibroimpact.orbits.cycles import TOLERANCE
 COUNTED_MOTIONS = (Motion.PERIODIC, Motion.REST, Motion.CHAOTIC)
 
 
-def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
+def attractors(
+    dataset: xr.Dataset, tolerance: float = TOLERANCE, extensions: int = EXTENSIONS
+) -> xr.Dataset:
     """Find the distinct attractors at every parameter point.
 
     Parameters
@@ -44,6 +48,9 @@ def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
     tolerance : float
         Within which section states, x and v / omega, are the same; relative to the greatest of the
         cycle.
+    extensions : int
+        How often motions that have not settled are followed four times as long; 0 goes by the
+        records alone.
 
     Returns
     -------
@@ -51,13 +58,15 @@ def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
         ``attractor``, in the shape of ``status``: the number of the attractor, -1 for none. A
         number is the same attractor along the axes (`sweeps.analysis.tracking`); the most
         frequent periodic one has 0, and those that are not periodic have the last.
+        ``followed``, in the same shape: whether the motion had not settled in its record.
         ``attractors`` (parameters...): how many of ``COUNTED_MOTIONS`` were found, a lower bound.
         And for each of a point's, in the dimension ``coexisting`` from the most frequent on, -1 or
         NaN where there are no more: ``number``; ``fraction`` of the starts with a result;
         ``motion``, a `sweeps.analysis.motion.Motion`; ``m`` forcing periods and ``q`` impacts per
         repetition of a periodic one, otherwise 0;
         ``section_x``, ``section_v``: a state on it; ``representative``: the number of the start it
-        is from, in C order over the axes of starts in the order of the file.
+        is from, in C order over the axes of starts in the order of the file; ``settled``: whether
+        the record of that start shows it.
 
     Raises
     ------
@@ -71,10 +80,9 @@ def attractors(dataset: xr.Dataset, tolerance: float = TOLERANCE) -> xr.Dataset:
                 "with record.diagnostics: [period]"
             )
     points = PointNumbers.of(dataset)
-    motion = classify(dataset).ravel()
-    period = np.where(motion == Motion.PERIODIC, dataset["period"].values.ravel(), 0)
-    groups = group_periodic(dataset, points, period, tolerance)
-    return _as_dataset(dataset, points, _numbered(points, motion, groups))
+    ends = outcomes(dataset, points, extensions)
+    groups = group_periodic(dataset, points, ends.period, ends.cycles, tolerance)
+    return _as_dataset(dataset, points, _numbered(points, ends, groups), ends)
 
 
 class _Attractors(NamedTuple):
@@ -101,8 +109,9 @@ class _Attractors(NamedTuple):
     section: np.ndarray
 
 
-def _numbered(points: PointNumbers, motion: np.ndarray, groups: Groups) -> _Attractors:
+def _numbered(points: PointNumbers, ends: Outcomes, groups: Groups) -> _Attractors:
     """Number the attractors, those that are not periodic among them."""
+    motion = ends.motion
     representative = groups.representative.copy()
     others = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
     if len(others):
@@ -121,9 +130,20 @@ def _numbered(points: PointNumbers, motion: np.ndarray, groups: Groups) -> _Attr
         place = np.empty_like(order)
         place[order] = np.arange(len(order))
         of_point = np.where(of_point < 0, -1, place[of_point])
+    at = _settled_members(of_point, at, ends)
     return _Attractors(
         of_point, at, motion[at], m[order], number[order], members[order], groups.last[at]
     )
+
+
+def _settled_members(of_point: np.ndarray, at: np.ndarray, ends: Outcomes) -> np.ndarray:
+    """Return a point on each attractor, one whose record shows it where there is one."""
+    shown = np.flatnonzero((of_point >= 0) & ~ends.followed)
+    attractor, first = np.unique(of_point[shown], return_index=True)
+    at = at.copy()
+    replaced = ends.followed[at[attractor]]
+    at[attractor[replaced]] = shown[first[replaced]]
+    return at
 
 
 def _tracked(
@@ -152,7 +172,9 @@ def _tracked(
     return lengths[at], number
 
 
-def _as_dataset(dataset: xr.Dataset, points: PointNumbers, table: _Attractors) -> xr.Dataset:
+def _as_dataset(
+    dataset: xr.Dataset, points: PointNumbers, table: _Attractors, ends: Outcomes
+) -> xr.Dataset:
     """Put the attractors into the shape of the grid."""
     parameter = points.parameter[table.representative]
     rank = np.arange(len(parameter)) - np.searchsorted(parameter, parameter)
@@ -164,7 +186,8 @@ def _as_dataset(dataset: xr.Dataset, points: PointNumbers, table: _Attractors) -
         "fraction": (table.members / results[parameter], "fraction of the starts"),
         "motion": (table.motion, "kind of motion"),
         "m": (table.m, "forcing periods per repetition, 0: not periodic"),
-        "q": (_impacts(dataset, table), "impacts per repetition, 0: not periodic"),
+        "q": (_impacts(ends, table), "impacts per repetition, 0: not periodic"),
+        "settled": (~ends.followed[table.representative], "whether its record shows it"),
         "section_x": (x, "displacement at the section"),
         "section_v": (v, "velocity at the section"),
         "representative": (
@@ -173,7 +196,7 @@ def _as_dataset(dataset: xr.Dataset, points: PointNumbers, table: _Attractors) -
     }  # fmt: skip
     data: dict[str, Any] = {}
     for name, (values, meaning) in columns.items():
-        missing = np.nan if values.dtype.kind == "f" else -1
+        missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((points.count, width), missing, values.dtype)
         grid[parameter, rank] = values
         shaped = grid.reshape(*points.shape, width)
@@ -183,18 +206,20 @@ def _as_dataset(dataset: xr.Dataset, points: PointNumbers, table: _Attractors) -
     counted = np.bincount(parameter[np.isin(table.motion, COUNTED_MOTIONS)], minlength=points.count)
     about = {"long_name": "number of the attractor, -1: none"}
     data["attractor"] = (dataset["status"].dims, number.reshape(dataset["status"].shape), about)
+    about = {"long_name": "whether the motion was followed on, since it had not settled"}
+    followed = ends.followed.reshape(dataset["status"].shape)
+    data["followed"] = (dataset["status"].dims, followed, about)
     about = {"long_name": "distinct attractors found"}
     data["attractors"] = (points.parameters, counted.reshape(points.shape), about)
     return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
 
 
-def _impacts(dataset: xr.Dataset, table: _Attractors) -> np.ndarray:
+def _impacts(ends: Outcomes, table: _Attractors) -> np.ndarray:
     """Return the impacts per repetition that most points on an attractor have."""
-    period, impacts = (dataset[name].values.ravel() for name in ("period", "period_impacts"))
     on = np.flatnonzero(table.of_point >= 0)
     attractor = table.of_point[on]
-    repetitions = np.maximum(period[on], 1)
-    counted = np.rint(impacts[on] * table.m[attractor] / repetitions).astype(np.int64)
+    repetitions = np.maximum(ends.period[on], 1)
+    counted = np.rint(ends.impacts[on] * table.m[attractor] / repetitions).astype(np.int64)
     pairs, times = np.unique(np.stack([attractor, counted]), axis=1, return_counts=True)
     most = np.zeros(len(table.representative), np.int64)
     order = np.argsort(times, kind="stable")

@@ -62,7 +62,7 @@ class PointNumbers:
             starts,
             numbers(parameters),
             numbers(starts),
-            {name: _along(dataset, name) for name in ("omega", "clearance", "R")},
+            {name: parameter_at_points(dataset, name) for name in ("omega", "clearance", "R")},
         )
 
     @property
@@ -77,8 +77,8 @@ class PointNumbers:
         return Cycles(scaled, clearance, R)
 
 
-def _along(dataset: xr.Dataset, name: str) -> np.ndarray:
-    """Return a parameter at every point, in C order."""
+def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
+    """Return a parameter, swept or not, at every point of an opened sweep, in C order."""
     values = dataset[name] if name in dataset.coords else float(Setting.of(dataset).fixed[name])
     whole = xr.zeros_like(dataset["status"], float) + values
     return whole.transpose(*dataset["status"].dims).values.ravel()
@@ -107,7 +107,11 @@ class Groups:
 
 
 def group_periodic(
-    dataset: xr.Dataset, points: PointNumbers, period: np.ndarray, tolerance: float
+    dataset: xr.Dataset,
+    points: PointNumbers,
+    period: np.ndarray,
+    cycles: Mapping[int, np.ndarray],
+    tolerance: float,
 ) -> Groups:
     """Group the periodic motions that are the same, within parts of the file and then among these.
 
@@ -118,6 +122,8 @@ def group_periodic(
     points : PointNumbers
     period : ndarray of int, shape (n,)
         Forcing periods of each point's motion; 0 where it is not periodic.
+    cycles : mapping of int to ndarray, shape (m, 2)
+        Section states of the points whose record does not show their motion.
     tolerance : float
         As for `vibroimpact.orbits.cycles.representatives`.
 
@@ -127,7 +133,11 @@ def group_periodic(
     """
     first, last = np.full(period.size, -1), np.empty((period.size, 2))
     parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    replaced = np.fromiter(cycles, np.int64, len(cycles))
     for at, states in _ends(dataset, period):
+        for row in np.flatnonzero(np.isin(at, replaced)).tolist():
+            cycle = cycles[int(at[row])]
+            states[row, -len(cycle) :] = cycle
         last[at] = states[:, -1]
         for m in np.unique(period[at[period[at] > 0]]).tolist():
             rows = np.flatnonzero(period[at] == m)
@@ -136,12 +146,12 @@ def group_periodic(
                 same = rows[turns == turn]
                 heads = _represent(at[same], states[same, -turn:], points, first, tolerance)
                 parts.setdefault(turn, []).append((at[same[heads]], states[same[heads], -turn:]))
-    final, by_period, cycles = np.arange(period.size), {}, {}
+    final, by_period, heads_of = np.arange(period.size), {}, {}
     for m, pieces in parts.items():
         at, states = (np.concatenate(column) for column in zip(*pieces, strict=True))
         heads = _represent(at, states, points, final, tolerance)
-        by_period[m], cycles[m] = at[heads], points.cycles(at[heads], states[heads])
-    return Groups(np.where(first < 0, -1, final[first]), by_period, cycles, last)
+        by_period[m], heads_of[m] = at[heads], points.cycles(at[heads], states[heads])
+    return Groups(np.where(first < 0, -1, final[first]), by_period, heads_of, last)
 
 
 def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -155,10 +165,10 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray,
     """
     for block, at in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
         longest = max(1, int(period[at].max(initial=1)))
-        states = np.empty((len(at), longest, 2))
+        states = np.full((len(at), longest, 2), np.nan)
         for i, name in enumerate(("poincare_x", "poincare_v")):
-            ends = dataset[name][(*block, slice(-longest, None))].values
-            states[:, :, i] = ends.reshape(len(at), longest)
+            ends = dataset[name][(*block, slice(-longest, None))].values.reshape(len(at), -1)
+            states[:, longest - ends.shape[1] :, i] = ends
         yield at, states
 
 

@@ -17,6 +17,7 @@ The kind of a point is what its record shows. The first of these that holds deci
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
 
 import numpy as np
@@ -52,32 +53,51 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
     ndarray of int
         A `Motion` per point, in the shape of ``status``.
     """
-    status = dataset["status"].values
+    axes = dataset["status"].dims
+    names = ("status", "rest_fraction", "period", "lyapunov")
+    results = {
+        name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset
+    }
+    omega = dataset["omega"] if "omega" in dataset.coords else Setting.of(dataset).fixed["omega"]
+    whole = xr.zeros_like(dataset["status"], float) + omega
+    return kinds(results, whole.transpose(*axes).values, dataset.sizes["section"])
+
+
+def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
+    """Return the kind of motion that results show.
+
+    Parameters
+    ----------
+    results : mapping of str to ndarray
+        ``status``, ``rest_fraction``, ``period`` of shape (...), and ``lyapunov`` of shape
+        (..., 2) where it was computed.
+    omega : ndarray, shape (...)
+    periods : int
+        Forcing periods of the record.
+
+    Returns
+    -------
+    ndarray of int, shape (...)
+        A `Motion` each.
+    """
+    status = results["status"]
     failed = np.isin(status, [outcome for outcome in Status if outcome.failed])
     rules = [
         (status == Status.PENDING, Motion.PENDING),
         (failed, Motion.FAILED),
         (status == Status.UNBOUNDED, Motion.UNBOUNDED),
-        (dataset["rest_fraction"].values > 0.0, Motion.REST),
-        (dataset["period"].values > 0, Motion.PERIODIC),
+        (results["rest_fraction"] > 0.0, Motion.REST),
+        (results["period"] > 0, Motion.PERIODIC),
     ]
-    if "lyapunov" in dataset:
-        folds = np.log(dataset.sizes["section"])
-        growth = _growth(dataset)
-        rules += [(growth > folds, Motion.CHAOTIC), (growth >= -folds, Motion.NEUTRAL)]
+    if "lyapunov" in results:
+        limit = np.log(periods)
+        growth = results["lyapunov"][..., 0] * (periods * 2.0 * np.pi / omega)
+        rules += [(growth > limit, Motion.CHAOTIC), (growth >= -limit, Motion.NEUTRAL)]
     return np.select(
         [condition for condition, _ in rules],
         [int(motion) for _, motion in rules],
         int(Motion.UNDECIDED),
     )
-
-
-def _growth(dataset: xr.Dataset) -> np.ndarray:
-    """Return the logarithm of the growth of tangent vectors over the record."""
-    omega = dataset["omega"] if "omega" in dataset.coords else Setting.of(dataset).fixed["omega"]
-    duration = dataset.sizes["section"] * 2.0 * np.pi / omega
-    growth = dataset["lyapunov"].isel(exponent=0) * duration
-    return growth.transpose(*dataset["status"].dims).values
 
 
 def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> list[tuple[int, int]]:

@@ -52,13 +52,21 @@ def nearby_orbit(
             orbit = doubled(oscillator, orbit, phase)
         if orbit is None or not orbit.stable or orbit.rests > 0:
             continue
-        if _goes_to(record, orbit.sections):
+        if goes_to(record, orbit.sections):
             return orbit
     return None
 
 
-def _goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
-    """Return whether a motion is near an orbit throughout its record, and does not leave it."""
+def goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
+    """Return whether a motion is near an orbit throughout its record, and does not leave it.
+
+    Parameters
+    ----------
+    record : ndarray, shape (periods, 2)
+        x and v at the sections of the motion [length, length/time].
+    orbit : ndarray, shape (m, 2)
+        Those of the orbit, in time order.
+    """
     size = np.abs(record).max(axis=0)
     size[size == 0.0] = 1.0
     last = np.argmin((np.abs(orbit - record[-1]) / size).max(axis=1))

@@ -13,8 +13,11 @@ import xarray as xr
 from sweeps.analysis.grouping import STARTS, PointNumbers, records
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
+from sweeps.analysis.unsettled import orbit_speeds
 from sweeps.errors import Refused
 
+#: Kinds of motion that are listed and are no attractor.
+_UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
 #: Up to so many impact speeds are written out; of more, the slowest and the fastest.
 _MOST_SPEEDS = 4
 
@@ -47,8 +50,15 @@ class Row(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Its class m/q, or its kind of motion."""
+        """The class m/q, or the kind of motion."""
+        if self.motion in _UNSETTLED:
+            return "unsettled"
         return f"{self.m}/{self.q}" if self.m else self.motion.name.lower()
+
+    @property
+    def shown_number(self) -> str:
+        """The number, or a dash for what is no attractor."""
+        return "-" if self.motion in _UNSETTLED else str(self.number)
 
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -90,34 +100,38 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     file = np.empty((points.count, len(points.start) // points.count), np.int64)
     file[points.parameter, points.start] = np.arange(len(points.start))
     width = result.sizes["coexisting"]
-    table = {
-        name: result[name].values.reshape(points.count, width)
-        for name in ("number", "motion", "m", "q", "fraction", "representative")
+    at, rank = np.nonzero(result["number"].values.reshape(points.count, width) >= 0)
+    column = {
+        str(name): values.values.reshape(points.count, width)[at, rank]
+        for name, values in result.items()
+        if "coexisting" in values.dims
     }
-    at, rank = np.nonzero(table["number"] >= 0)
-    place = file[at, table["representative"][at, rank]]
-    speeds = _speeds(dataset, place, table["q"][at, rank])
+    place = file[at, column["representative"]]
+    speeds = _speeds(dataset, place, column["q"])
+    hidden = np.flatnonzero(~column["settled"] & (column["q"] > 0))
+    states = np.stack([column["section_x"], column["section_v"]], axis=1)
+    computed = orbit_speeds(
+        dataset, place[hidden], states[hidden], column["m"][hidden], column["q"][hidden]
+    )
+    for i, values in zip(hidden.tolist(), computed, strict=True):
+        speeds[i] = values
     indices = np.unravel_index(at, points.shape) if points.shape else ()
-    values = [
+    coordinates = [
         dataset[name].values[index].tolist()
         for name, index in zip(points.parameters, indices, strict=True)
     ]
-    where = [
-        dict(zip(points.parameters, value, strict=True)) for value in zip(*values, strict=True)
-    ]
-    where = where or [{}] * len(at)
     return [
         Row(
-            where[i],
-            int(table["number"][p, k]),
-            Motion(int(table["motion"][p, k])),
-            int(table["m"][p, k]),
-            int(table["q"][p, k]),
-            float(table["fraction"][p, k]),
+            {name: values[i] for name, values in zip(points.parameters, coordinates, strict=True)},
+            int(column["number"][i]),
+            Motion(int(column["motion"][i])),
+            int(column["m"][i]),
+            int(column["q"][i]),
+            float(column["fraction"][i]),
             speeds[i],
             int(place[i]),
         )
-        for i, (p, k) in enumerate(zip(at, rank, strict=True))
+        for i in range(len(at))
     ]
 
 
@@ -156,6 +170,12 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
         lines.append(
             f"{missing:,} of {result['attractor'].size:,} points without a result, left out"
         )
+    followed = float(result["followed"].mean())
+    if followed:
+        lines.append(
+            f"{100.0 * followed:.1f} % of the starts had not settled in their record; "
+            "they were followed on to their attractor"
+        )
     return "\n".join(lines)
 
 
@@ -164,7 +184,7 @@ def _at_point(table: Sequence[Row]) -> list[str]:
     return _columns(
         head,
         [
-            (str(row.number), row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}")
+            (row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}")
             for row in table
         ],
     )
@@ -204,7 +224,7 @@ def _summary(number: int, same: Sequence[Row], axes: Sequence[str]) -> tuple[str
         low, high = min(values), max(values)
         ranges.append(f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}")
     mean = float(np.mean([row.fraction for row in same]))
-    return (str(number), classes(same), *ranges, f"{len(same):,}", f"{mean:.4f}")
+    return (same[0].shown_number, classes(same), *ranges, f"{len(same):,}", f"{mean:.4f}")
 
 
 def _columns(head: tuple[str, ...], body: Sequence[tuple[str, ...]]) -> list[str]:

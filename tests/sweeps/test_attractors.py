@@ -123,6 +123,108 @@ def test_speeds_are_shown_whatever_room_the_record_has(computed, impacts):
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
 
 
+# Starts that have not settled
+
+
+SLOW = (
+    "oscillator={h: 0.02, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}",
+    "start={x0: {start: -3.0, stop: 0.6, num: 12}, v0: {start: -3.0, stop: 3.0, num: 12}}",
+    "record={transient: 200, periods: 32, impacts: 16, diagnostics: [period]}",
+)
+
+
+def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed):
+    """Without impacts a deviation falls by exp(-2 pi h / omega) = 0.953 per period."""
+    dataset = computed(*SLOW)
+    slow = dataset["period"].values == 0
+    assert 0.1 < slow.mean() < 0.5 and (dataset["impacts_per_period"].values[slow] == 0.0).all()
+    found = attractors(dataset)
+    assert {row.name for row in rows(dataset, found)} >= {"1/0", "2/1"}
+    assert not np.isin(found["motion"], (Motion.UNDECIDED, Motion.NEUTRAL)).any()
+    (free,) = (row for row in rows(dataset, found) if row.name == "1/0")
+    assert (found["attractor"].values[slow] == free.number).all()
+    np.testing.assert_array_equal(found["followed"], slow)
+    long = computed(*SLOW, "record.transient=4000")
+    assert not attractors(long, extensions=0)["followed"].any()
+    assert partition(found["attractor"]) == partition(attractors(long, extensions=0)["attractor"])
+
+
+def test_the_table_says_which_share_was_followed_on(computed):
+    result = CliRunner().invoke(app, ["attractors", computed(*SLOW).encoding["source"]])
+    slow = (computed(*SLOW)["period"].values == 0).mean()
+    assert f"{100 * slow:.1f} % of the starts had not settled in their record" in result.stdout
+    assert "unsettled" not in result.stdout and "undecided" not in result.stdout
+
+
+def test_an_attractor_that_no_record_shows_has_its_speeds(computed):
+    """None of the starts settles within two periods."""
+    short = computed("record={transient: 0, periods: 2, impacts: 1, diagnostics: [period]}")
+    by_class = {row.name: row.speeds for row in rows(short, attractors(short))}
+    np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
+    np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
+
+
+def test_what_never_settles_is_unsettled_and_no_attractor(computed):
+    """Without damping and impacts: a sum of two frequencies, for ever."""
+    dataset = computed(
+        "oscillator={h: 0.0, R: 0.8, omega: 1.4142135623730951, f: 1.0, clearance: 10.0}",
+        "start={x0: [-1.0, 0.0], v0: [0.0, 0.5]}",
+        "record={transient: 20, periods: 32, diagnostics: [period]}",
+    )
+    found = attractors(dataset)
+    assert found["attractors"].item() == 0
+    lines = CliRunner().invoke(app, ["attractors", dataset.encoding["source"]]).stdout.splitlines()
+    assert lines[1].split()[:2] == ["-", "unsettled"]
+
+
+@pytest.mark.slow
+def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path):
+    """At 20 random places; sections of long runs are compared start by start."""
+    random = np.random.default_rng(5)
+    several = 0
+    for _ in range(20):
+        h, R = 10.0 ** random.uniform(-2.3, -0.5), random.uniform(0.3, 0.98)
+        omega, clearance = random.uniform(0.5, 4.0), random.choice([0.0, random.uniform(-0.5, 1.0)])
+        text = (
+            f"oscillator: {{h: {h}, R: {R}, omega: {omega}, f: 1.0, clearance: {clearance}}}\n"
+            f"start: {{x0: {{start: -2.5, stop: {clearance}, num: 20}}, "
+            "v0: {start: -2.0, stop: 2.0, num: 20}}\n"
+            "record: {transient: 50, periods: 32, impacts: 4, diagnostics: [period]}\n"
+        )
+        (tmp_path / "c.yaml").write_text(text)
+        short = run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "short.h5", overwrite=True)
+        long = run_sweep(
+            load_config(tmp_path / "c.yaml", ["record.transient=5000", "record.periods=128"]),
+            tmp_path / "long.h5",
+            overwrite=True,
+        )
+        with open_sweep(short) as dataset, open_sweep(long) as settled:
+            found = attractors(dataset)
+            assert not np.isin(found["motion"], (Motion.UNDECIDED, Motion.NEUTRAL)).any()
+            got = sorted(found["fraction"].values[found["number"].values >= 0])
+            shares = sorted(long_run_shares(settled))
+        several += len(shares) > 1
+        assert len(got) == len(shares)
+        error = 3.0 * np.sqrt(np.array(shares) * (1.0 - np.array(shares)) / 400.0)
+        assert (np.abs(np.array(got) - shares) <= error + 1e-12).all()
+    assert several >= 3
+
+
+def long_run_shares(dataset):
+    """Return the share of the starts on each attractor: by the points in their sections."""
+    x, v = (dataset[name].values.reshape(400, -1) for name in ("poincare_x", "poincare_v"))
+    rests = dataset["rest_fraction"].values.ravel() > 0.0
+    period, kinds = dataset["period"].values.ravel(), []
+    for i in range(400):
+        if rests[i] or not period[i]:
+            kinds.append("rest" if rests[i] else "chaos")
+            continue
+        m = period[i]
+        lowest = np.argmin(x[i, -m:])
+        kinds.append((m, round(x[i, -m:][lowest], 4), round(v[i, -m:][lowest], 3)))
+    return [kinds.count(kind) / 400.0 for kind in set(kinds)]
+
+
 def test_the_same_partition_pair_by_pair(computed):
     dataset = computed()
     assert partition(attractors(dataset)["attractor"]) == partition(pair_by_pair(dataset))
@@ -267,7 +369,8 @@ def test_what_is_on_no_attractor_or_does_not_repeat():
             [1, 1, 3, 0, 0, 1, 0, 0],
             status=status,
             rest_fraction=[0, 0.2, 0.1, 0, 0, 0, np.nan, 0],
-        )
+        ),
+        extensions=0,
     )
     assert found["attractor"].values.tolist() == [0, 2, 2, 3, 3, -1, -1, 1]
     assert found["attractors"].item() == 2  # periodic, and with rest
