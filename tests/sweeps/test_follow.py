@@ -1,6 +1,8 @@
 """A sweep in which each point starts from its neighbour: chains, blocks, files, coexistence."""
 
 import math
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.follow import follow
 from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.scaling import scales_with_f
-from sweeps.errors import ConfigError, StoreError
+from sweeps.errors import ConfigError, Failed, StoreError
 from sweeps.grid import Grid
 from vibroimpact import Oscillator, Status, one_impact_orbit
 from vibroimpact.integrate import integrate
@@ -311,24 +313,26 @@ def test_the_points_of_a_long_block_are_told_as_they_come(load):
 
 
 def test_a_run_that_was_left_computes_no_further_in_its_block(load, monkeypatch):
-    calls = []
+    begun = threading.Semaphore(0)
 
     def computing(config, block, threads, advance):
         def told(points):
-            calls.append(points)
-            if len(calls) == 2:
-                display[0].__exit__()
-            advance(points)
+            begun.release()
+            time.sleep(0.2)
 
         return compute_block(config, block, threads, told)
 
-    display = []
-    entered = runner._Display.__enter__
-    monkeypatch.setattr(runner._Display, "__enter__", lambda d: display.append(d) or entered(d))
+    def full(self, block, results):
+        for _ in range(6):  # the 5 values of the first block, and one of the second
+            assert begun.acquire(timeout=60)
+        raise Failed("the disk is full")
+
+    monkeypatch.setattr(runner, "block_size", lambda _: 5)
     monkeypatch.setattr(runner, "compute_block", computing)
-    with pytest.raises(RuntimeError, match="left"):
+    monkeypatch.setattr(runner.SweepWriter, "write", full)
+    with pytest.raises(Failed, match="full"):
         run_sweep(load(), "out.h5")
-    assert len(calls) == 2
+    assert not begun.acquire(blocking=False)
 
 
 # Memory
