@@ -176,12 +176,13 @@ def next_impact(flight, end, rising, value, slope):
     if rising:
         u, slope = rising_root(flight, value, slope)
         return 0, u, slope, -math.inf, False
-    # The first four are x - stop, v, a and a' there: they determine the others.
-    if abs(flight[0]) + abs(flight[1]) + abs(flight[2]) + abs(flight[3]) < SMALLEST_NORMAL:
-        return 4, -1.0, 0.0, -math.inf, False
     m = 0
     while m < 3 and flight[m] == 0.0:  # ends: m rises
         m += 1
+    # The first four are x - stop, v, a and a' there: they determine the others.
+    if abs(flight[m]) < SMALLEST_NORMAL:
+        if abs(flight[1]) + abs(flight[2]) + abs(flight[3]) < SMALLEST_NORMAL:
+            return 4, -1.0, 0.0, -math.inf, False
     if flight[m] > 0.0:
         return m, 0.0, 0.0, -math.inf, m > 1
     u, turn = first_crossing(flight, m, end)
