@@ -26,8 +26,9 @@ from sweeps.bench.scenes import (
     Method,
 )
 from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines
-from sweeps.plotting.marks import BLUE, ORANGE, VERMILION
-from sweeps.plotting.pictures import STYLE, save
+from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
+from sweeps.plotting.saving import save
+from sweeps.plotting.style import STYLE
 
 #: Title, scene and kind of error of the panels; the first is the wide one.
 PANELS = (

@@ -11,8 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from sweeps.bench import paper
-from sweeps.plotting.marks import BLUE, ORANGE, VERMILION, draw_stop, mathtext
-from sweeps.plotting.pictures import STYLE, save
+from sweeps.plotting.labels import mathtext
+from sweeps.plotting.marks import draw_stop
+from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
+from sweeps.plotting.saving import save
+from sweeps.plotting.style import STYLE
 from vibroimpact import simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES

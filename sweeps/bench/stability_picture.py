@@ -12,7 +12,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from sweeps.bench.stability import Chart
-from sweeps.plotting.pictures import STYLE, save
+from sweeps.plotting.saving import save
+from sweeps.plotting.style import STYLE
 from vibroimpact.step.integrators import INTEGRATORS
 
 # Blue where motion decays, the darker the faster; orange where it grows. In grey, too, the lightest

@@ -31,7 +31,7 @@ Quick = Annotated[bool, typer.Option("--quick", help="Measure less, in under a m
 @contextmanager
 def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
     """Refuse files that cannot be written before the work of the block, and say it after."""
-    from sweeps.plotting.pictures import check_picture
+    from sweeps.plotting.saving import check_picture
 
     check_picture(output)
     check_csv(csv)

@@ -135,13 +135,15 @@ def _plot(
     cuts: Mapping[str, float | str],
     options: Mapping[str, Any],
 ) -> None:
-    from sweeps.plotting import pictures as plotting
+    from sweeps.analysis.selection import on_grid
+    from sweeps.plotting import plot
+    from sweeps.plotting.exact_branches import compare
 
-    cut = plotting.on_grid(dataset, cuts)
-    written = plotting.plot(dataset, figure, kind, cut, **options)
+    cut = on_grid(dataset, cuts)
+    written = plot(dataset, figure, kind, cut, **options)
     _tell_moved(cuts, cut, "drawn")
     if options["exact"]:
-        for line in plotting.compare(dataset, options["axes"], cut, options["coordinate"]):
+        for line in compare(dataset, options["axes"], cut, options["coordinate"]):
             say(line)
     say(written)
 

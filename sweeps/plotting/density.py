@@ -1,9 +1,9 @@
-"""The density of very many points over an axis, read and counted a part at a time."""
+"""The density of very many points over an axis. The file is read and counted in parts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -12,17 +12,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from sweeps.plotting.marks import BLUE, ORANGE, cell_edges
+from sweeps.plotting.cells import cell_edges
+from sweeps.plotting.palette import BLUE, BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.style import DPI
 
-#: The colours of the directions in which an axis was followed, the first that of every sweep, and
-#: of what is met in both.
-DIRECTION_COLOURS = (BLUE, ORANGE)
-BOTH_COLOUR = "#222222"
-
-# All start well away from white, so that a pixel met once is still seen. Of two directions, the
-# ramps end at full colours: darker ones could not be told apart where the motion is periodic.
-_RAMP = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
-_RAMPS = [
+# All ramps start well away from white, so that a pixel met once is seen. Those of two directions
+# end at full colours: darker colours look the same where the motion is periodic.
+_ONE_RAMP = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
+_DIRECTION_RAMPS = [
     LinearSegmentedColormap.from_list("density", colours)
     for colours in (
         ["#A6CBE3", DIRECTION_COLOURS[0]],
@@ -31,101 +28,116 @@ _RAMPS = [
     )
 ]
 
-NORM = LogNorm(1e-3, 1.0, clip=True)
+_NORM = LogNorm(1e-3, 1.0, clip=True)
 
-#: Numbers of a record that are read at a time.
-_PART = 1_000_000
-
-
-class Drawn(Protocol):
-    """A record of shape (axis, record), and which of its points are to be drawn."""
-
-    @property
-    def record(self) -> xr.DataArray: ...
-
-    @property
-    def good(self) -> np.ndarray: ...
+#: How many numbers of a record are read at a time.
+_PART_SIZE = 1_000_000
 
 
-def parts(record: xr.DataArray, good: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Read a record of shape (axis, record) a part at a time, without the points that are not good.
+@dataclass(frozen=True)
+class Record:
+    """What is drawn of one direction.
 
-    Yields
-    ------
-    indices : ndarray of int, shape (k,)
-        Along the axis.
-    values : ndarray, shape (k, record)
+    Attributes
+    ----------
+    values : DataArray, shape (n, width)
+        What was recorded at each point of the axis; padded with NaN.
+    computed : ndarray of bool, shape (n,)
+        Which points have a result.
     """
-    rows = max(1, _PART // record.shape[1])
-    for start in range(0, len(good), rows):
-        keep = np.flatnonzero(good[start : start + rows])
-        if len(keep):
-            yield start + keep, record[start : start + rows].values[keep]
+
+    values: xr.DataArray
+    computed: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """How many values there are at most."""
+        return int(np.count_nonzero(self.computed)) * self.values.shape[1]
+
+    def parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Read the computed points, some at a time.
+
+        Yields
+        ------
+        indices : ndarray of int, shape (k,)
+            Along the axis.
+        values : ndarray, shape (k, width)
+        """
+        rows = max(1, _PART_SIZE // self.values.shape[1])
+        for start in range(0, len(self.computed), rows):
+            kept = np.flatnonzero(self.computed[start : start + rows])
+            if len(kept):
+                yield start + kept, self.values[start : start + rows].values[kept]
 
 
-def extent(drawn: Sequence[Drawn]) -> tuple[float, float]:
+def value_range(records: Sequence[Record]) -> tuple[float, float]:
     """Return the least and the greatest value of records; inf, -inf where there is none."""
     low, high = np.inf, -np.inf
-    for one in drawn:
-        for _, values in parts(one.record, one.good):
+    for record in records:
+        for _, values in record.parts():
             values = values[np.isfinite(values)]
             low, high = values.min(initial=low), values.max(initial=high)
     return float(low), float(high)
 
 
-def add_bar(figure: Figure, panel: Axes, directions: int) -> None:
-    """Put the colour bar of a density beside a panel: of two directions, that of what is in both.
+def add_density_bar(figure: Figure, panel: Axes, directions: int) -> None:
+    """Put the colour bar of a density beside a panel.
 
-    The ramps of either direction run alike.
+    The ramps of two directions and of both have the same scale; the bar shows that of both.
     """
-    ramp = _RAMP if directions == 1 else _RAMPS[2]
-    bar = figure.colorbar(ScalarMappable(NORM, ramp), ax=panel, pad=0.01, aspect=40)
+    ramp = _ONE_RAMP if directions == 1 else _DIRECTION_RAMPS[2]
+    bar = figure.colorbar(ScalarMappable(_NORM, ramp), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")
 
 
 def draw_density(
-    figure: Figure, panel: Axes, values: np.ndarray, drawn: Sequence[Drawn], dpi: int
+    figure: Figure, panel: Axes, values: np.ndarray, records: Sequence[Record]
 ) -> None:
     """Draw the share of each column's points that fall into each of its pixels.
 
-    Everything else must be in its place, as the pixels are those of the finished panel at `dpi`. A
-    column is one value of the axis, or one pixel where there are more values than pixels. Of two
-    directions, a pixel has the colour of the one that meets it, or that of both.
+    Call it last: the pixels are those of the finished panel at ``DPI``. A column is one value of
+    the axis, or one pixel where there are more values than pixels. Of two directions, a pixel has
+    the colour of the direction that meets it, or that of both.
 
     Parameters
     ----------
+    figure : Figure
+    panel : Axes
     values : ndarray, shape (n,)
         Along the axis.
-    drawn : sequence of Drawn
-        One, or one for each direction.
+    records : sequence of Record
+        One for each direction.
     """
     figure.draw_without_rendering()  # lays the figure out
     box = panel.get_window_extent()
-    columns, rows = (round(size * dpi / figure.dpi) for size in (box.width, box.height))
+    columns, rows = (round(size * DPI / figure.dpi) for size in (box.width, box.height))
     low, high = panel.get_ylim()
-    across = cell_edges(np.sort(values), panel.get_xscale() == "log")
+    log = panel.get_xscale() == "log"
+    x_edges = cell_edges(np.sort(values), log)
     if len(values) > columns:
-        space = np.geomspace if panel.get_xscale() == "log" else np.linspace
-        across = space(values.min(), values.max(), columns + 1)
-    up = np.linspace(low, high, rows + 1)
-    shares = [_share(one, values, across, up) for one in drawn]
+        x_edges = (np.geomspace if log else np.linspace)(values.min(), values.max(), columns + 1)
+    y_edges = np.linspace(low, high, rows + 1)
+    shares = [_column_shares(record, values, x_edges, y_edges) for record in records]
     if len(shares) == 2:
-        met = (shares[0] > 0.0) & (shares[1] > 0.0)
-        both = np.where(met, 0.5 * (shares[0] + shares[1]), 0.0)
-        shares = [*(np.where(met, 0.0, share) for share in shares), both]
-    for share, ramp in zip(shares, _RAMPS if len(shares) > 1 else [_RAMP], strict=True):
+        in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
+        mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
+        shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
+    ramps = _DIRECTION_RAMPS if len(shares) > 1 else [_ONE_RAMP]
+    for share, ramp in zip(shares, ramps, strict=True):
         cells = np.ma.masked_equal(share, 0.0).T
-        panel.pcolormesh(across, up, cells, norm=NORM, cmap=ramp, rasterized=True)
+        panel.pcolormesh(x_edges, y_edges, cells, norm=_NORM, cmap=ramp, rasterized=True)
 
 
-def _share(one: Drawn, values: np.ndarray, across: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _column_shares(
+    record: Record, values: np.ndarray, x_edges: np.ndarray, y_edges: np.ndarray
+) -> np.ndarray:
     """Return the share of each column's points in each of its pixels, shape (columns, rows)."""
-    rows = len(up) - 1
-    counts = np.zeros((len(across) - 1, rows))
-    column = np.clip(np.searchsorted(across, values, side="right") - 1, 0, len(counts) - 1)
-    for indices, y in parts(one.record, one.good):
+    low, high, rows = y_edges[0], y_edges[-1], len(y_edges) - 1
+    counts = np.zeros((len(x_edges) - 1, rows))
+    column = np.clip(np.searchsorted(x_edges, values, side="right") - 1, 0, len(counts) - 1)
+    for indices, y in record.parts():
         finite = np.isfinite(y)
-        row = ((y[finite] - up[0]) * (rows / (up[-1] - up[0]))).astype(np.int64)
+        row = ((y[finite] - low) * (rows / (high - low))).astype(np.int64)
         flat = np.repeat(column[indices], finite.sum(axis=1)) * rows + row
         counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
     return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

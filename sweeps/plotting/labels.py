@@ -12,17 +12,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
-from sweeps.plotting.marks import mathtext
 from sweeps.store.variables import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 
 def label(variable: xr.DataArray, gap: str = " ") -> str:
-    """Write meaning, symbol and unit."""
-    about = variable.attrs
-    unit = "" if about["units"] == "1" else f" [{about['units'].replace('^2', '$^2$')}]"
-    return f"{about['long_name']}{gap}${about['symbol']}${unit}"
+    """Write the meaning, symbol and unit of a variable, the first two with `gap` between them."""
+    attributes = variable.attrs
+    units = attributes["units"]
+    unit = "" if units == "1" else f" [{units.replace('^2', '$^2$')}]"
+    return f"{attributes['long_name']}{gap}${attributes['symbol']}${unit}"
 
 
 def log_spaced(values: np.ndarray) -> bool:
@@ -48,8 +48,18 @@ def tick_in_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def entitle(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> None:
-    """Put the sweep's name, the parameters of what is drawn, and the method above it."""
+def add_title(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> None:
+    """Put the sweep's name, the fixed parameters and the method above the panels.
+
+    Parameters
+    ----------
+    figure : Figure
+    setting : Setting
+    drawn : Dataset
+        What the figure shows of the sweep.
+    width : int
+        Letters of a line.
+    """
     parameters = [
         f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
         for name in PARAMETERS
@@ -70,11 +80,10 @@ def entitle(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> 
 
 
 def _followed(setting: Setting, drawn: xr.Dataset) -> str:
-    """Say along which axis the points of a picture were followed, and which way."""
-    ways = np.atleast_1d(
-        drawn[DIRECTION] if DIRECTION in drawn.coords else setting.follow[DIRECTION]
-    )
-    return f"followed {' and '.join(ways)} along ${PARAMETERS[setting.follow['axis']].symbol}$"
+    """Say along which axis the points of a picture were followed, and in which directions."""
+    names = drawn[DIRECTION] if DIRECTION in drawn.coords else setting.follow[DIRECTION]
+    symbol = PARAMETERS[setting.follow["axis"]].symbol
+    return f"followed {' and '.join(np.atleast_1d(names))} along ${symbol}$"
 
 
 def _joined(formulas: list[str], width: int) -> str:
@@ -89,3 +98,9 @@ def _joined(formulas: list[str], width: int) -> str:
         lines[-1].append(formula)
         used += printed
     return "\n".join(", ".join(line) for line in lines)
+
+
+def mathtext(value: float) -> str:
+    """Write a number in mathtext, where 1e+300 would be a product."""
+    mantissa, e, exponent = f"{value:.6g}".partition("e")
+    return rf"{mantissa} \times 10^{{{int(exponent)}}}" if e else mantissa

@@ -18,27 +18,20 @@ from matplotlib.figure import Figure
 from sweeps.analysis.motion import Motion, classify, frequent_periods
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.errors import Refused
-from sweeps.plotting.cells import (
+from sweeps.plotting.cells import Cells, draw_cells, draw_kinds, failed_cells
+from sweeps.plotting.labels import add_title, label, set_scale, tick_in_decades
+from sweeps.plotting.palette import (
+    BLUE,
     MOTIONS,
     OTHER_PERIODIC,
     PERIODIC,
     REST,
-    Cells,
-    draw_cells,
-    draw_kinds,
-    missing,
+    RESULTS,
+    VERMILION,
+    WHITE,
 )
-from sweeps.plotting.labels import entitle, label, set_scale, tick_in_decades
-from sweeps.plotting.marks import BLUE, VERMILION
 from vibroimpact.status import Status
 
-_NONE = "#FFFFFF"
-_STATUSES = {
-    Status.COMPUTED: PERIODIC[1],
-    Status.CERTIFIED: PERIODIC[0],
-    Status.SETTLED: PERIODIC[4],
-    Status.UNBOUNDED: REST,
-}
 _LOW_IS_DARK = "cividis"
 _SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#00263D", BLUE, "#F7F7F7", VERMILION, "#4A1D00"]
@@ -46,7 +39,7 @@ _SIGNED = LinearSegmentedColormap.from_list(
 
 
 def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
-    """Colour the kinds of motion, the most frequent periods by name."""
+    """Colour the kinds of motion; the most frequent classes have a colour each."""
     if "period" not in cut:
         raise Refused(
             "the file has no period: run the sweep again with record.diagnostics: [period]"
@@ -54,24 +47,27 @@ def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     motion, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
     periodic = motion == Motion.PERIODIC
     kinds = []
-    for colour, (mm, qq) in zip(
-        PERIODIC, frequent_periods(m[periodic], q[periodic], len(PERIODIC)), strict=False
-    ):
-        where = periodic & (m == mm) & (q == qq)
-        kinds.append(Cells(f"{mm}/{qq}" + (", no impact" if qq == 0 else ""), colour, where))
+    frequent = frequent_periods(m[periodic], q[periodic], len(PERIODIC))
+    for colour, (periods, impacts) in zip(PERIODIC, frequent, strict=False):
+        where = periodic & (m == periods) & (q == impacts)
+        text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
+        kinds.append(Cells(text, colour, where))
         periodic = periodic & ~where
     kinds.append(Cells("other m/q", OTHER_PERIODIC, periodic))
-    for one, (text, colour) in MOTIONS.items():
-        if one is Motion.UNDECIDED and "lyapunov" not in cut:
+    for other, (text, colour) in MOTIONS.items():
+        if other is Motion.UNDECIDED and "lyapunov" not in cut:
             text = "no repetition found"
-        kinds.append(Cells(text, colour, motion == one))
+        kinds.append(Cells(text, colour, motion == other))
     return kinds
 
 
 def status_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour what became of the points."""
     status = cut["status"].values
-    return [Cells(one.name.lower(), colour, status == one) for one, colour in _STATUSES.items()]
+    return [
+        Cells(outcome.name.lower(), colour, status == outcome)
+        for outcome, colour in RESULTS.items()
+    ]
 
 
 def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
@@ -91,26 +87,25 @@ def rest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     rests = np.ma.masked_where(~(fraction > 0.0), fraction)
     norm = Normalize(0.0, float(rests.max()) if rests.count() else 1.0)
     _draw_values(figure, cut, rests, norm, _LOW_IS_DARK, label(cut["rest_fraction"]))
-    return [Cells("no rest", _NONE, fraction == 0.0)]
+    return [Cells("no rest", WHITE, fraction == 0.0)]
 
 
 def impacts_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the impacts per period; where the mass rests they are no property of the motion."""
-    return _draw_log(
-        figure, cut, "impacts_per_period", "no impact", cut["rest_fraction"].values > 0
-    )
+    rests = cut["rest_fraction"].values > 0.0
+    return _draw_log(figure, cut, "impacts_per_period", "no impact", rests)
 
 
 def slowest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
-    """Colour the speed of the slowest impact, dark at a graze; a chatter reaches any speed."""
+    """Colour the speed of the slowest impact, dark at a graze; a chatter has no slowest."""
     rests = cut["rest_fraction"].values > 0.0
     return _draw_log(figure, cut, "slowest_impact", "no impact", rests)
 
 
 def penetration_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     """Colour the deepest penetration."""
-    nowhere = np.zeros(cut["status"].shape, dtype=bool)
-    return _draw_log(figure, cut, "max_penetration", "none", nowhere)
+    no_rests = np.zeros(cut["status"].shape, dtype=bool)
+    return _draw_log(figure, cut, "max_penetration", "none", no_rests)
 
 
 #: What a map can show: variables of the file.
@@ -134,14 +129,23 @@ def parameter_map(
 ) -> Figure:
     """Draw a quantity over two swept axes, one cell per point.
 
-    Points that failed are grey, and those not computed yet hatched.
+    A cell reaches halfway to its neighbours. Points that failed are grey, and those not computed
+    yet hatched.
 
     Parameters
     ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
     axes : sequence of str, optional
         Abscissa and ordinate, by default the two longest; of equals, the later is the abscissa.
+    at : mapping of str to float, optional
+        Values of the other swept axes: the nearest of the grid is taken, by default the first.
     quantity : str, optional
         One of ``QUANTITIES``, by default the first that the file has.
+
+    Returns
+    -------
+    Figure
 
     Raises
     ------
@@ -151,39 +155,39 @@ def parameter_map(
     chosen = chosen_axes(dataset, axes, 2, "map")
     if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
         chosen.reverse()
-    across, up = chosen
-    held = [name for name in QUANTITIES if name in dataset]
+    abscissa, ordinate = chosen
+    available = [name for name in QUANTITIES if name in dataset]
     if quantity is None:
-        quantity = held[0]
-    if quantity not in held:
-        asked = quantity or repr(quantity)
-        raise Refused(f"the file has no {asked} to draw; it has {listed(held)}")
-    cut = select(dataset, at, free=chosen).sortby(chosen).transpose(up, across, ...)
+        quantity = available[0]
+    if quantity not in available:
+        name = quantity or repr(quantity)
+        raise Refused(f"the file has no {name} to draw; it has {listed(available)}")
+    cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
     figure = Figure(figsize=(4.5, 4.4), layout="constrained")
     panel = figure.add_subplot()
     kinds = QUANTITIES[quantity](figure, cut)
-    draw_kinds(figure, cut, [*kinds, *missing(cut["status"].values)])
-    set_scale(panel.xaxis, cut[across].values)
-    set_scale(panel.yaxis, cut[up].values)
-    panel.set_xlabel(label(dataset[across]))
-    panel.set_ylabel(label(dataset[up]))
-    entitle(figure, Setting.of(dataset), cut, 66)
+    draw_kinds(figure, cut, [*kinds, *failed_cells(cut["status"].values)])
+    set_scale(panel.xaxis, cut[abscissa].values)
+    set_scale(panel.yaxis, cut[ordinate].values)
+    panel.set_xlabel(label(dataset[abscissa]))
+    panel.set_ylabel(label(dataset[ordinate]))
+    add_title(figure, Setting.of(dataset), cut, 66)
     return figure
 
 
 def _draw_log(
-    figure: Figure, cut: xr.Dataset, name: str, none: str, rests: np.ndarray
+    figure: Figure, cut: xr.Dataset, name: str, zero_label: str, rests: np.ndarray
 ) -> list[Cells]:
-    """Draw a positive quantity on a logarithmic scale; `rests` are the points without a value."""
+    """Draw a positive quantity on a logarithmic scale, except where the mass `rests`."""
     values = cut[name].values
     positive = np.ma.masked_where(rests | ~(values > 0.0), values)
-    given = positive.compressed()
-    low, high = (np.quantile(given, 0.005), given.max()) if len(given) else (0.1, 1.0)
+    shown = positive.compressed()
+    low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
     norm = LogNorm(low, max(high, low * 1.001))
     _draw_values(figure, cut, positive, norm, _LOW_IS_DARK, label(cut[name]))
-    computed = ~np.isin(cut["status"].values, [one for one in Status if one.failed])
+    computed = ~np.isin(cut["status"].values, [outcome for outcome in Status if outcome.failed])
     return [
-        Cells(none, _NONE, computed & ~rests & ~(values > 0.0)),
+        Cells(zero_label, WHITE, computed & ~rests & ~(values > 0.0)),
         Cells("with rest on the stop", REST, rests),
     ]
 
@@ -196,7 +200,7 @@ def _draw_values(
     colours: str | Colormap,
     text: str,
 ) -> None:
-    """Draw values with their colour bar, which says if some are below it."""
+    """Draw values with their colour bar, which has an arrow if some are below it."""
     mesh = draw_cells(figure, cut, values, norm, colours)
     if values.count() == 0:
         return

@@ -7,12 +7,24 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import Cut, Setting, recorded
-from sweeps.plotting.labels import entitle, label
-from sweeps.plotting.marks import BLUE, VERMILION, draw_points, draw_stop, guard
+from sweeps.plotting.labels import add_title, label
+from sweeps.plotting.marks import draw_points, draw_stop, widen_if_constant
+from sweeps.plotting.palette import BLUE, VERMILION
 
 
 def section(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the Poincaré section at one point: velocity over displacement, and the stop.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    at : mapping of str to float, optional
+        Values of the swept axes: the nearest of the grid is taken, and by default the first.
+
+    Returns
+    -------
+    Figure
 
     Raises
     ------
@@ -28,15 +40,24 @@ def section(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     draw_stop(panel.axvline, clearance)
     panel.set_xlabel(label(dataset["poincare_x"]))
     panel.set_ylabel(label(dataset["poincare_v"]))
-    guard(panel.set_xlim, min(x.min(), clearance), max(x.max(), clearance))
-    guard(panel.set_ylim, v.min(), v.max())
-    entitle(figure, setting, point, 72)
+    widen_if_constant(panel.set_xlim, min(x.min(), clearance), max(x.max(), clearance))
+    widen_if_constant(panel.set_ylim, v.min(), v.max())
+    add_title(figure, setting, point, 72)
     figure.legend(loc="outside lower center", frameon=False)
     return figure
 
 
 def impacts(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the impact section at one point: speed before the impact over the forcing phase.
+
+    Parameters
+    ----------
+    dataset, at
+        As for `section`.
+
+    Returns
+    -------
+    Figure
 
     Raises
     ------
@@ -53,7 +74,7 @@ def impacts(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     panel.set_ylim(bottom=0.0)
     panel.set_xlabel(label(dataset["impact_phase"]))
     panel.set_ylabel(label(dataset["impact_v"]))
-    entitle(figure, Setting.of(dataset), point, 72)
+    add_title(figure, Setting.of(dataset), point, 72)
     return figure
 
 
@@ -61,6 +82,15 @@ def trajectory(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the trajectory of one point as the paper does: x over t, v over t, v over x.
 
     Samples beyond the stop are marked, and the deepest is stated.
+
+    Parameters
+    ----------
+    dataset, at
+        As for `section`.
+
+    Returns
+    -------
+    Figure
 
     Raises
     ------
@@ -75,15 +105,15 @@ def trajectory(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     figure = Figure(figsize=(6.2, 4.2), layout="constrained")
     panels = figure.subplot_mosaic([["x", "phase"], ["v", "phase"]])
     panels["v"].sharex(panels["x"])
-    drawn = {"x": (t, x), "v": (t, v), "phase": (x, v)}
-    for name, (across, up) in drawn.items():
+    columns = {"x": (t, x), "v": (t, v), "phase": (x, v)}
+    line_width = 0.9 if len(t) < 5000 else 0.4
+    for name, (abscissa, ordinate) in columns.items():
         panel = panels[name]
-        width = 0.9 if len(t) < 5000 else 0.4
-        panel.plot(across, up, color=BLUE, linewidth=width, rasterized=len(t) > 50_000)
+        panel.plot(abscissa, ordinate, color=BLUE, linewidth=line_width, rasterized=len(t) > 50_000)
         if beyond.any():
-            (marks,) = panel.plot(across[beyond], up[beyond], "o", color=VERMILION)
+            (marks,) = panel.plot(abscissa[beyond], ordinate[beyond], "o", color=VERMILION)
             marks.set(markersize=2.5, markeredgewidth=0, zorder=3)
-            marks.set_label("_" if across is t else "samples beyond the stop")
+            marks.set_label("_" if abscissa is t else "samples beyond the stop")
     panels["x"].tick_params(labelbottom=False)
     panels["x"].set_ylabel(label(dataset["trajectory_x"], "\n"))
     panels["v"].set_ylabel(label(dataset["trajectory_v"], "\n"))
@@ -95,13 +125,13 @@ def trajectory(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     panels["x"].margins(x=0.01)
     figure.align_ylabels([panels["x"], panels["v"]])
     panels["phase"].locator_params(axis="x", nbins=5)
-    panels["phase"].set_title(_deepest(x - clearance))
-    entitle(figure, setting, point, 88)
+    panels["phase"].set_title(_depth_text(x - clearance))
+    add_title(figure, setting, point, 88)
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
-def _deepest(depth: np.ndarray) -> str:
+def _depth_text(depth: np.ndarray) -> str:
     if depth.max() <= 0.0:
         return "no sample beyond the stop"
     mantissa, exponent = f"{depth.max():.1e}".split("e")

@@ -15,8 +15,7 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.table import cut, rows
 from sweeps.cli.main import app
 from sweeps.errors import Refused
-from sweeps.plotting.attractors import attractor_diagram, basins
-from sweeps.plotting.pictures import plot
+from sweeps.plotting import attractor_diagram, basins, plot
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.status import Status
 

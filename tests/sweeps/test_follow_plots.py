@@ -16,12 +16,10 @@ from sweeps.cli.main import app
 from sweeps.engine import run as runner
 from sweeps.engine.compute import compute_block
 from sweeps.errors import Refused
-from sweeps.plotting import bifurcation as plotting_bifurcation
-from sweeps.plotting.bifurcation import bifurcation
-from sweeps.plotting.density import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting import bifurcation, bifurcation_diagram, plot, section, trajectory
+from sweeps.plotting.exact_branches import compare
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.pictures import compare, plot
-from sweeps.plotting.point import section, trajectory
+from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
 SWEEP = {
@@ -122,7 +120,7 @@ def test_what_shows_one_branch_shows_the_way_up(dataset):
 
 
 def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
-    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 99)
+    monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 99)
     figure = bifurcation(dataset)
     meshes = [m for m in figure.axes[0].collections if isinstance(m, QuadMesh)]
     drawn = [~np.ma.getmaskarray(mesh.get_array()) for mesh in meshes]

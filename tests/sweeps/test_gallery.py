@@ -11,7 +11,7 @@ import sweeps
 from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.table import rows
-from sweeps.plotting.pictures import plot
+from sweeps.plotting import plot
 from vibroimpact import Oscillator, one_impact_orbit
 
 ROOT = Path(sweeps.__file__).parents[1]

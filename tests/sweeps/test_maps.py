@@ -7,9 +7,9 @@ from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Refused
+from sweeps.plotting import plot
+from sweeps.plotting.cells import cell_edges
 from sweeps.plotting.maps import QUANTITIES, parameter_map
-from sweeps.plotting.marks import cell_edges
-from sweeps.plotting.pictures import plot
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status

@@ -5,8 +5,9 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.overlay import Line, _distance, deviations
 from sweeps.analysis.selection import select
 from sweeps.errors import Refused
-from sweeps.plotting.bifurcation import COORDINATES, bifurcation
-from sweeps.plotting.pictures import compare, plot
+from sweeps.plotting import bifurcation, plot
+from sweeps.plotting.exact_branches import compare
+from sweeps.plotting.lines import COORDINATES
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 

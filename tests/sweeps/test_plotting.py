@@ -8,13 +8,19 @@ from matplotlib.collections import QuadMesh
 from sweeps.analysis import selection
 from sweeps.errors import Refused
 from sweeps.grid import Grid
-from sweeps.plotting import bifurcation as plotting_bifurcation
-from sweeps.plotting import density as plotting_density
-from sweeps.plotting import pictures as plotting
-from sweeps.plotting.bifurcation import bifurcation
-from sweeps.plotting.marks import DPI
-from sweeps.plotting.pictures import KINDS, plot
-from sweeps.plotting.point import impacts, section, trajectory
+from sweeps.plotting import (
+    KINDS,
+    bifurcation,
+    bifurcation_diagram,
+    density,
+    impacts,
+    kinds,
+    plot,
+    saving,
+    section,
+    trajectory,
+)
+from sweeps.plotting.style import DPI
 from sweeps.store.layout import Layout
 from sweeps.store.reader import open_sweep
 from sweeps.store.variables import VARIABLES
@@ -171,7 +177,7 @@ def test_points_that_failed_are_marked_and_not_drawn(sweep, tmp_path):
 
 @pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 40), np.geomspace(0.5, 8.0, 40)])
 def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values):
-    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 100)
+    monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 100)
     dataset = sweep({"omega": values}, poincare_x=np.tile([1.0, 2.0, 2.0, 2.0, 3.0], (40, 1)))
     figure = bifurcation(dataset)
     (mesh,) = [c for c in figure.axes[0].collections if isinstance(c, QuadMesh)]
@@ -185,8 +191,8 @@ def test_very_many_points_become_a_density(sweep, tmp_path, monkeypatch, values)
 
 def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(sweep, monkeypatch):
     """Against NumPy's histogram, with a point that failed and impacts that there were not."""
-    monkeypatch.setattr(plotting_bifurcation, "DENSITY_FROM", 100)
-    monkeypatch.setattr(plotting_density, "_PART", 50)
+    monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 100)
+    monkeypatch.setattr(density, "_PART_SIZE", 50)
     values = np.linspace(1.0, 2.0, 3000)
     status = np.zeros(3000, np.int8)
     status[1234] = Status.UNRESOLVED
@@ -334,7 +340,7 @@ def test_a_picture_is_replaced_whole_or_not_at_all(sweep, tmp_path, monkeypatch)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(plotting.Figure, "savefig", fail)
+        patch.setattr(saving.Figure, "savefig", fail)
         plot(dataset, target)
     assert target.read_text() == "old"
     plot(dataset, link)
@@ -388,7 +394,7 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         draw = KINDS[name].draw
         return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
 
-    monkeypatch.setattr(plotting, "KINDS", {name: spy(name) for name in KINDS})
+    monkeypatch.setattr(kinds, "KINDS", {name: spy(name) for name in KINDS})
     plot(sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
     assert called == [expected]
 

@@ -15,18 +15,26 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.errors import Refused
-from sweeps.plotting.bifurcation import held_coordinate
-from sweeps.plotting.cells import CLASSES, MOTIONS, Cells, draw_kinds, missing
-from sweeps.plotting.labels import entitle, label, set_scale
-from sweeps.plotting.marks import guard, mark_status
-
-#: Of the periodic attractors, the most frequent first: Okabe and Ito's, far apart from each other.
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
-_OTHER = "#8C8C8C"
+from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_kinds, failed_cells
+from sweeps.plotting.labels import add_title, label, set_scale
+from sweeps.plotting.lines import choose_coordinate
+from sweeps.plotting.marks import mark_status, widen_if_constant
+from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
 
 
 def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    at : mapping of str to float, optional
+        Values of the swept parameters: the nearest of the grid is taken, by default the first.
+
+    Returns
+    -------
+    Figure
 
     Raises
     ------
@@ -37,19 +45,20 @@ def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    found = attractors(starts)
-    own, kinds = found["attractor"].values, []
-    for row in rows(starts, found):
-        kinds.append(Cells(_named(row), _colour(row), own == row.number))
+    result = attractors(starts)
+    reached = result["attractor"].values
+    kinds = [
+        Cells(_describe(row), _colour(row), reached == row.number) for row in rows(starts, result)
+    ]
     figure = Figure(figsize=(4.5, 4.6), layout="constrained")
     panel = figure.add_subplot()
-    more = ",\nspeed before each impact; share of the starts"
-    draw_kinds(figure, starts, [*kinds, *missing(starts["status"].values)], more)
+    title_end = ",\nspeed before each impact; share of the starts"
+    draw_kinds(figure, starts, [*kinds, *failed_cells(starts["status"].values)], title_end)
     set_scale(panel.xaxis, starts["x0"].values)
     set_scale(panel.yaxis, starts["v0"].values)
     panel.set_xlabel(label(dataset["x0"]))
     panel.set_ylabel(label(dataset["v0"]))
-    entitle(figure, Setting.of(dataset), starts, 66)
+    add_title(figure, Setting.of(dataset), starts, 66)
     return figure
 
 
@@ -67,10 +76,19 @@ def attractor_diagram(
 
     Parameters
     ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
     axes : sequence of str, optional
         The swept parameter, by default the longest.
+    at : mapping of str to float, optional
+        Values of the other swept parameters: the nearest of the grid is taken, by default the
+        first.
     coordinate : str, optional
-        As in `sweeps.plotting.bifurcation.bifurcation`.
+        As for `sweeps.plotting.bifurcation`.
+
+    Returns
+    -------
+    Figure
 
     Raises
     ------
@@ -80,43 +98,47 @@ def attractor_diagram(
     free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
     parameters = dataset.isel(dict.fromkeys(free, 0))
     (axis,) = chosen_axes(parameters, axes, 1, "diagram of attractors")
-    coordinate = held_coordinate(dataset, coordinate)
+    coordinate = choose_coordinate(dataset, coordinate)
     for name in set(free) & set(at or {}):
         raise Refused(
             f"{name} cannot be fixed here; choose from: {listed(parameter_axes(dataset))}"
         )
     line = select(dataset, at, free=[axis, *free])
-    found = attractors(line)
-    table = rows(line, found)
+    table = rows(line, attractors(line))
     if not table:
         raise Refused("there is nothing to draw: no point has a result")
+    values = line[axis].values
+    status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     figure = Figure(layout="constrained")
     panel = figure.add_subplot()
-    set_scale(panel.xaxis, line[axis].values)
+    set_scale(panel.xaxis, values)
     _draw_rows(panel, line, table, axis, coordinate)
-    values = line[axis].values
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     panel.set_xlabel(label(dataset[axis]))
     panel.set_ylabel(label(dataset[coordinate]))
-    status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
+    _add_legend(figure, panel, status.shape[1])
+    add_title(figure, Setting.of(dataset), line, 76)
+    return figure
+
+
+def _add_legend(figure: Figure, panel: Axes, starts: int) -> None:
+    """Put the legend below the panel, and make the figure as much higher."""
     lines = -(-len(panel.get_legend_handles_labels()[0]) // 2)
     figure.set_size_inches(5.0, 3.6 + 0.16 * lines)
-    starts = "1 start" if status.shape[1] == 1 else f"{status.shape[1]:,} starts"
+    counted = "1 start" if starts == 1 else f"{starts:,} starts"
     legend = figure.legend(
         loc="outside lower center", ncols=2, frameon=False, handlelength=1.0,
-        title=f"{CLASSES}\n{starts} at each value", title_fontsize=8.0,
+        title=f"{CLASSES_TITLE}\n{counted} at each value", title_fontsize=8.0,
     )  # fmt: skip
     legend.get_title().set_multialignment("center")
-    entitle(figure, Setting.of(dataset), line, 76)
-    return figure
 
 
 def _draw_rows(
     panel: Axes, line: xr.Dataset, table: Sequence[Row], axis: str, coordinate: str
 ) -> None:
-    """Draw what was recorded of each attractor, those that repeat over the others."""
+    """Draw what was recorded of each attractor, the periodic ones over the others."""
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
@@ -124,44 +146,42 @@ def _draw_rows(
     finite = values[np.isfinite(values)]
     if not len(finite):
         raise Refused(f"there is nothing to draw: no point has a {coordinate}")
-    guard(panel.set_ylim, finite.min(), finite.max())
-    across = np.array([row.parameters[axis] for row in table])
+    widen_if_constant(panel.set_ylim, finite.min(), finite.max())
+    abscissa = np.array([row.parameters[axis] for row in table])
     series: dict[tuple[bool, int, str], list[int]] = {}
     for i, row in enumerate(table):
-        repeats = row.motion is Motion.PERIODIC
-        rank = min(row.number, len(_COLOURS)) if repeats else int(row.motion)
-        series.setdefault((repeats, rank, _colour(row)), []).append(i)
-    for (repeats, _, colour), places in sorted(series.items(), key=_periodic_first):
-        name = _label([table[i] for i in places])
-        text = "other periodic attractors" if colour == _OTHER else name
+        periodic = row.motion is Motion.PERIODIC
+        rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.motion)
+        series.setdefault((not periodic, rank, _colour(row)), []).append(i)
+    for (other, _, colour), places in sorted(series.items()):
         y = values[places]
-        x = np.broadcast_to(across[places, None], y.shape)[np.isfinite(y)]
+        x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         (points,) = panel.plot(x, y[np.isfinite(y)], "o", color=colour, rasterized=True)
-        size = 1.3 if repeats else 0.5
-        points.set(markersize=size, markeredgewidth=0, zorder=2.0 + repeats)
+        size, zorder = (0.5, 2.0) if other else (1.3, 3.0)
+        points.set(markersize=size, markeredgewidth=0, zorder=zorder)
+        text = _class_names([table[i] for i in places])
+        text = "other periodic attractors" if colour == OTHER_ATTRACTORS else text
         panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=text)
-
-
-def _periodic_first(series: tuple[tuple[bool, int, str], object]) -> tuple[bool, int]:
-    (repeats, rank, _), _ = series
-    return not repeats, rank
 
 
 def _colour(row: Row) -> str:
     if row.motion is not Motion.PERIODIC:
         return MOTIONS[row.motion][1]
-    return _COLOURS[row.number] if row.number < len(_COLOURS) else _OTHER
+    return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS
 
 
-def _label(its: Sequence[Row]) -> str:
-    one = its[0].motion
-    if one is not Motion.PERIODIC:
-        return MOTIONS[one][0]
-    return classes(its) + ("" if any(row.q for row in its) else ", no impact")
+def _class_names(attractor: Sequence[Row]) -> str:
+    """Name the classes, or the kind of motion, of one attractor over several parameter points."""
+    motion = attractor[0].motion
+    if motion is not Motion.PERIODIC:
+        return MOTIONS[motion][0]
+    return classes(attractor) + ("" if any(row.q for row in attractor) else ", no impact")
 
 
-def _named(row: Row) -> str:
-    """Describe an attractor at one parameter point."""
+def _describe(row: Row) -> str:
+    """Write the class, the impact speeds and the share of an attractor at one parameter point."""
     share = f"{100.0 * row.fraction:.1f} %"
     speeds = shown_speeds(row)
-    return f"{_label([row])}: {speeds}; {share}" if speeds else f"{_label([row])}: {share}"
+    return (
+        f"{_class_names([row])}: {speeds}; {share}" if speeds else f"{_class_names([row])}: {share}"
+    )

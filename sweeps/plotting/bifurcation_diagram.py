@@ -1,0 +1,127 @@
+"""The bifurcation diagram: a coordinate of the section or of the impacts over one swept axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sweeps.analysis.overlay import Line
+from sweeps.analysis.selection import Cut, Setting
+from sweeps.errors import Refused
+from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
+from sweeps.plotting.exact_branches import draw_branches
+from sweeps.plotting.labels import add_title, label, set_scale
+from sweeps.plotting.lines import select_line, split_directions
+from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
+from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+#: More points than this are drawn as a density: single markers would merge into a blob.
+DENSITY_FROM = 2_000_000
+
+
+def bifurcation(
+    dataset: xr.Dataset,
+    *,
+    axes: Sequence[str] = (),
+    at: Cut | None = None,
+    coordinate: str | None = None,
+    exact: bool = False,
+) -> Figure:
+    """Draw a coordinate of the section or of the impacts over one swept axis.
+
+    Points that failed or were not computed yet are marked below the diagram, not drawn.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axes : sequence of str, optional
+        The swept axis, by default the longest.
+    at : mapping of str to float, optional
+        Values of the other swept axes: the nearest of the grid is taken, by default the first.
+        Of two directions both are drawn, unless ``direction`` is given.
+    coordinate : str, optional
+        One of ``sweeps.plotting.lines.COORDINATES``, by default the first that the file has.
+    exact : bool
+        Whether to draw the closed-form one-impact orbits over the points.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    Refused
+        If the file has no such axis or coordinate, or nothing to draw.
+    """
+    line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    values = line[axis].values
+    branches = split_directions(line)
+    records = [_record(branch, coordinate) for branch in branches]
+    low, high = value_range(records)
+    if low > high:
+        raise Refused(f"there is nothing to draw: no point has a {coordinate}")
+    orbits = Line.of(branches[0], axis, coordinate) if exact else None
+    figure = Figure(figsize=(5.0, 3.5), layout="constrained")
+    panel = figure.add_subplot()
+    set_scale(panel.xaxis, values)
+    dense = sum(record.size for record in records) > DENSITY_FROM
+    if dense:
+        panel.update_datalim([(values.min(), low), (values.max(), high)])
+        panel.autoscale_view()
+    else:
+        _draw_markers(panel, values, records)
+    if len(records) > 1:
+        _name_directions(panel, axis, dense)
+    if len(values) > 100:
+        panel.set_xlim(values.min(), values.max())
+    panel.set_xlabel(label(dataset[axis]))
+    panel.set_ylabel(label(dataset[coordinate]))
+    widen_if_constant(panel.set_ylim, low, high)
+    if orbits is not None:
+        draw_branches(panel, orbits, len(records))
+    mark_status(panel, values, line["status"].values)
+    _add_legend(figure, panel, exact)
+    add_title(figure, Setting.of(dataset), line, 76)
+    if dense:
+        add_density_bar(figure, panel, len(records))
+        draw_density(figure, panel, values, records)
+    return figure
+
+
+def _record(branch: xr.Dataset, coordinate: str) -> Record:
+    computed = [status for status in Status if not status.failed]
+    return Record(branch[coordinate], np.isin(branch["status"].values, computed))
+
+
+def _draw_markers(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
+    """Draw markers; of two directions the second on top and smaller, so that both are seen."""
+    scales = (1.0,) if len(records) == 1 else (1.4, 0.6)
+    for record, colour, scale in zip(records, DIRECTION_COLOURS, scales, strict=False):
+        y = record.values.values[record.computed]
+        x = np.broadcast_to(values[record.computed, None], y.shape)[np.isfinite(y)]
+        draw_points(panel, x, y[np.isfinite(y)], colour, scale)
+
+
+def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
+    """Say in the legend which colour is which direction."""
+    symbol = PARAMETERS[axis].symbol
+    texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
+    for text, colour in zip(texts, DIRECTION_COLOURS, strict=True):
+        panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
+    if dense:
+        panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
+
+
+def _add_legend(figure: Figure, panel: Axes, exact: bool) -> None:
+    """Put the legend below the panel, in one column where a status needs a long text."""
+    _, texts = panel.get_legend_handles_labels()
+    if texts:
+        columns = 2 if exact else len(texts) if max(map(len, texts)) < 40 else 1
+        figure.legend(loc="outside lower center", ncols=columns, frameon=False)
