@@ -68,7 +68,7 @@ def follow(
     return {
         name: np.moveaxis(
             values.reshape(len(ways), *rest, box[at], *values.shape[3:]), 1 + len(rest), 1 + at
-        ).reshape(-1, *values.shape[3:])
+        ).reshape(len(ways) * points.size, *values.shape[3:])
         for name, values in found.arrays.items()
     }
 

@@ -658,7 +658,7 @@ def test_a_followed_sweep_that_records_no_impacts():
         ("NUMBA_NUM_THREADS=abc", "could not be parsed"),
         ("NUMBA_NUM_THREADS=0", "Number of threads specified must be > 0"),
         ("NUMBA_DISABLE_JIT=1", "needs numba's compiler"),
-        ("NUMBA_OPT=9", "unsupported value '9'"),
+        ("NUMBA_OPT=9", "value '9' could not be parsed"),
     ],
 )
 def test_odd_settings_of_numba_are_refused(setting, told):
