@@ -1,43 +1,30 @@
 """Whatever is given as a configuration, it is run or refused in words, and leaves no trace."""
 
+import faulthandler
+import os
+import random
+import subprocess
+import sys
+from collections import Counter
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import sweeps
+from environments import ENVIRONMENTS
+from mutations import BASES, FULL, mutated
 from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError, StoreError
 from sweeps.store.reader import open_sweep
+from vibroimpact.status import Status
 
-CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
-FULL = """\
-name: all
-oscillator:
-  h: 0.1
-  R: [0.5, 0.8]
-  omega: {start: 0.8, stop: 4.0, num: 16, spacing: log}
-  f: 1.0
-  p: 1.0
-  clearance: 0.1
-start: {x0: 0.0, v0: [0.0, 1.0]}
-method: {integrator: exact, impact: exact, steps_per_period: 64}
-record: {transient: 5, periods: 5, phase: 1.0, impacts: 6, trajectory: {every: 4}}
-compression: gzip
-output: x.h5
-"""
-BASES = [FULL, *(path.read_text() for path in sorted(CONFIGS.glob("*.yaml")))]
-ODD = """
-1e308 -1e308 -0.0 0 5e-324 1e-300 1e999 nan .inf -.inf 1e9 1e18 99999999999999999999 true null ~ ''
-[] {} [[]] [1,1,1] {start:0,stop:1,num:1e7} {start:1e-320,stop:1e308,num:3,spacing:log}
-{start:-1e308,stop:1e308,num:2} &a *a !!python/object/apply:os.system !!binary "a\\0b" 'a/b'
-/etc/passwd ../../x 0x10 010 1:30 1_000 . 0.5 4 64 1e5 gzip rk4 plain euler x.png {a:{b:{c:{}}}}
-""".split()
+ROOT = Path(sweeps.__file__).parents[1]
 settings.register_profile(
     "fuzz",
     deadline=None,
@@ -45,38 +32,6 @@ settings.register_profile(
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-
-
-def leaves(tree, path=()):
-    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
-    for key, value in items:
-        yield (*path, key)
-        if isinstance(value, (dict, list)):
-            yield from leaves(value, (*path, key))
-
-
-@st.composite
-def mutated(draw):
-    """A valid configuration with one to three values replaced, keys renamed or lost."""
-    tree = yaml.load(draw(st.sampled_from(BASES)), Loader=yaml.BaseLoader)
-    odd = []
-    for _ in range(draw(st.integers(1, 3))):
-        *path, last = draw(st.sampled_from(sorted(leaves(tree), key=str) or [("h",)]))
-        section = tree
-        for key in path:
-            section = section[key]
-        change = draw(st.sampled_from(["odd", "odd", "odd", "lose", "rename"]))
-        if change == "odd":
-            section[last] = f"<{len(odd)}>"
-            odd.append(draw(st.sampled_from(ODD) | st.floats().map(repr) | st.text(max_size=8)))
-        elif change == "rename" and isinstance(section, dict):
-            section[draw(st.sampled_from(["omga", "num", "x0", "", "a" * 99]))] = section.pop(last)
-        else:
-            del section[last]
-    text = yaml.safe_dump(tree, default_flow_style=draw(st.sampled_from([None, True])))
-    for number, value in enumerate(odd):
-        text = text.replace(f"<{number}>", value)
-    return text
 
 
 def answered(text):
@@ -91,11 +46,118 @@ def answered(text):
     return result.exit_code
 
 
-@settings(settings.get_profile("fuzz"), max_examples=400)
-@given(text=mutated())
-def test_a_mutated_configuration_is_answered(tmp_path, monkeypatch, text):
+def run_and_checked(text):
+    """Run a small configuration that is accepted; the file holds what was asked for, whole."""
+    config = load_config("fuzz.yaml")
+    if config.size * (config.record.transient + config.record.periods) * config.steps > 300_000:
+        return False
+    result = CliRunner().invoke(app, ["run", "fuzz.yaml", "--quiet", "--threads", "1"])
+    assert result.exit_code == 0, result.output
+    assert result.output == ""
+    with open_sweep(config.output) as dataset:
+        dataset.load()
+    assert dataset.attrs["name"] == config.name
+    if config.refine is None:
+        for name, values in config.grid.axes.items():
+            np.testing.assert_array_equal(dataset[name], values)
+    status = dataset["status"].values
+    assert not np.isin(status, [Status.PENDING]).any()
+    certified = status == Status.CERTIFIED
+    x = dataset["poincare_x"].values[certified]
+    clearance = np.broadcast_to(coordinate(dataset, config, "clearance"), status.shape)[certified]
+    assert np.isfinite(x).all() and np.isfinite(dataset["poincare_v"].values[certified]).all()
+    scale = np.maximum(np.abs(x).max(axis=-1, initial=1e-300), np.abs(clearance))
+    assert (x.max(axis=-1, initial=-np.inf) <= clearance + 1e-9 * scale).all()
+    return True
+
+
+def coordinate(dataset, config, name):
+    """Return a parameter at every point, in a shape that spreads over the grid."""
+    if name not in dataset.coords:
+        return config.grid.fixed[name]
+    at = dataset["status"].dims.index(name)
+    return dataset[name].values.reshape(
+        [-1 if k == at else 1 for k in range(dataset["status"].ndim)]
+    )
+
+
+def answer_mutated(seed):
+    """Answer the configuration of a seed, run it where it is small, and leave nothing behind."""
+    text = mutated(random.Random(seed))
+    faulthandler.dump_traceback_later(300, exit=True)  # a hang, which ends the campaign
+    try:
+        if answered(text) == 2:
+            return "refused"
+        return "run" if run_and_checked(text) else "accepted"
+    except BaseException:
+        print(f"seed {seed}:\n{text}")
+        raise
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        for path in Path().iterdir():
+            path.unlink()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", range(0, 300, 50))
+def test_a_mutated_configuration_is_answered(tmp_path, monkeypatch, start):
     monkeypatch.chdir(tmp_path)
-    answered(text)
+    answers = {answer_mutated(seed) for seed in range(start, start + 50)}
+    assert answers >= {"refused", "run"}
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("start", range(0, 10_000, 500))
+def test_ten_thousand_mutated_configurations_are_answered(
+    tmp_path, monkeypatch, start, record_property
+):
+    monkeypatch.chdir(tmp_path)
+    answers = Counter(answer_mutated(seed) for seed in range(start, start + 500))
+    print(dict(answers))
+    assert min(answers[name] for name in ("refused", "run", "accepted")) > 0
+
+
+def commands_in(folder, **variables):
+    """Run and draw a sweep in an environment; return the exit codes, or what went wrong."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "MPL", "PYTHON"))}
+    environment = {**kept, "PYTHONPATH": str(ROOT), **variables}
+    (folder / "é.yaml").write_text(
+        "oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 5}, f: 1.0}\n"
+        "record: {transient: 3, periods: 4, impacts: 2}\n"
+        "output: out.h5\n"
+    )
+    codes = []
+    for command, written in ((["run", "é.yaml"], "out.h5"), (["plot", "out.h5"], "out.png")):
+        result = subprocess.run(
+            [sys.executable, "-m", "sweeps.cli.main", *command],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            timeout=300,
+        )
+        said = (result.stdout + result.stderr).decode(errors="replace")
+        assert result.returncode in (0, 1, 2) and "Traceback" not in said, said
+        assert (folder / written).exists() == (result.returncode == 0), said
+        assert result.returncode == 0 or b"vibroimpact: error: " in result.stderr, said
+        codes.append(result.returncode)
+        if result.returncode:
+            break
+    assert {path.name for path in folder.iterdir()} <= {"é.yaml", "out.h5", "out.png"}
+    return codes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "setting", [("NUMBA_CACHE_DIR", "/dev/null/x"), ("HOME", "/proc"), ("COLUMNS", "abc")]
+)
+def test_an_odd_environment_is_answered(tmp_path, setting):
+    assert commands_in(tmp_path, **dict([setting])) == [0, 0]
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("setting", ENVIRONMENTS, ids="=".join)
+def test_a_hundred_environments_are_answered(tmp_path, setting):
+    print(setting, commands_in(tmp_path, **dict([setting])))
 
 
 @settings(settings.get_profile("fuzz"), max_examples=200)

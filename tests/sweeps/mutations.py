@@ -1,0 +1,125 @@
+"""Configurations as no user means them: valid ones, damaged at random in values or text."""
+
+from pathlib import Path
+
+import yaml
+
+import sweeps
+
+CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
+FULL = """\
+name: all
+oscillator:
+  h: 0.1
+  R: [0.5, 0.8]
+  omega: {start: 0.8, stop: 4.0, num: 16, spacing: log}
+  f: 1.0
+  p: 1.0
+  clearance: 0.1
+start: {x0: 0.0, v0: [0.0, 1.0]}
+method: {integrator: exact, impact: exact, steps_per_period: 64}
+record: {transient: 5, periods: 5, phase: 1.0, impacts: 6, trajectory: {every: 4}}
+compression: gzip
+output: x.h5
+"""
+REFINED = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 2.5, stop: 2.7, num: 5}, f: 1.0}
+record: {transient: 20, periods: 10, impacts: 8, diagnostics: [period, lyapunov]}
+follow: {axis: omega, direction: down}
+refine: {axis: omega, levels: 2}
+output: x.h5
+"""
+BASES = [FULL, REFINED, *(path.read_text() for path in sorted(CONFIGS.glob("*.yaml")))]
+
+ODD = r"""
+1e308 -1e308 -0.0 0 5e-324 1e-300 1e999 nan .inf -.inf 1e9 1e18 99999999999999999999 true null ~ ''
+[] {} [[]] [1,1,1] {start:0,stop:1,num:1e7} {start:1e-320,stop:1e308,num:3,spacing:log}
+{start:-1e308,stop:1e308,num:2} &a *a !!python/object/apply:os.system !!binary "a\0b" 'a/b'
+/etc/passwd ../../x 0x10 010 1:30 1_000 . 0.5 4 64 1e5 gzip rk4 plain euler x.png {a:{b:{c:{}}}}
+"\U00110000" "\UFFFFFFFF" "\uD800" "\e[31m" "\x9b31m" "\u202Ex" "\0" "\r" "[/red]" $\frac{a ${x} %s
+{} {start:1,stop:1,num:1} {start:0,stop:1,num:2} {num:3} [1e-9,1e9] [nan] [true] [''] [0,0.5] [2,1]
+0.1 0.2 0.99 1 1.0 -1 2 3 7 1e-9 1e-3 1e3 verlet newmark cubic reduced-step exact up down both omega
+x0 clearance period lyapunov [period] [lyapunov] [period,lyapunov] {every:1} {every:0} false on off
+""".split()
+NAMES = ["omga", "num", "x0", "", "a" * 99, "gap", "f", "R", "start", "<scalar>", "\x1b", "é", "1"]
+
+
+def small(tree):
+    """Cut a configuration to a few points and periods, in place, so that it can be run."""
+    for group in ("oscillator", "start"):
+        for value in tree.get(group, {}).values():
+            if isinstance(value, dict) and "num" in value:
+                value["num"] = "3"
+    tree.setdefault("record", {}).update(transient="3", periods="4", impacts="3")
+    tree["output"] = "x.h5"
+
+
+def leaves(tree, path=()):
+    """Yield the path of every value."""
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    for key, value in items:
+        yield (*path, key)
+        if isinstance(value, (dict, list)):
+            yield from leaves(value, (*path, key))
+
+
+def mutated(rng):
+    """Return the text of a valid configuration with one to three changes."""
+    tree = yaml.load(rng.choice(BASES), Loader=yaml.BaseLoader)
+    if rng.random() < 0.7:
+        small(tree)
+    gentle = rng.random() < 0.4  # only numbers for numbers, most of which are allowed
+    odd = []
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        *path, last = rng.choice(sorted(leaves(tree), key=str))
+        group = tree
+        for key in path:
+            group = group[key]
+        if gentle:
+            if isinstance(group[last], str) and group[last].replace(".", "").isdecimal():
+                group[last] = repr(abs(number(rng)))
+            continue
+        change = rng.choice(["odd", "odd", "odd", "odd", "lose", "rename", "swap", "nest"])
+        if change == "rename" and isinstance(group, dict):
+            group[rng.choice(NAMES)] = group.pop(last)
+        elif change == "lose":
+            del group[last]
+            if not tree:
+                return ""
+        elif change == "swap":
+            *other, end = rng.choice(sorted(leaves(tree), key=str))
+            value = tree
+            for key in (*other, end):
+                value = value[key]
+            group[last] = yaml.safe_load(yaml.safe_dump(value))  # a copy, that nothing is in itself
+        elif change == "nest":
+            group[last] = rng.choice([[group[last]], {"start": group[last]}, [group[last]] * 40])
+        else:
+            group[last] = f"<{len(odd)}>"
+            odd.append(rng.choice(ODD) if rng.random() < 0.6 else repr(number(rng)))
+    text = yaml.safe_dump(tree, default_flow_style=rng.choice([None, True, False]))
+    for place, value in enumerate(odd):
+        text = text.replace(f"'<{place}>'", value).replace(f"<{place}>", value)
+    return damaged(text, rng) if not gentle and rng.random() < 0.2 else text
+
+
+def number(rng):
+    """Return a number of any magnitude."""
+    exponent = rng.uniform(-12, 12) if rng.random() < 0.3 else rng.uniform(-1, 1)
+    return rng.choice([-1, 1, 1, 1, 1, 1]) * 10.0**exponent
+
+
+def damaged(text, rng):
+    """Return a text with some of its characters or lines changed, lost or doubled."""
+    for _ in range(rng.randint(1, 4)):
+        at = rng.randrange(len(text) + 1)
+        end = at + rng.choice([0, 1, 1, 5, 40])
+        put = rng.choice(
+            ["", "", ":", "\n", "\t", " ", "{", "]", "#", "'", '"', "\0", "\x85", "😀"]
+        )
+        text = text[:at] + put + text[end:]
+        if rng.random() < 0.3:
+            lines = text.splitlines(keepends=True)
+            lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines or [""]))
+            text = "".join(lines)
+    return text
