@@ -72,35 +72,41 @@ def mutated(rng):
     odd = []
     for _ in range(rng.choice([1, 1, 2, 3])):
         *path, last = rng.choice(sorted(leaves(tree), key=str))
-        group = tree
-        for key in path:
-            group = group[key]
-        if gentle:
-            if isinstance(group[last], str) and group[last].replace(".", "").isdecimal():
-                group[last] = repr(abs(number(rng)))
-            continue
-        change = rng.choice(["odd", "odd", "odd", "odd", "lose", "rename", "swap", "nest"])
-        if change == "rename" and isinstance(group, dict):
-            group[rng.choice(NAMES)] = group.pop(last)
-        elif change == "lose":
-            del group[last]
-            if not tree:
-                return ""
-        elif change == "swap":
-            *other, end = rng.choice(sorted(leaves(tree), key=str))
-            value = tree
-            for key in (*other, end):
-                value = value[key]
-            group[last] = yaml.safe_load(yaml.safe_dump(value))  # a copy, that nothing is in itself
-        elif change == "nest":
-            group[last] = rng.choice([[group[last]], {"start": group[last]}, [group[last]] * 40])
-        else:
-            group[last] = f"<{len(odd)}>"
-            odd.append(rng.choice(ODD) if rng.random() < 0.6 else repr(number(rng)))
+        group = at(tree, path)
+        if not gentle:
+            change(tree, group, last, odd, rng)
+        elif isinstance(group[last], str) and group[last].replace(".", "").isdecimal():
+            group[last] = repr(abs(number(rng)))
+        if not tree:
+            return ""
     text = yaml.safe_dump(tree, default_flow_style=rng.choice([None, True, False]))
     for place, value in enumerate(odd):
         text = text.replace(f"'<{place}>'", value).replace(f"<{place}>", value)
     return damaged(text, rng) if not gentle and rng.random() < 0.2 else text
+
+
+def at(tree, path):
+    """Return what is at a path."""
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def change(tree, group, last, odd, rng):
+    """Change one value or key of a group in place; odd values are put into the text later."""
+    kind = rng.choice(["odd", "odd", "odd", "odd", "lose", "rename", "swap", "nest"])
+    if kind == "rename" and isinstance(group, dict):
+        group[rng.choice(NAMES)] = group.pop(last)
+    elif kind == "lose":
+        del group[last]
+    elif kind == "swap":
+        value = at(tree, rng.choice(sorted(leaves(tree), key=str)))
+        group[last] = yaml.safe_load(yaml.safe_dump(value))  # a copy, that nothing is in itself
+    elif kind == "nest":
+        group[last] = rng.choice([[group[last]], {"start": group[last]}, [group[last]] * 40])
+    else:
+        group[last] = f"<{len(odd)}>"
+        odd.append(rng.choice(ODD) if rng.random() < 0.6 else repr(number(rng)))
 
 
 def number(rng):
@@ -112,12 +118,12 @@ def number(rng):
 def damaged(text, rng):
     """Return a text with some of its characters or lines changed, lost or doubled."""
     for _ in range(rng.randint(1, 4)):
-        at = rng.randrange(len(text) + 1)
-        end = at + rng.choice([0, 1, 1, 5, 40])
+        begin = rng.randrange(len(text) + 1)
+        end = begin + rng.choice([0, 1, 1, 5, 40])
         put = rng.choice(
             ["", "", ":", "\n", "\t", " ", "{", "]", "#", "'", '"', "\0", "\x85", "😀"]
         )
-        text = text[:at] + put + text[end:]
+        text = text[:begin] + put + text[end:]
         if rng.random() < 0.3:
             lines = text.splitlines(keepends=True)
             lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines or [""]))
