@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sweeps.engine.run import run_sweep as run_sweep
     from sweeps.errors import ConfigError as ConfigError
     from sweeps.errors import StoreError as StoreError
-    from sweeps.store.reader import open_sweep as open_sweep
+    from sweeps.store import open_sweep as open_sweep
 
 _HOME = {
     "ConfigError": "sweeps.config.loading",

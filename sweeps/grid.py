@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact.oscillator import POINT
+from vibroimpact.oscillator import POINT, mesh
 
 Block = tuple[slice, ...]
 
@@ -93,9 +93,12 @@ class Grid:
         ndarray of dtype POINT, shape (n,)
             In C order over the box.
         """
-        values = [axis[cut] for axis, cut in zip(self.axes.values(), block, strict=True)]
-        mesh = np.meshgrid(*values, indexing="ij")
-        return self._assembled([coordinate.ravel() for coordinate in mesh])
+        return mesh(self.within(block), self.fixed)
+
+    def within(self, block: Block) -> dict[str, np.ndarray]:
+        """Return the values along each axis in a block."""
+        pairs = zip(self.axes.items(), block, strict=True)
+        return {name: values[cut] for (name, values), cut in pairs}
 
     def with_values(self, axis: str, values: np.ndarray) -> np.ndarray:
         """Return the points with these values of the only axis.
@@ -105,7 +108,7 @@ class Grid:
         ndarray of dtype POINT, shape (n,)
         """
         assert list(self.axes) == [axis]
-        return self._assembled([values])
+        return mesh({axis: values}, self.fixed)
 
     def spread(self, count: int) -> np.ndarray:
         """Return about `count` points spread evenly over the grid, the same in every call.

@@ -158,3 +158,27 @@ class Oscillator:
             )
         values = tuple(getattr(self, field.name) for field in fields(self))
         return np.array([(*values, x0, v0)], dtype=POINT)
+
+
+def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarray:
+    """Return the parameter points of a grid.
+
+    Parameters
+    ----------
+    axes : mapping of str to ndarray
+        The values of each swept parameter, slowest first.
+    fixed : mapping of str to float
+        The value of every other parameter.
+
+    Returns
+    -------
+    ndarray of dtype POINT, shape (n,)
+        The Cartesian product of the axes in C order.
+    """
+    coordinates = np.meshgrid(*axes.values(), indexing="ij")
+    points = np.empty(math.prod(map(len, axes.values())), dtype=POINT)
+    for name, value in fixed.items():
+        points[name] = value
+    for name, coordinate in zip(axes, coordinates, strict=True):
+        points[name] = coordinate.ravel()
+    return points

@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.analysis.selection import Setting
 from sweeps.grid import Block, Grid
-from sweeps.store.variables import DIRECTION
+from sweeps.store import DIRECTION
 from vibroimpact.orbits.cycles import Cycles, representatives, shortest_turn
 
 #: Axes along which the oscillator is the same and only its past differs.

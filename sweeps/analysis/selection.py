@@ -12,7 +12,7 @@ import xarray as xr
 import yaml
 
 from sweeps.errors import Refused
-from sweeps.store.variables import DIRECTION
+from sweeps.store import DIRECTION
 from sweeps.text import nearest, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status

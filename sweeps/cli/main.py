@@ -126,7 +126,7 @@ def run(
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.config.loading import load_config
-    from sweeps.store.reader import check_output
+    from sweeps.store import check_output
 
     existing = {"overwrite": overwrite, "resume": resume}
     if resume and overwrite:
@@ -194,7 +194,7 @@ def _plan(
     from sweeps.engine.cluster import computer_for
     from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
-    from sweeps.store.reader import check_output
+    from sweeps.store import check_output
 
     computer = computer_for(client, threads)
     (cost,) = in_background(map(estimate, [sweep], [computer.threads], [computer.cores]))

@@ -102,7 +102,7 @@ def plot(
     ] = False,
 ) -> None:
     """Draw a picture from the file of each sweep."""
-    from sweeps.store.reader import open_sweep
+    from sweeps.store import open_sweep
 
     cuts = _cuts(at or ())
     options = {
@@ -170,7 +170,7 @@ def attractors(
     from sweeps.analysis import table as attractor_table
     from sweeps.analysis.distinct_attractors import attractors
     from sweeps.analysis.selection import on_grid
-    from sweeps.store.reader import open_sweep
+    from sweeps.store import open_sweep
 
     cuts = _cuts(at or ())
     check_csv(csv)
@@ -221,7 +221,7 @@ def info(
 ) -> None:
     """Show what the file of a sweep holds, with its configuration."""
     from sweeps.engine import reports
-    from sweeps.store.reader import open_sweep
+    from sweeps.store import open_sweep
 
     if axis is not None and not bifurcations:
         raise Refused(f"--axis {axis} is not allowed here; expected: with --bifurcations")

@@ -19,7 +19,7 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
-from sweeps.store.variables import VARIABLES
+from sweeps.store import VARIABLES
 from vibroimpact.oscillator import Oscillator
 
 #: How often a motion that does not show its class is followed four times as long.

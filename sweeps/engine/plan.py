@@ -11,11 +11,10 @@ import psutil
 from numba import get_num_threads
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import compute
-from sweeps.engine.scaling import scales_with_f
+from sweeps.engine.compute import computation, compute
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
-from sweeps.store.variables import bytes_per_point
+from sweeps.store import bytes_per_point
 from sweeps.text import shown_bytes
 from vibroimpact.lanes.workspace import LANES
 from vibroimpact.oscillator import POINT
@@ -165,7 +164,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
         for seed in range(-(-_LEAST_TRIED // count) if config.follow else 1)
     ]
     size = config.size
-    if scales_with_f(config):
+    if computation(config).scaled:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(config.grid.axes["f"])
     compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be

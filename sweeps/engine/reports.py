@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
-    from sweeps.engine.scaling import scales_with_f
+    from sweeps.engine.compute import computation
 
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
@@ -37,7 +37,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     if sweep.method.accuracy is not None:
         asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
         steps = [("method", asked)]
-    scaled = [("f", "one value is computed, the others are scaled")] * scales_with_f(sweep)
+    scaled = [("f", "one value is computed, the others are scaled")] * computation(sweep).scaled
     followed = []
     if sweep.follow:
         followed = [("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}")]
@@ -64,7 +64,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
 
 def summary(path: Path) -> str:
     """Describe a sweep after it was run."""
-    from sweeps.store.reader import open_sweep, status_counts
+    from sweeps.store import open_sweep, status_counts
 
     with open_sweep(path, verify=False) as dataset:
         seconds = float(dataset.attrs["duration"])
@@ -80,7 +80,7 @@ def next_command(paths: Iterable[Path]) -> str:
 def kept(path: Path, command: str) -> str:
     """Say what a run that ended early left behind, and which command goes on."""
     from sweeps.errors import StoreError
-    from sweeps.store.reader import open_sweep, status_counts
+    from sweeps.store import open_sweep, status_counts
     from vibroimpact.status import Status
 
     try:
@@ -95,8 +95,7 @@ def kept(path: Path, command: str) -> str:
 
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes, pilot and configuration."""
-    from sweeps.store.reader import status_counts
-    from sweeps.store.variables import VARIABLES
+    from sweeps.store import VARIABLES, status_counts
 
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
@@ -187,7 +186,7 @@ def _meaning(variable: xr.DataArray) -> str:
 
 
 def _axis(name: str, values: np.ndarray) -> str:
-    from sweeps.store.variables import DIRECTION
+    from sweeps.store import DIRECTION
     from vibroimpact.oscillator import PARAMETERS
 
     if name == DIRECTION:
@@ -199,7 +198,7 @@ def _axis(name: str, values: np.ndarray) -> str:
 
 def _outcomes(counts: Mapping[Status, int]) -> str:
     """Say how many points there are, and of which there is more to say."""
-    from sweeps.store.variables import is_remarkable
+    from sweeps.store import is_remarkable
     from vibroimpact.status import Status
 
     remarks = [

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import yaml
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -21,21 +23,24 @@ from rich.progress import (
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background
 from sweeps.engine.cluster import computer_for
-from sweeps.engine.compute import compute_block
+from sweeps.engine.compute import computation, compute_block
 from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
-from sweeps.engine.refine import Refinement
+from sweeps.engine.refine import Refinement, numerics
 from sweeps.engine.reports import plan
-from sweeps.engine.scaling import scales_with_f
 from sweeps.engine.workers import Computer
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
-from sweeps.store.layout import ADDED, Layout
-from sweeps.store.lock import only_writer
-from sweeps.store.reader import check_output, open_sweep
-from sweeps.store.writer import SweepWriter, sweep_writer
+from sweeps.store import (
+    ADDED,
+    Layout,
+    SweepWriter,
+    check_output,
+    only_writer,
+    open_sweep,
+    sweep_writer,
+)
 from sweeps.text import printable
-from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -146,19 +151,28 @@ def _refine(
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
+    task, grid = computation(config), config.grid
+    attributes = {
+        "name": config.name,
+        "configuration": config.to_yaml(),
+        **({"pilot": pilot.record} if pilot else {}),
+        "computation": yaml.safe_dump({**asdict(task), **grid.fixed}, default_flow_style=True),
+        "numerics": numerics(config),
+        **({"scaled_along": "f"} if task.scaled else {}),
+    }
+    blocks = grid.blocks(
+        block_size(config, **sizes),
+        whole=task.followed or ("f" if task.scaled else None),
+        at_any_size=task.followed is not None,
+    )
     return Layout.of(
-        config.grid,
-        name=config.name,
-        configuration=config.to_yaml(),
-        pilot=pilot.record if pilot else None,
+        grid,
+        blocks,
+        attributes=attributes,
         widths=reserved_widths(config),
         first_section=config.record.transient + 1,
         diagnostics=config.record.diagnostics,
-        block_size=block_size(config, **sizes),
-        scaled_along="f" if scales_with_f(config) else None,
-        followed_along=config.follow.axis if config.follow else None,
         directions=config.directions,
-        numerics=NUMERICS,
     )
 
 
@@ -171,7 +185,7 @@ class _Display:
         self._periods = config.record.transient + config.record.periods
         self._size = config.size
         self._there = self._size - sum(map(block_points, writer.pending()))
-        scaled = ", one f computed and the others scaled" if scales_with_f(config) else ""
+        scaled = ", one f computed and the others scaled" if computation(config).scaled else ""
         self._name = printable(config.name) + scaled
         self._computer = computer
         self._bar = Progress(

@@ -13,7 +13,7 @@ from sweeps.analysis.overlay import Line, deviations
 from sweeps.analysis.selection import Cut, listed
 from sweeps.plotting.lines import select_line, split_directions
 from sweeps.plotting.palette import VERMILION
-from sweeps.store.variables import DIRECTION
+from sweeps.store import DIRECTION
 from vibroimpact.orbits.one_impact_branches import Piece
 
 #: Markers of the bifurcations of a branch.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
-from sweeps.store.variables import DIRECTION, is_remarkable
+from sweeps.store import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
 from sweeps.errors import Refused
-from sweeps.store.variables import DIRECTION
+from sweeps.store import DIRECTION
 
 #: What a bifurcation diagram can show over the swept axis.
 COORDINATES = ("poincare_x", "poincare_v", "impact_v", "impact_phase")

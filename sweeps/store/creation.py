@@ -1,25 +1,9 @@
-"""The making of a sweep's HDF5 file: every byte has its place before a point is computed.
+"""Create the HDF5 file of a sweep: every byte has its place before a point is computed.
 
-Every swept axis and every record dimension is an HDF5 dimension scale, so that
-``xarray.open_dataset(path, engine="h5netcdf")`` opens the file with its coordinates.
-
-While HDF5 has a file open for writing, it rewrites its own structures at times of its choosing
-(opening and closing alone write the superblock twice), and a kill between two of these
-writes leaves a file that cannot be opened. So HDF5 lays the file out whole, contiguous, at its full
-size, and never has it open for writing again: blocks go to the known places of their bytes
-(see ``writer.py``). A reader can open the file at any time, a full disk is found before the
-first step is computed, and nothing has to be joined at the end. A file per block would be as safe,
-but needs the disk twice at the end, when a full one hurts most, and cannot be read in part.
-Chunks with HDF5's own checksums would be refused by every reader where a kill tore one. The price
-is that everything is filled with NaN first: 2 to 3 % of a run of 200 + 100 forcing periods, 10 %
-where there is no transient.
-
-A compressed chunk has no place before it is compressed, so a file is compressed when it is
-complete, into a copy that takes its place; its room is reserved first, since HDF5 kills the
-process when it closes a file on a full disk. Measured with shuffle and gzip at level 1: 3 % of the
-size for periodic attractors, 34 % for a bifurcation diagram, 62 % for chaos, at 12 to 24 % of the
-time of computing them, and three to ten times the time of reading; level 9 takes four times as long
-for 1 % less. So it is off by default.
+HDF5 lays the file out whole, contiguous and at its full size, and never has it open for writing
+again, since a kill while it has leaves a file that cannot be opened. Blocks are written to the
+places of their bytes (``writer.py``). A compressed file is made of a complete one, in a copy. The
+README of this package gives the reasons, and what they cost.
 """
 
 from __future__ import annotations
@@ -34,7 +18,7 @@ import h5py
 import numpy as np
 
 from sweeps.store.layout import BLOCKS, Layout
-from sweeps.store.ledger import ROW, Ledger, Span, checksum, ledger_size, row_of, write_all
+from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -55,6 +39,12 @@ _DURATION_MARK = np.uint64(0x7FF8_7669_6272_6F21).view(np.float64)
 def create(path: Path, layout: Layout) -> None:
     """Write a file without data: NaN everywhere, and ``PENDING`` in integers.
 
+    Parameters
+    ----------
+    path : Path
+        Of an empty file, or of none.
+    layout : Layout
+
     Raises
     ------
     OSError, RuntimeError, ValueError
@@ -67,12 +57,14 @@ def create(path: Path, layout: Layout) -> None:
             _add_variable(file, layout, name, dcpl=_reserved())
     _add_ledger(path, layout)
     _reserve(path, path.stat().st_size)
+    rows = np.zeros(len(layout.blocks), ROW)
+    rows["state"] = State.PENDING
+    rows["crc"] = _fill_checksums(layout)
     descriptor = os.open(path, os.O_RDWR)
     try:
         for name, start in places(path).items():
-            dtype = np.dtype(VARIABLES[name].dtype)
-            _fill(descriptor, start, math.prod(layout.shape_of(name)), _fill_value(dtype), dtype)
-        _seal(path, descriptor, np.zeros(len(layout.blocks), ROW))
+            _fill(descriptor, start, math.prod(layout.shape_of(name)), VARIABLES[name].fill_value)
+        _seal(path, descriptor, rows)
     finally:
         os.close(descriptor)
 
@@ -83,7 +75,17 @@ def pack(
     read: Callable[[int], Mapping[str, np.ndarray]],
     samples: Sequence[int],
 ) -> None:
-    """Write a compressed file; `read` returns the data of each block, `samples` their samples.
+    """Write a compressed file.
+
+    Parameters
+    ----------
+    path : Path
+        Of an empty file, or of none.
+    layout : Layout
+    read : callable
+        Returns the data of a block by its number, in the shape of the box.
+    samples : sequence of int
+        The samples of the longest trajectory of each block.
 
     Raises
     ------
@@ -91,6 +93,7 @@ def pack(
         As from `create`.
     """
     rows = np.zeros(len(layout.blocks), ROW)
+    rows["state"], rows["samples"] = State.DONE, samples
     _reserve(path, layout.size)
     with h5py.File(path, "w", libver="earliest") as file:
         _describe(file, layout)
@@ -102,13 +105,25 @@ def pack(
             arrays = read(index)
             for name, array in arrays.items():
                 file[name][block] = array
-            rows[index] = row_of(checksum(arrays.values()), samples[index])
+            rows["crc"][index] = checksum(arrays.values())
     _add_ledger(path, layout)
     descriptor = os.open(path, os.O_RDWR)
     try:
         _seal(path, descriptor, rows)
     finally:
         os.close(descriptor)
+
+
+def _fill_checksums(layout: Layout) -> list[int]:
+    """Return the checksum of each block as it is laid out: one for each shape that blocks have."""
+    known: dict[tuple[int, ...], int] = {}
+    checksums = []
+    for block in layout.blocks:
+        box = tuple(cut.stop - cut.start for cut in block)
+        if box not in known:
+            known[box] = checksum(layout.fill_values(block).values())
+        checksums.append(known[box])
+    return checksums
 
 
 def _reserve(path: Path, size: int) -> None:
@@ -187,6 +202,7 @@ def _filters(shape: tuple[int, ...]) -> dict[str, Any]:
         "shuffle": True,
         "compression": "gzip",
         "compression_opts": 1,
+        "fletcher32": True,  # some bits of a compressed chunk change nothing in the data
     }
 
 
@@ -196,7 +212,7 @@ def _add_ledger(path: Path, layout: Layout) -> None:
         spans = 2 + sum(len(_spans(file[name])) for name in layout.variables)
         size = ledger_size(len(layout.blocks), spans)
         ledger = file.create_dataset(_LEDGER, size, np.uint8, dcpl=_reserved())
-        ledger.attrs["long_name"] = "checksums of the blocks and of the rest, see sweeps/ledger.py"
+        ledger.attrs["long_name"] = "checksums of blocks and rest, see sweeps/store/ledger.py"
 
 
 def _spans(dataset: h5py.Dataset) -> list[Span]:
@@ -215,25 +231,22 @@ def _spans(dataset: h5py.Dataset) -> list[Span]:
 
 
 def _seal(path: Path, descriptor: int, rows: np.ndarray) -> None:
-    """Write the ledger of a file that is complete otherwise, and make the file last."""
+    """Write the ledger of a file that is laid out otherwise, and make the file last."""
     with h5py.File(path, "r") as file:
         data = [span for name in VARIABLES if name in file for span in _spans(file[name])]
         (ledger,) = _spans(file[_LEDGER])
     head = os.pread(descriptor, 1 << 20, 0)
-    duration = (head.find(_DURATION_MARK.tobytes()), 8)
-    # The duration comes first, where the writer finds it again.
-    Ledger.seal(descriptor, ledger[0], rows, [duration, ledger, *data])
-    write_duration(descriptor, duration[0], math.nan)
-    os.fsync(descriptor)
-
-
-def write_duration(descriptor: int, start: int, seconds: float) -> None:
-    """Overwrite the attribute ``duration``, which has no checksum and keeps its place."""
-    write_all(descriptor, np.float64(seconds).tobytes(), start)
+    seal(descriptor, ledger, rows, data, head.index(_DURATION_MARK.tobytes()))
 
 
 def places(path: Path) -> dict[str, int]:
-    """Return where each variable starts in a file that is not compressed; else nothing."""
+    """Return where each variable starts in a file, or nothing where it is compressed.
+
+    Returns
+    -------
+    dict of str to int
+        The place of its first byte, by the name of the variable.
+    """
     with h5py.File(path, "r") as file:
         held = [name for name in VARIABLES if name in file]
         if any(file[name].chunks for name in held):
@@ -241,17 +254,10 @@ def places(path: Path) -> dict[str, int]:
         return {name: file[name].id.get_offset() for name in held}
 
 
-def _fill(descriptor: int, start: int, count: int, value: float, dtype: np.dtype) -> None:
-    piece = np.full(min(count, (1 << 23) // dtype.itemsize), value, dtype).tobytes()
-    unsynced = 0
-    for at in range(0, count * dtype.itemsize, len(piece)):
-        size = min(len(piece), count * dtype.itemsize - at)
-        write_all(descriptor, piece[:size], start + at)
-        unsynced += size
-        if unsynced >= _SYNC_BYTES:
+def _fill(descriptor: int, start: int, count: int, value: np.generic) -> None:
+    size = count * value.itemsize
+    piece = np.full(min(count, (1 << 23) // value.itemsize), value).tobytes()
+    for at in range(0, size, len(piece)):
+        write_all(descriptor, piece[: size - at], start + at)
+        if (at // len(piece) + 1) % (_SYNC_BYTES // (1 << 23)) == 0:
             os.fsync(descriptor)
-            unsynced = 0
-
-
-def _fill_value(dtype: np.dtype) -> float:
-    return math.nan if dtype.kind == "f" else int(Status.PENDING)

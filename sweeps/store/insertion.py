@@ -1,4 +1,4 @@
-"""Further points among those of a file along one axis."""
+"""Insert refined points into stored results along one axis."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ def merged(
     ----------
     sweep : SweepFile
         A file along `axis` alone, whose values increase.
+    axis : str
     values : ndarray, shape (n,)
         In increasing order, each of the file or of `points`.
     points : mapping of float to mapping

@@ -1,4 +1,4 @@
-"""What the file of a sweep holds, but for its data: axes, records, blocks, attributes."""
+"""What the file of a sweep holds, except its data: axes, records, blocks, attributes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sweeps.store.ledger import ROW
 from sweeps.store.variables import DIRECTION, FIXED_WIDTHS, VARIABLES, held_variables
 
 FORMAT = "vibroimpact-sweep"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 #: The attribute of a refined sweep that counts the points added to its grid.
 ADDED = "points_added"
@@ -28,7 +28,7 @@ BLOCKS = "store/blocks"
 
 @dataclass(frozen=True)
 class Layout:
-    """What the file of a sweep holds, but for its data.
+    """What the file of a sweep holds, except its data.
 
     Attributes
     ----------
@@ -55,30 +55,24 @@ class Layout:
     def of(
         cls,
         grid: Grid,
+        blocks: Iterable[Block],
         *,
-        name: str,
-        configuration: str,
-        pilot: str | None = None,
+        attributes: Mapping[str, Any],
         widths: Mapping[str, int],
         first_section: int,
         diagnostics: Collection[str] = (),
-        block_size: int,
-        scaled_along: str | None = None,
-        followed_along: str | None = None,
         directions: Sequence[str] = (),
-        numerics: str = "",
     ) -> Self:
         """Lay out a new sweep.
 
         Parameters
         ----------
         grid : Grid
-        name : str
-            The name of the sweep.
-        configuration : str
-            As YAML, kept as it is.
-        pilot : str, optional
-            How its method was chosen, as YAML, kept as it is.
+        blocks : iterable of Block
+            Of the grid, covering every point once; all directions of a point are in one.
+        attributes : mapping of str to str or int
+            ``name``, ``configuration`` (as YAML), ``numerics`` (names the code that computes the
+            data) and what else the file is to keep. Format, versions and date are added.
         widths : mapping of str to int
             Width of the record dimensions ``section``, ``impact`` and ``sample``; 0 leaves the
             variables of one out. ``sample`` is a guess.
@@ -86,16 +80,8 @@ class Layout:
             The number of the forcing period of the first section; the others follow.
         diagnostics : collection of str
             The diagnostics whose variables there are.
-        block_size : int
-            Points of the grid per block, at most; all directions of a point are in one.
-        scaled_along : str, optional
-            The axis along which one value is computed and the others are scaled.
-        followed_along : str, optional
-            The axis along which each point starts from its neighbour: no block splits it.
         directions : sequence of str
-            In which it is followed; of two, the data have a leading dimension.
-        numerics : str
-            What names the code that computes the data.
+            In which an axis is followed; of two, the data have a leading dimension.
         """
         held = held_variables(widths, diagnostics)
         records = {
@@ -107,10 +93,7 @@ class Layout:
         attributes = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
-            "name": name,
-            "configuration": configuration,
-            **({} if pilot is None else {"pilot": pilot}),
-            "numerics": numerics,
+            **attributes,
             "vibroimpact_version": _version("vibroimpact"),
             "numba_version": _version("numba"),
             "numpy_version": np.__version__,
@@ -118,11 +101,6 @@ class Layout:
             "platform": platform.platform(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
-        if scaled_along is not None:
-            attributes["scaled_along"] = scaled_along
-        blocks: Iterable[Block] = grid.blocks(
-            block_size, whole=followed_along or scaled_along, at_any_size=bool(followed_along)
-        )
         axes = dict(grid.axes)
         if len(directions) > 1:
             axes = {DIRECTION: np.array(directions, object), **axes}
@@ -134,10 +112,32 @@ class Layout:
         """Number of values along each axis."""
         return tuple(len(values) for values in self.axes.values())
 
+    @property
+    def refined(self) -> bool:
+        """Whether points were added to the grid."""
+        return ADDED in self.attributes
+
     def shape_of(self, name: str) -> tuple[int, ...]:
         """Return the shape of a variable."""
+        return self._with_record(name, self.shape)
+
+    def _with_record(self, name: str, shape: tuple[int, ...]) -> tuple[int, ...]:
         record = VARIABLES[name].record
-        return (*self.shape, len(self.records[record])) if record else self.shape
+        return (*shape, len(self.records[record])) if record else shape
+
+    def fill_values(self, block: Block) -> dict[str, np.ndarray]:
+        """Return what the file holds of a block that is not computed yet.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Of every variable, a read-only array of shape (box..., record).
+        """
+        box = tuple(cut.stop - cut.start for cut in block)
+        return {
+            name: np.broadcast_to(VARIABLES[name].fill_value, self._with_record(name, box))
+            for name in self.variables
+        }
 
     @property
     def size(self) -> int:
@@ -155,14 +155,14 @@ class Layout:
         )
 
     def with_points(self, axis: str, values: np.ndarray) -> Self:
-        """Return the same with further values of its only axis, which are told in an attribute."""
-        everywhere = np.union1d(self.axes[axis], values)
+        """Return the same with further values of its only axis, counted in an attribute."""
+        all_values = np.union1d(self.axes[axis], values)
         size = max(block_points(block) for block in self.blocks)
         return replace(
             self,
-            axes={axis: everywhere},
-            blocks=tuple(Grid({axis: everywhere}, {}).blocks(size)),
-            attributes={**self.attributes, ADDED: len(everywhere) - len(self.axes[axis])},
+            axes={axis: all_values},
+            blocks=tuple(Grid({axis: all_values}, {}).blocks(size)),
+            attributes={**self.attributes, ADDED: len(all_values) - len(self.axes[axis])},
         )
 
     def with_samples(self, width: int) -> Self:

@@ -1,11 +1,14 @@
-"""The ledger of a sweep's file: which blocks are in it, and a checksum of every byte.
+"""The ledger of a sweep's file: the state and checksum of every block, and a checksum of the rest.
 
-It is the last dataset of the file, as bytes: one row per block, then the seal. The seal says which
-parts of the file are filled block by block and holds a checksum of all the rest, that is of
-coordinates, attributes and HDF5's own structures, which never change once the file is laid out.
-It is found from the end of the file without HDF5, whose library loops or crashes on some
-damaged files: of the bytes of a small sweep, about one in a thousand, with one bit flipped, hung
-or killed it. So HDF5 is only given what the seal vouches for.
+It is the last dataset of the file, as bytes: a summary, one row per block, then the seal. The seal
+says which parts of the file change while blocks are written, and holds a checksum of all the rest:
+coordinates, attributes and HDF5's own structures. It is found from the end of the file without
+HDF5, whose library loops or crashes on some damaged files (of the bytes of a small sweep, about one
+in a thousand, with one bit flipped). So HDF5 only opens a file whose seal fits.
+
+The checksum of a row is that of the bytes of its block as they are, fill values included. So every
+byte of the file has a checksum, whether its block is computed or not, except those of a block
+that is being written.
 """
 
 from __future__ import annotations
@@ -14,32 +17,48 @@ import os
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
+from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
-#: One row: checksum of the block's data, samples of its longest trajectory, check of these two.
-#: All zero: the block is not in the file.
-ROW = np.dtype([("crc", "<u4"), ("samples", "<u4"), ("check", "<u4")])
+#: One row: state, checksum of the block's data, samples of its longest trajectory, check of these.
+ROW = np.dtype([("state", "<u4"), ("crc", "<u4"), ("samples", "<u4"), ("check", "<u4")])
+#: State of the file, check of the summary, duration and the one before it, which the attribute
+#: ``duration`` may still hold.
+SUMMARY = np.dtype(
+    [("state", "<u4"), ("check", "<u4"), ("seconds", "<f8"), ("before", "<f8"), ("spare", "<u8")]
+)
 
-_MAGIC = b"\x89VIBROL\n"
+_MAGIC = b"\x89VIBRO3\n"
 _SPAN = np.dtype([("start", "<u8"), ("size", "<u8")])
 # Number of rows and of spans, checksum of the rest of the file, checksum of the seal, magic.
 _SEAL = struct.Struct("<QQII8s")
 # HDF5 may put a little of its own after the last dataset.
 _TAIL = 1 << 16
 _CHUNK = 1 << 22
+# Summary and rows start at a multiple of this, so that none lies in two pages or sectors.
+_ALIGNMENT = 32
 
 Span = tuple[int, int]
 
 
+class State(IntEnum):
+    """The state of a block, or of the whole file: four letters, far from each other and from 0."""
+
+    PENDING = int.from_bytes(b"PEND", "little")
+    WRITING = int.from_bytes(b"WRIT", "little")
+    DONE = int.from_bytes(b"DONE", "little")
+
+
 class DamageError(Exception):
-    """The checksums do not fit."""
+    """A checksum does not fit."""
 
 
 def ledger_size(rows: int, spans: int) -> int:
-    """Return the bytes of a ledger that tells of that many blocks and filled parts."""
-    return rows * ROW.itemsize + spans * _SPAN.itemsize + _SEAL.size
+    """Return the bytes of a ledger of that many blocks and parts that change."""
+    sizes = rows * ROW.itemsize, spans * _SPAN.itemsize
+    return _ALIGNMENT + SUMMARY.itemsize + sum(sizes) + _SEAL.size
 
 
 def checksum(arrays: Iterable[np.ndarray]) -> int:
@@ -52,7 +71,7 @@ def checksum(arrays: Iterable[np.ndarray]) -> int:
 
 def flat_bytes(array: np.ndarray) -> memoryview:
     """Return the bytes of an array in C order, not copied if they are so already."""
-    return memoryview(np.ascontiguousarray(array).reshape(-1)).cast("B")  # type: ignore[arg-type]
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
 class Ledger:
@@ -60,36 +79,23 @@ class Ledger:
 
     Attributes
     ----------
-    start : int
-        Where the rows are.
     rows : ndarray of dtype ``ROW``, shape (blocks,)
-        As of the time it was read, and what was entered since.
-    filled : sequence of Span
-        Start and size of the parts that the seal does not guard.
+        As they were read last, and what was entered since.
+    summary : ndarray of dtype ``SUMMARY``, shape ()
     """
 
     def __init__(
-        self, descriptor: int, start: int, rows: np.ndarray, filled: Sequence[Span]
+        self, descriptor: int, start: int, rows: np.ndarray, summary: np.ndarray, duration: int
     ) -> None:
         self._descriptor = descriptor
-        self.start = start
+        self._start = start
+        self._duration = duration  # the place of the attribute
         self.rows = rows
-        self.filled = filled
-
-    @classmethod
-    def seal(cls, descriptor: int, start: int, rows: np.ndarray, filled: Sequence[Span]) -> Ledger:
-        """Write the ledger at `start` of a file that is complete but for what is `filled`."""
-        spans = np.array(filled, _SPAN)
-        rest = _checksum_without(descriptor, filled)
-        fields = len(rows), len(spans), rest
-        own = zlib.crc32(spans.tobytes() + struct.pack("<QQI", *fields))
-        tail = spans.tobytes() + _SEAL.pack(*fields, own, _MAGIC)
-        write_all(descriptor, rows.tobytes() + tail, start)
-        return cls(descriptor, start, rows, filled)
+        self.summary = summary
 
     @classmethod
     def read(cls, descriptor: int) -> Ledger | None:
-        """Find the ledger of a file and hold the file, but for its blocks, against it.
+        """Find the ledger of a file, and compare the file, without its blocks, with its checksum.
 
         Returns
         -------
@@ -103,45 +109,144 @@ class Ledger:
         """
         size = os.fstat(descriptor).st_size
         tail = os.pread(descriptor, _TAIL, max(size - _TAIL, 0))
-        found = tail.rfind(_MAGIC) + len(_MAGIC)
-        if found < _SEAL.size:
+        end_in_tail = tail.rfind(_MAGIC) + len(_MAGIC)
+        if end_in_tail < _SEAL.size:
             return None
-        end = max(size - _TAIL, 0) + found
-        n_rows, n_spans, rest, own, _ = _SEAL.unpack(tail[found - _SEAL.size : found])
-        start = end - ledger_size(n_rows, n_spans)
-        if start < 0:
+        end = max(size - _TAIL, 0) + end_in_tail
+        seal = tail[end_in_tail - _SEAL.size : end_in_tail]
+        n_rows, n_spans, rest, own, _ = _SEAL.unpack(seal)
+        start = end - ledger_size(n_rows, n_spans) + _ALIGNMENT
+        spans_at = start + SUMMARY.itemsize + n_rows * ROW.itemsize
+        if start < 0 or n_spans < 2:
             raise DamageError
-        data = os.pread(descriptor, end - start - _SEAL.size, start)
-        rows, spans = data[: n_rows * ROW.itemsize], data[n_rows * ROW.itemsize :]
-        if zlib.crc32(spans + struct.pack("<QQI", n_rows, n_spans, rest)) != own:
+        spans = os.pread(descriptor, n_spans * _SPAN.itemsize, spans_at)
+        if zlib.crc32(spans + _SEAL.pack(n_rows, n_spans, rest, 0, _MAGIC)) != own:
             raise DamageError
-        filled = [(int(at), int(length)) for at, length in np.frombuffer(spans, _SPAN)]
-        if _checksum_without(descriptor, filled) != rest:
+        changing = [(int(at), int(length)) for at, length in np.frombuffer(spans, _SPAN).tolist()]
+        if _checksum_without(descriptor, changing) != rest:
             raise DamageError
-        return cls(descriptor, start, np.frombuffer(rows, ROW).copy(), filled)
+        rows, summary = np.zeros(n_rows, ROW), np.zeros((), SUMMARY)
+        ledger = cls(descriptor, start, rows, summary, duration=changing[0][0])
+        ledger.reread()
+        return ledger
 
-    def entered(self) -> np.ndarray:
-        """Return which blocks have a row that was written to the end."""
-        return self.rows["check"] == _check(self.rows)
+    def reread(self) -> None:
+        """Read the summary and the rows, which another process may have changed.
 
-    def enter(self, index: int, crc: int, samples: int = 0) -> None:
+        Raises
+        ------
+        DamageError
+            If the summary has another check, or the attribute ``duration`` another value.
+        """
+        if not (self._summary_read() or self._summary_read()):  # it may just have been written
+            raise DamageError
+        data = os.pread(self._descriptor, self.rows.nbytes, self._start + SUMMARY.itemsize)
+        self.rows = np.frombuffer(data, ROW).copy()
+
+    def _summary_read(self) -> bool:
+        """Read the summary; return whether it and the attribute ``duration`` are as written."""
+        duration = os.pread(self._descriptor, 8, self._duration)
+        data = os.pread(self._descriptor, SUMMARY.itemsize, self._start)
+        self.summary = np.frombuffer(data, SUMMARY)[0]
+        # A loss of power may leave some bytes of the one and some of the other.
+        values = self.summary["seconds"].tobytes(), self.summary["before"].tobytes()
+        known = all(byte in pair for byte, *pair in zip(duration, *values, strict=True))
+        return known and summary_of(self.summary).tobytes() == data
+
+    def tobytes(self) -> bytes:
+        """Return the summary and the rows as they are written."""
+        return bytes(self.summary.tobytes()) + self.rows.tobytes()
+
+    @property
+    def complete(self) -> bool:
+        """Whether the file is in its final form."""
+        return bool(self.summary["state"] == State.DONE)
+
+    @property
+    def seconds(self) -> float:
+        """What the run has taken so far; NaN before the first session ended."""
+        return float(self.summary["seconds"])
+
+    def are(self, *states: State) -> np.ndarray:
+        """Return which blocks have a valid row with one of these states."""
+        return np.isin(self.rows["state"], states) & self.valid()
+
+    def valid(self) -> np.ndarray:
+        """Return which blocks have a row that is as it was written."""
+        rows = self.rows
+        known = np.isin(rows["state"], list(State))
+        return known & (rows["check"] == _row_check(rows, np.arange(len(rows))))
+
+    def enter(self, index: int, state: State, crc: int, samples: int = 0) -> None:
         """Write the row of a block."""
-        row = row_of(crc, samples)
-        write_all(self._descriptor, row.tobytes(), self.start + index * ROW.itemsize)
-        self.rows[index] = row
+        self.rows[index] = (state, crc, samples, 0)
+        self.rows["check"][index] = _row_check(self.rows[index], np.int64(index))
+        at = self._start + SUMMARY.itemsize + index * ROW.itemsize
+        write_all(self._descriptor, self.rows[index].tobytes(), at)
+
+    def summarize(self, state: State, seconds: float) -> None:
+        """Write the state of the file and the duration, also as the attribute.
+
+        A kill in between leaves an attribute with the duration of before, which the summary holds.
+        """
+        for before in (self.summary["seconds"], seconds):
+            self.summary = summary_of((state, 0, seconds, before, 0))
+            write_all(self._descriptor, self.summary.tobytes(), self._start)
+            sync(self._descriptor)
+            write_all(self._descriptor, np.float64(seconds).tobytes(), self._duration)
+            sync(self._descriptor)
 
 
-def row_of(crc: int, samples: int = 0) -> np.ndarray:
-    """Return the row of a block with that checksum and that many samples."""
-    row = np.array((crc, samples, 0), ROW)
-    row["check"] = _check(row)
-    return row
+def seal(
+    descriptor: int, ledger: Span, rows: np.ndarray, changing: Sequence[Span], duration: int
+) -> None:
+    """Write the ledger of a file that is laid out otherwise, and make the file last.
+
+    Parameters
+    ----------
+    descriptor : int
+    ledger : tuple of int
+        Start and size of its place, from `ledger_size` with two spans more than `changing`.
+    rows : ndarray of dtype ``ROW``, shape (blocks,)
+        Without their checks.
+    changing : sequence of Span
+        Start and size of the data of the variables.
+    duration : int
+        The place of the attribute ``duration``.
+    """
+    rows = rows.copy()
+    rows["check"] = _row_check(rows, np.arange(len(rows)))
+    end = sum(ledger)
+    n_spans = len(changing) + 2
+    aligned = (end - ledger_size(len(rows), n_spans) + _ALIGNMENT) // _ALIGNMENT * _ALIGNMENT
+    # What alignment leaves free lies before the ledger and, being no part of it, in the rest.
+    start, end = aligned, aligned + ledger_size(len(rows), n_spans) - _ALIGNMENT
+    spans = np.array([(duration, 8), (start, end - start), *changing], _SPAN)
+    summary = summary_of((State.PENDING, 0, np.nan, np.nan, 0))
+    write_all(descriptor, np.float64(np.nan).tobytes(), duration)
+    write_all(descriptor, summary.tobytes() + rows.tobytes() + spans.tobytes(), start)
+    rest = _checksum_without(descriptor, spans.tolist())
+    own = zlib.crc32(spans.tobytes() + _SEAL.pack(len(rows), n_spans, rest, 0, _MAGIC))
+    write_all(descriptor, _SEAL.pack(len(rows), n_spans, rest, own, _MAGIC), end - _SEAL.size)
+    os.fsync(descriptor)
 
 
-def _check(rows: np.ndarray) -> np.ndarray:
-    # An odd factor maps the integers mod 2^32 one to one, so no change of one field is unseen.
-    spread = rows["samples"].astype(np.uint64) * 2654435761 & 0xFFFFFFFF
-    return ~(rows["crc"] ^ spread.astype(np.uint32))
+def summary_of(summary: Any) -> Any:
+    """Return a summary with its check."""
+    summary = np.array(summary, SUMMARY)
+    summary["check"] = 0
+    summary["check"] = zlib.crc32(summary.tobytes())
+    return summary
+
+
+def _row_check(rows: Any, index: Any) -> Any:
+    # Odd factors map the integers mod 2^32 one to one, so no change of one field is unseen.
+    fields = (rows["state"], rows["crc"], rows["samples"], index)
+    factors = (2654435761, 2246822519, 3266489917, 668265263)
+    total = np.zeros(np.shape(index), np.uint64)
+    for field, factor in zip(fields, factors, strict=True):
+        total = total + np.asarray(field).astype(np.uint64) * np.uint64(factor)
+    return (total & np.uint64(0xFFFFFFFF)).astype(np.uint32)
 
 
 def write_all(descriptor: int, data: bytes | memoryview, start: int) -> None:
@@ -152,28 +257,24 @@ def write_all(descriptor: int, data: bytes | memoryview, start: int) -> None:
         view, start = view[written:], start + written
 
 
-def _checksum_without(descriptor: int, filled: Sequence[Span]) -> int:
+def sync(descriptor: int) -> None:
+    """Make the data of a file last, whose size does not change."""
+    getattr(os, "fdatasync", os.fsync)(descriptor)
+
+
+def _checksum_without(descriptor: int, changing: Sequence[Span]) -> int:
     crc = 0
-    for start, stop in _gaps(filled, os.fstat(descriptor).st_size):
+    for start, stop in _gaps(changing, os.fstat(descriptor).st_size):
         for at in range(start, stop, _CHUNK):
             crc = zlib.crc32(os.pread(descriptor, min(_CHUNK, stop - at), at), crc)
     return crc
 
 
-def _gaps(filled: Sequence[Span], end: int) -> Iterator[Span]:
+def _gaps(changing: Sequence[Span], end: int) -> Iterator[Span]:
     at = 0
-    for start, size in sorted(filled):
+    for start, size in sorted(map(tuple, changing)):
         if start > at:
             yield at, start
         at = max(at, start + size)
     if at < end:
         yield at, end
-
-
-def sync_folder(path: Path) -> None:
-    """Make the names in the folder of `path` last."""
-    descriptor = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

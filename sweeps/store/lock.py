@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from sweeps.errors import StoreError
+from sweeps.store.output import reason
+
+#: What a lock file holds: nothing where its writer was killed before it wrote this.
+_TEXT = re.compile(rb"(?:vibroimpact lock of process (\d+)\n)?")
 
 
 @contextmanager
@@ -18,15 +24,20 @@ def only_writer(path: Path) -> Iterator[None]:
     The kernel lets go of the lock when the process dies, however it dies. What a dead process
     leaves is a file that nobody has locked, and the next writer takes it over. Readers need none.
 
+    Parameters
+    ----------
+    path : Path
+        Of the file to write.
+
     Raises
     ------
     StoreError
-        If another process has it, or there can be no such file.
+        If another process has it, there can be no such file, or there is another file of its name.
     """
     try:
         real = path.resolve()
         name = real.with_name(f"{real.name}.lock")
-        lock = _locked(name)
+        lock, created = _locked(name)
     except BlockingIOError:
         raise StoreError(
             f"{path} is being written by process {_holder(name)}; wait for it, stop it with "
@@ -37,24 +48,42 @@ def only_writer(path: Path) -> Iterator[None]:
             f"the folder {path.parent} of the output {path.name} does not exist"
         ) from None
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        reason = getattr(error, "strerror", None) or error
-        raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason}") from None
+        raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
     try:
+        left_behind = _TEXT.fullmatch(os.pread(lock, 100, 0))
+        if not (created or left_behind):
+            raise StoreError(_taken(name))
+        # An empty file may be the user's own.
+        ours = created or os.fstat(lock).st_size > 0
         os.ftruncate(lock, 0)
-        os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
-        yield
+        os.pwrite(lock, b"vibroimpact lock of process %d\n" % os.getpid(), 0)
+        try:
+            yield
+        finally:
+            if ours:
+                name.unlink(missing_ok=True)
+            else:
+                os.ftruncate(lock, 0)
     finally:
-        name.unlink(missing_ok=True)
         os.close(lock)
 
 
-def _locked(name: Path) -> int:
+def _locked(name: Path) -> tuple[int, bool]:
+    """Open and lock a file; return its descriptor, and whether it was created."""
     while True:
-        lock = os.open(name, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            lock, created = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644), True
+        except FileExistsError:
+            try:
+                if not stat.S_ISREG(os.lstat(name).st_mode):
+                    raise StoreError(_taken(name)) from None
+                lock, created = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK), False
+            except FileNotFoundError:
+                continue  # its holder has just removed it
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(lock).st_ino == os.stat(name).st_ino:
-                return lock
+                return lock, created
         except FileNotFoundError:
             pass
         except OSError:
@@ -63,8 +92,16 @@ def _locked(name: Path) -> int:
         os.close(lock)  # its holder removed the file before letting go of it
 
 
+def _taken(name: Path) -> str:
+    return (
+        f"{name} is needed as a lock, and there is something else of that name; move it, or give "
+        "-o another file"
+    )
+
+
 def _holder(name: Path) -> str:
     try:
-        return name.read_text().strip() or "of an unknown number"
+        match = _TEXT.fullmatch(name.read_bytes()[:100])
     except OSError:
-        return "of an unknown number"
+        match = None
+    return match[1].decode() if match and match[1] else "of an unknown number"

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
-import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 
 import h5py
 import numpy as np
@@ -18,77 +15,29 @@ import xarray as xr
 
 from sweeps.errors import StoreError
 from sweeps.grid import Block
-from sweeps.store.layout import ADDED, BLOCKS, FORMAT, FORMAT_VERSION, Layout
-from sweeps.store.ledger import DamageError, Ledger, checksum
+from sweeps.store.layout import BLOCKS, FORMAT, FORMAT_VERSION, Layout
+from sweeps.store.ledger import DamageError, Ledger, State, checksum
+from sweeps.store.output import damaged, open_regular, reason, refuse_version, refuse_without_ledger
 from sweeps.store.variables import VARIABLES
-from sweeps.text import shown_bytes
 from vibroimpact.status import Status
-
-#: Endings that name another kind of file, which a slip would give to the data.
-_OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
-
-
-def check_output(
-    path: str | Path, *, overwrite: bool = False, resume: bool = False, size: int = 0
-) -> None:
-    """Refuse a path that a sweep of `size` bytes cannot be written to.
-
-    Raises
-    ------
-    StoreError
-        If `path` is a directory or in none, has the ending of another kind of file, exists and
-        is neither to be overwritten nor resumed or is not a file that a sweep can have written,
-        or if there is no room for the sweep.
-    """
-    path = Path(path)
-    if path.suffix.lower() in _OTHER_ENDINGS:
-        raise StoreError(
-            f"the output {path} is to be an HDF5 file, whose name does not end in {path.suffix}; "
-            f"did you mean {path.with_suffix('.h5')}?"
-        )
-    try:
-        os.stat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        pass
-    except (OSError, ValueError) as error:  # too long a name, a null byte
-        raise StoreError(f"the output {str(path)!r} cannot be used: {reason(error)}") from None
-    if not path.parent.is_dir():
-        raise StoreError(f"the folder {path.parent} of the output {path.name} does not exist")
-    if path.is_dir():
-        raise StoreError(f"{path} is a directory; give -o the name of a file")
-    if path.exists():
-        if not (overwrite or resume):
-            raise StoreError(
-                f"{path} exists; give --resume to go on with it, --overwrite to replace it, or "
-                "-o for another file"
-            )
-        if path.stat().st_size > 0 and not h5py.is_hdf5(path):
-            raise StoreError(
-                f"{path} is not an HDF5 file and will not be replaced; give -o another"
-            )
-        if resume:
-            return
-    free = shutil.disk_usage(path.parent).free
-    if size > free:
-        also = ", delete the old file first" if path.exists() else ""
-        raise StoreError(
-            f"the sweep takes about {shown_bytes(size)}, and the disk of {path} has only "
-            f"{shown_bytes(free)} left; record less{also}, or give -o a file elsewhere"
-        )
 
 
 def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     """Open the file of a sweep; its arrays are read when they are used.
 
     A file that is being written can be opened, too; points that are not in it yet have the status
-    ``PENDING``.
+    ``PENDING``, and those of a block that was being written when the run was killed.
 
     Parameters
     ----------
     path : str or Path
     verify : bool
-        Whether to hold every block against its checksum, which reads the whole file once.
-        Everything else is held against its own in any case.
+        Whether to compare every block with its checksum, which reads the whole file once.
+        Everything else is compared with its own in any case.
+
+    Returns
+    -------
+    xarray.Dataset
 
     Raises
     ------
@@ -100,7 +49,13 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
         with sweep_file(path) as sweep:
             if verify:
                 sweep.refuse_damage()
-        return xr.open_dataset(path, engine="h5netcdf")
+            unfinished = [sweep.layout.blocks[i] for i in sweep.unfinished().tolist()]
+        dataset = xr.open_dataset(path, engine="h5netcdf")
+        if unfinished:  # pending, whatever is in the file
+            status = dataset["status"].load()
+            for block in unfinished:
+                status[block] = Status.PENDING
+        return dataset
     except OSError as error:
         raise StoreError(f"{path} cannot be read: {reason(error)}") from error
 
@@ -118,34 +73,54 @@ class SweepFile:
         """Return the data of a block, of every variable in the order of the checksum."""
         return {name: self.file[name][block] for name in self.layout.variables}
 
-    def present(self) -> np.ndarray:
-        """Return which blocks were written to the end."""
-        status = self.file["status"][()]
-        done = [not np.any(status[block] == Status.PENDING) for block in self.layout.blocks]
-        return self.ledger.entered() & np.array(done, bool)
+    def unfinished(self) -> np.ndarray:
+        """Return the numbers of the blocks that are being written, or were when it was killed."""
+        return np.flatnonzero(self.ledger.are(State.WRITING))
 
     def damaged(self) -> np.ndarray:
-        """Return which blocks are not as they were written."""
-        indices = np.flatnonzero(self.present()).tolist()
+        """Return which blocks are not as they were written.
 
-        def fits(index: int) -> bool:
-            try:
-                arrays = self.read(self.layout.blocks[index])
-            except OSError:  # a compressed chunk has HDF5's checksum, too
-                return False
-            return checksum(arrays.values()) == self.ledger.rows["crc"][index]
-
+        Returns
+        -------
+        ndarray of bool, shape (blocks,)
+            A block that is being written, or was when the run was killed, is not damaged.
+        """
         damaged = np.zeros(len(self.layout.blocks), bool)
+        suspects = np.arange(len(damaged))
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            damaged[indices] = ~np.fromiter(pool.map(fits, indices), bool, len(indices))
+            while suspects.size:
+                rows, valid = self.ledger.rows, self.ledger.valid()
+                fits = np.fromiter(pool.map(self._fits, suspects.tolist()), bool, suspects.size)
+                unfit = suspects[~(fits & valid[suspects])]
+                if not unfit.size:
+                    break
+                with suppress(DamageError):
+                    self.ledger.reread()  # the run may go on meanwhile
+                same = self.ledger.rows[unfit] == rows[unfit]
+                damaged[unfit[same]] = True
+                suspects = unfit[~same]
         return damaged
+
+    def _fits(self, index: int) -> bool:
+        """Return whether a block has the checksum of its row."""
+        row = self.ledger.rows[index]
+        if self.ledger.complete and row["state"] != State.DONE:
+            return False
+        if row["state"] == State.WRITING:
+            return True
+        try:
+            arrays = self.read(self.layout.blocks[index])
+        except OSError:  # a compressed chunk has HDF5's checksum, too
+            return False
+        return bool(checksum(arrays.values()) == row["crc"])
 
     def refuse_damage(self) -> None:
         """Raise a StoreError that names the damaged blocks, if there are any."""
         indices = np.flatnonzero(self.damaged())
         if indices.size:
-            added = ADDED in self.layout.attributes  # points that no resumed run computes
-            how = "overwrite" if added else "resume to compute what is lost, and nothing else"
+            # Added points are not computed again by a resumed run.
+            refined = self.layout.refined
+            how = "overwrite" if refined else "resume to compute what is lost, and nothing else"
             raise StoreError(
                 f"{self.path} is damaged: {self.named(indices)}; run its configuration again "
                 f"with --{how}"
@@ -180,27 +155,18 @@ def sweep_file(path: Path) -> Iterator[SweepFile]:
 
 
 def _opened(path: Path, stack: ExitStack) -> SweepFile:
-    try:
-        if path.is_dir():
-            raise StoreError(f"{path} is a directory, not the file of a sweep")
-        descriptor = os.open(path, os.O_RDONLY)
-    except FileNotFoundError:
-        raise StoreError(f"{path} does not exist") from None
-    except (OSError, ValueError) as error:
-        raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
+    descriptor = open_regular(path)
     stack.callback(os.close, descriptor)
     try:
         ledger = Ledger.read(descriptor)
         if ledger is None:
-            _refuse_foreign(path)
-        file = stack.enter_context(h5py.File(path, "r"))
+            refuse_without_ledger(path, descriptor)
+        # Not by its name, which a run may give to its final file at this moment.
+        file = stack.enter_context(h5py.File(f"/dev/fd/{descriptor}", "r"))
         _check_format(path, file.attrs)
         return SweepFile(path, file, ledger, _layout(file))
     except DamageError:
-        raise StoreError(
-            f"{path} is damaged outside its results, truncated, or changed by another program: "
-            "what is in it cannot be trusted; run its configuration again with --overwrite"
-        ) from None
+        raise StoreError(damaged(path)) from None
     except OSError as error:
         raise StoreError(f"{path} cannot be read, it may be truncated: {reason(error)}") from error
 
@@ -223,31 +189,12 @@ def _values(scale: h5py.Dataset) -> np.ndarray:
     return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
 
 
-def _refuse_foreign(path: Path) -> NoReturn:
-    """Say what a file is that has no ledger."""
-    if not h5py.is_hdf5(path):
-        raise StoreError(f"{path} is not an HDF5 file")
-    with h5py.File(path, "r") as file:
-        _check_format(path, file.attrs)
-    raise DamageError
-
-
 def _check_format(path: Path, attributes: Mapping[str, object]) -> None:
     if str(attributes.get("format")) != FORMAT:
         raise StoreError(f"{path} is an HDF5 file, but not one that vibroimpact wrote")
     version = attributes.get("format_version")
     if str(version) != str(FORMAT_VERSION):
-        raise StoreError(
-            f"{path} has the format version {version}, and this version of vibroimpact reads "
-            f"only {FORMAT_VERSION}; open it with the version that wrote it"
-        )
-
-
-def reason(error: Exception) -> str:
-    """Say what went wrong, without HDF5's buffer addresses and line breaks."""
-    told = re.search(r"errno = (\d+)", str(error))
-    number = getattr(error, "errno", None) or (told and int(told[1]))
-    return os.strerror(number) if number else str(error).splitlines()[0]
+        refuse_version(path, version)
 
 
 def status_counts(dataset: xr.Dataset) -> dict[Status, int]:

@@ -21,7 +21,7 @@ class Variable:
     unit, long_name, symbol : str
         As in ``PARAMETERS``.
     dtype : str
-        As stored. Points not written yet hold NaN, or ``Status.PENDING`` (-1) in an integer.
+        As stored. Points not computed yet hold NaN, or ``Status.PENDING`` (-1) in an integer.
     diagnostic : str or None
         The diagnostic that it belongs to; None where it is always recorded.
     """
@@ -32,6 +32,12 @@ class Variable:
     symbol: str
     dtype: str = "float64"
     diagnostic: str | None = None
+
+    @property
+    def fill_value(self) -> np.generic:
+        """What points hold that are not computed yet."""
+        floating = self.dtype.startswith("float")
+        return np.dtype(self.dtype).type(np.nan if floating else Status.PENDING)
 
 
 #: What a file can hold. ``status`` is last, since `SweepWriter.write` keeps this order.
@@ -109,5 +115,5 @@ def bytes_per_point(widths: Mapping[str, int], diagnostics: Collection[str] = ()
 
 
 def is_remarkable(status: Status) -> bool:
-    """Whether there is more to say of a point than that it was computed."""
+    """Return whether there is more to say of a point than that it was computed."""
     return status not in (Status.COMPUTED, Status.CERTIFIED)

@@ -274,7 +274,7 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
 
 
 def test_diagnostics_are_computed_where_they_are_asked_for():
-    with unittest.mock.patch("sweeps.engine.compute.period_class") as period:
+    with unittest.mock.patch("vibroimpact.points.computation.period_class") as period:
         done("run", "small.yaml", "--quiet")
     assert not period.called
     both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")

@@ -33,13 +33,14 @@ from sweeps.config.loading import load_config
 from sweeps.engine import client as clients
 from sweeps.engine.client import check_address
 from sweeps.engine.cluster import Cluster
-from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.compute import compute_block
 from sweeps.engine.plan import block_size
 from sweeps.engine.run import run_sweep
 from sweeps.errors import Failed, Refused
 from sweeps.store.reader import open_sweep
 from sweeps.store.writer import SweepWriter
 from vibroimpact.jit import NUMERICS
+from vibroimpact.points import compute_points
 from vibroimpact.status import Status
 
 pytestmark = pytest.mark.cluster
@@ -354,13 +355,13 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
     """The worker is a part of this process, so that it can be watched."""
     inside, most, given = 0, 0, set()
 
-    def watched(sweep, points, threads):
+    def watched(task, points, threads):
         nonlocal inside, most
         inside += 1
         most = max(most, inside)
         given.add(threads)
         time.sleep(0.02)
-        results = compute(sweep, points, threads)
+        results = compute_points(task, points, threads)
         inside -= 1
         return results
 
@@ -371,7 +372,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         computer = Cluster(client)
         assert computer.cores == 4
         with monkeypatch.context() as patch:
-            patch.setattr("sweeps.engine.compute.compute", watched)
+            patch.setattr("vibroimpact.points.computation.compute_points", watched)
             found = list(computer.computed(compute_block, sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}

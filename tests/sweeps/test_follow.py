@@ -16,15 +16,14 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.cli.main import app
 from sweeps.engine import plan as limits
 from sweeps.engine import run as runner
-from sweeps.engine.compute import compute, compute_block
-from sweeps.engine.follow import follow
+from sweeps.engine.compute import computation, compute, compute_block
 from sweeps.engine.plan import block_size, estimate
-from sweeps.engine.scaling import scales_with_f
 from sweeps.errors import ConfigError, Failed, StoreError
 from sweeps.grid import Grid
 from vibroimpact import Oscillator, Status, one_impact_orbit
 from vibroimpact.integrate import integrate
 from vibroimpact.orbits.one_impact import bifurcation
+from vibroimpact.points.following import follow
 from vibroimpact.trajectory import trajectories
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
@@ -207,7 +206,8 @@ def test_only_the_chain_that_failed_begins_anew(load, status):
         }
 
     counted = []
-    results = follow(config, whole(config), run, counted.append)
+    box = config.grid.points(whole(config)[-2:]).reshape(config.grid.shape)
+    results = follow(box, 1, "omega", ["up"], run, counted.append)
     assert counted == [3] * 5
     assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])
     assert calls[1] == (True, [(R, 1.3, -0.6, R) for R in (0.8, 0.5, 0.6)])
@@ -380,7 +380,8 @@ def test_an_axis_is_not_split_at_any_size():
 def test_a_followed_sweep_is_not_scaled(load):
     changes = ["oscillator.f=[0.5, 1]", "oscillator.clearance=0"]
     config = load(*changes)
-    assert not scales_with_f(config) and scales_with_f(load(*changes, "follow=null"))
+    alone = load(*changes, "follow=null")
+    assert not computation(config).scaled and computation(alone).scaled
     run_sweep(config, "out.h5")
     with open_sweep("out.h5") as dataset:
         assert "scaled_along" not in dataset.attrs

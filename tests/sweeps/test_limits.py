@@ -157,11 +157,10 @@ def test_the_layout_reserves_what_is_told():
     sweep = config("record.trajectory={every: 1}")
     layout = Layout.of(
         sweep.grid,
-        name="",
-        configuration="",
+        sweep.grid.blocks(100),
+        attributes={},
         widths=reserved_widths(sweep),
         first_section=1,
-        block_size=100,
     )
     reserved = sum(
         int(np.prod(layout.shape_of(name))) * (1 if name == "status" else 8)

@@ -75,11 +75,14 @@ def sweep(tmp_path):
         path = tmp_path / f"{len(opened)}.h5"
         layout = Layout.of(
             grid,
-            name=name,
-            configuration=yaml.safe_dump(configuration),
+            grid.blocks(grid.size),
+            attributes={
+                "name": name,
+                "configuration": yaml.safe_dump(configuration),
+                "numerics": "",
+            },
             widths=widths,
             first_section=11,
-            block_size=grid.size,
             diagnostics=diagnostics,
         )
         with sweep_writer(path, layout) as store:

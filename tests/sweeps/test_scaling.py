@@ -9,10 +9,11 @@ from typer.testing import CliRunner
 
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.cli.main import app
-from sweeps.engine import compute
-from sweeps.engine.scaling import scales_with_f
+from sweeps.engine.compute import computation, compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
+from vibroimpact.points import computation as kernel_calls
+from vibroimpact.points.scaling import SCALED
 
 SWEEP = {
     "oscillator": {"h": 0.1, "R": 0.7, "f": [0.25, 1.0, 3.0, 8.0], "omega": [0.4, 1.9, 2.3]},
@@ -38,21 +39,21 @@ def load(tmp_path, monkeypatch):
 def counted(monkeypatch):
     """Count the points that the kernel is given."""
     given = []
-    kernel = compute.integrate
+    kernel = kernel_calls.integrate
 
     def integrate(points, **arguments):
         given.append(points)
         return kernel(points, **arguments)
 
-    monkeypatch.setattr(compute, "integrate", integrate)
+    monkeypatch.setattr(kernel_calls, "integrate", integrate)
     return given
 
 
 def lone(load, f, method):
     """Return the results at one f, which is computed as it is."""
     config = load(f"oscillator.f={f}", *method)
-    assert not scales_with_f(config)
-    return compute.compute(config, config.grid.points((slice(0, 3),)), None)
+    assert not computation(config).scaled
+    return compute(config, config.grid.points((slice(0, 3),)), None)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def lone(load, f, method):
 def test_the_scaled_results_are_the_computed_ones(load, counted, method):
     """To the bit for powers of two, to rounding otherwise; every f of a point from one run."""
     config = load(*method)
-    assert scales_with_f(config)
+    assert computation(config).scaled
     run_sweep(config, "scaled.h5")
     assert all((points["f"] == 1.0).all() for points in counted)
     assert max(points.size for points in counted) == 3
@@ -91,7 +92,11 @@ def test_the_scaled_results_are_the_computed_ones(load, counted, method):
     ],
 )
 def test_what_breaks_the_symmetry_is_computed(load, change):
-    assert not scales_with_f(load(change))
+    assert not computation(load(change)).scaled
+
+
+def test_what_has_a_length_is_scaled():
+    assert set(SCALED) == {n for n, v in VARIABLES.items() if v.unit.startswith("length")}
 
 
 def test_the_axis_is_not_split():

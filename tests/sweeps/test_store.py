@@ -11,7 +11,8 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store.creation import create
 from sweeps.store.layout import FORMAT_VERSION, Layout
-from sweeps.store.reader import check_output, open_sweep, status_counts
+from sweeps.store.output import check_output
+from sweeps.store.reader import open_sweep, status_counts
 from sweeps.store.variables import VARIABLES, bytes_per_point, held_variables
 from sweeps.store.writer import sweep_writer
 from vibroimpact.oscillator import PARAMETERS
@@ -25,15 +26,14 @@ GRID = Grid(
 WIDTHS = {"section": 4, "impact": 3, "sample": 6}
 
 
-def layout(grid=GRID, *, widths=WIDTHS, diagnostics=DIAGNOSTICS, block_size=10, **changed):
-    about = {"name": "a test", "configuration": CONFIGURATION, "numerics": "0"}
+def layout(grid=GRID, *, widths=WIDTHS, diagnostics=DIAGNOSTICS, block_size=10):
     return Layout.of(
         grid,
-        **{**about, **changed},
+        grid.blocks(block_size),
+        attributes={"name": "a test", "configuration": CONFIGURATION, "numerics": "0"},
         widths=widths,
         first_section=11,
         diagnostics=diagnostics,
-        block_size=block_size,
     )
 
 
@@ -302,14 +302,15 @@ def test_the_ending_of_another_kind_of_file_is_refused(tmp_path, ending):
 
 
 def test_a_sweep_larger_than_the_disk_is_refused(tmp_path, monkeypatch):
+    path, other = tmp_path / "out.h5", tmp_path / "other.h5"
+    lay_out(other)
     free = types.SimpleNamespace(free=100_000)
     monkeypatch.setattr("shutil.disk_usage", lambda _: free)
-    path = tmp_path / "out.h5"
     with pytest.raises(
         StoreError, match=r"takes about 50 MB, .* only 100 kB left; record less, or"
     ):
         check_output(path, size=50_000_000)
-    path.write_bytes(b"\x89HDF\r\n\x1a\n".ljust(1000))
+    other.rename(path)
     # The old file stays until the new one is laid out, and makes no room.
     with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
         check_output(path, overwrite=True, size=100_001)

@@ -12,12 +12,10 @@ same call of the kernel, and so are the two directions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from sweeps.config.sweep import SweepConfig
-from sweeps.grid import Block
 from vibroimpact.status import Status
 
 #: Points, and whether their starts are states at the section, to results of shape (n, ...).
@@ -28,48 +26,53 @@ _FAILED = [int(status) for status in Status if status.failed]
 
 
 def follow(
-    config: SweepConfig, block: Block, run: Run, advance: Callable[[int], object]
+    points: np.ndarray,
+    along: int,
+    axis: str,
+    directions: Sequence[str],
+    run: Run,
+    advance: Callable[[int], object],
 ) -> dict[str, np.ndarray]:
-    """Compute a block of a sweep along whose axis each point starts from its neighbour.
+    """Compute the points of a box along one of whose axes each starts from its neighbour.
 
     Parameters
     ----------
-    config : SweepConfig
-        With ``follow``.
-    block : Block
-        Of the grid: whole along the axis that is followed.
+    points : ndarray of dtype ``POINT``, shape (box...)
+        With all values of the axis that is followed.
+    along : int
+        Which of the axes of `points` that is.
+    axis : str
+        The parameter that is swept along it.
+    directions : sequence of str
+        ``up`` from the least value on, or ``down`` from the greatest, or both.
     run : callable
         What computes points.
     advance : callable
-        Told the number of points after every call of `run`.
+        Is given the number of points after every call of `run`.
 
     Returns
     -------
     dict of str to ndarray
-        Arrays of shape (points of the block, ...), one direction after the other, each in C order.
+        Arrays of shape (points, ...), one direction after the other, each in C order.
     """
-    assert config.follow is not None
-    axis = config.follow.axis
-    at = list(config.grid.axes).index(axis)
-    box = tuple(cut.stop - cut.start for cut in block)
-    # The chains: shape (chains, values of the axis), and their points in C order of the rest.
-    points = np.moveaxis(config.grid.points(block).reshape(box), at, -1)
-    rest = points.shape[:-1]
-    points = points.reshape(-1, points.shape[-1])
-    rising = np.argsort(config.grid.axes[axis], kind="stable")
-    ways = [rising if way == "up" else rising[::-1] for way in config.directions]
-    found = _Stack(len(ways), *points.shape)
+    # The chains: shape (chains, values of the axis), in C order of the other axes.
+    chains = np.moveaxis(points, along, -1)
+    rest, length = chains.shape[:-1], chains.shape[-1]
+    chains = chains.reshape(-1, length)
+    rising = np.argsort(chains[0][axis], kind="stable")
+    orders = [rising if direction == "up" else rising[::-1] for direction in directions]
+    stack = _Stack(len(orders), *chains.shape)
     before: dict[str, np.ndarray] = {}
-    for order in zip(*ways, strict=True):  # one value of the axis for each direction
-        lanes = np.concatenate([points[:, value] for value in order])
+    for order in zip(*orders, strict=True):  # one value of the axis for each direction
+        lanes = np.concatenate([chains[:, value] for value in order])
         before = _next(lanes, before, run, moving_stop=axis == "clearance")
-        found.put(order, before)
+        stack.put(order, before)
         advance(len(lanes))
     return {
         name: np.moveaxis(
-            values.reshape(len(ways), *rest, box[at], *values.shape[3:]), 1 + len(rest), 1 + at
-        ).reshape(len(ways) * points.size, *values.shape[3:])
-        for name, values in found.arrays.items()
+            values.reshape(len(orders), *rest, length, *values.shape[3:]), 1 + len(rest), 1 + along
+        ).reshape(len(orders) * points.size, *values.shape[3:])
+        for name, values in stack.arrays.items()
     }
 
 
@@ -90,11 +93,11 @@ def _next(
         lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
     if ended.all():
         return run(lanes, True)
-    found = _Stack(1, len(lanes), 1)
+    stack = _Stack(1, len(lanes), 1)
     for which, at_section in ((ended, True), (~ended, False)):
         if which.any():
-            found.put((0,), run(lanes[which], at_section), np.flatnonzero(which))
-    return {name: values[0, :, 0] for name, values in found.arrays.items()}
+            stack.put((0,), run(lanes[which], at_section), np.flatnonzero(which))
+    return {name: values[0, :, 0] for name, values in stack.arrays.items()}
 
 
 class _Stack:

@@ -7,29 +7,38 @@ depend on it. So is every step of every method; a power of two scales to the las
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from sweeps.config.sweep import SweepConfig
-from sweeps.store.variables import VARIABLES
-
 #: Beyond these values of f, its square may overflow or lose digits.
 _LEAST, _GREATEST = 1e-150, 1e150
+#: The results with a unit of length or of length per time.
+SCALED = (
+    "poincare_x",
+    "poincare_v",
+    "impact_v",
+    "trajectory_x",
+    "trajectory_v",
+    "slowest_impact",
+    "max_penetration",
+)
 
 
-def scales_with_f(config: SweepConfig) -> bool:
-    """Whether f is swept and the motion is proportional to it all over the grid.
+def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> bool:
+    """Return whether f is swept and the motion is proportional to it all over a grid.
 
-    It is taken not to be where an axis is followed: points then do not start at rest.
+    Parameters
+    ----------
+    axes : mapping of str to ndarray
+        The values of each swept parameter.
+    fixed : mapping of str to float
+        The value of every other parameter.
     """
-    if config.follow is not None:
+    at_rest = all(fixed.get(name) == 0.0 for name in ("clearance", "x0", "v0"))
+    if "f" not in axes or not at_rest:
         return False
-    grid = config.grid
-    at_rest = all(grid.fixed.get(name) == 0.0 for name in ("clearance", "x0", "v0"))
-    if "f" not in grid.axes or not at_rest:
-        return False
-    f = grid.axes["f"]
+    f = axes["f"]
     return bool(len(f) > 1 and _LEAST <= f.min() and f.max() <= _GREATEST)
 
 
@@ -42,13 +51,18 @@ def computed_once(
     ----------
     points : ndarray of dtype ``POINT``, shape (n,)
     compute : callable
-        Points to the variables of the file, arrays of shape (n, ...).
+        Points to named results, arrays of shape (n, ...).
+
+    Returns
+    -------
+    dict of str to ndarray
+        Arrays of shape (n, ...).
     """
     at_one = points.copy()
     at_one["f"] = 1.0
     different, which = np.unique(at_one, return_inverse=True)
     results = {name: values[which] for name, values in compute(different).items()}
     for name, values in results.items():
-        if VARIABLES[name].unit.startswith("length"):
+        if name in SCALED:
             values *= points["f"].reshape(-1, *(1,) * (values.ndim - 1))
     return results

@@ -1,0 +1,177 @@
+"""The file of a sweep, open for its blocks: each is in it whole or not at all.
+
+The row of a block in the ledger says that it is being written before a byte of it changes. Then
+come its data; then its status; then the row that says that it is done. Each is on the disk before
+the next is written, so a block with such a row is complete whatever happened, and the status alone
+says the same to any other reader. A kill leaves what was written; only a loss of power needs fsync.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from sweeps.errors import Failed
+from sweeps.grid import Block
+from sweeps.store.creation import places
+from sweeps.store.layout import Layout
+from sweeps.store.ledger import DamageError, Ledger, State, checksum, flat_bytes, sync, write_all
+from sweeps.store.reader import sweep_file
+
+
+@dataclass(frozen=True)
+class BlockFile:
+    """A file that is open for writing blocks, from `BlockFile.opened`.
+
+    Attributes
+    ----------
+    path : Path
+    descriptor : int
+    size : int
+        In bytes; it does not change.
+    layout : Layout
+    ledger : Ledger
+    places : mapping of str to int
+        Where each variable starts; empty for a compressed file, to which nothing is written.
+    """
+
+    path: Path
+    descriptor: int
+    size: int
+    layout: Layout
+    ledger: Ledger
+    places: Mapping[str, int]
+
+    @classmethod
+    def opened(cls, path: Path) -> Self:
+        """Open a file.
+
+        Raises
+        ------
+        StoreError
+            As from `sweeps.store.reader.sweep_file`.
+        OSError
+            If it may not be written.
+        """
+        with sweep_file(path) as sweep:
+            layout = sweep.layout
+        descriptor = os.open(path, os.O_RDWR)
+        ledger = Ledger.read(descriptor)
+        assert ledger is not None  # it was there a moment ago, and the lock is held
+        return cls(path, descriptor, os.fstat(descriptor).st_size, layout, ledger, places(path))
+
+    def pending(self) -> np.ndarray:
+        """Return the numbers of the blocks that are not done."""
+        return np.flatnonzero(~self.ledger.are(State.DONE))
+
+    def write(
+        self, index: int, arrays: Mapping[str, np.ndarray], samples: int, *, lasting: bool = True
+    ) -> None:
+        """Write a block.
+
+        Parameters
+        ----------
+        index : int
+        arrays : mapping of str to ndarray
+            Of every variable, in the order of the file and the shape (box..., record).
+        samples : int
+            Of its longest trajectory.
+        lasting : bool
+            Whether it is safe from a loss of power afterwards. A file that takes the place of
+            another one when it is complete is made to last as a whole.
+        """
+        last: Callable[[int], None] = sync if lasting else _do_nothing
+        block, crc = self.layout.blocks[index], checksum(arrays.values())
+        self.ledger.enter(index, State.WRITING, crc, samples)
+        last(self.descriptor)
+        self._put(block, {name: array for name, array in arrays.items() if name != "status"})
+        last(self.descriptor)
+        self._put(block, {"status": arrays["status"]})
+        last(self.descriptor)
+        # This is made to last with the next block: without it the block is written again.
+        self.ledger.enter(index, State.DONE, crc, samples)
+
+    def erase(self, index: int) -> None:
+        """Make a block pending again, with the values that it was laid out with."""
+        arrays = self.layout.fill_values(self.layout.blocks[index])
+        self.ledger.enter(index, State.WRITING, 0)
+        sync(self.descriptor)
+        self._put(self.layout.blocks[index], arrays)
+        sync(self.descriptor)
+        self.ledger.enter(index, State.PENDING, checksum(arrays.values()))
+
+    def _put(self, block: Block, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write the data of a block to their places."""
+        for name, array in arrays.items():
+            data = flat_bytes(array)
+            width = math.prod(array.shape[len(block) :]) * array.itemsize
+            at = 0
+            for first, count in _runs(block, self.layout.shape):
+                place = self.places[name] + first * width
+                write_all(self.descriptor, data[at : at + count * width], place)
+                at += count * width
+
+    def refuse_loss(self, given: Path, *, thoroughly: bool = False) -> None:
+        """Refuse to go on where another program has removed, replaced or changed the file.
+
+        Parameters
+        ----------
+        given : Path
+            The name of the file to say.
+        thoroughly : bool
+            Whether to read the ledger, and to compare what is outside of the blocks, too.
+
+        Raises
+        ------
+        Failed
+        """
+        what = ""
+        here = os.fstat(self.descriptor)
+        try:
+            there = os.stat(self.path)
+            if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
+                what = "replaced"
+        except OSError:
+            what = "removed"
+        if not what and here.st_size != self.size:
+            what = "truncated" if here.st_size < self.size else "changed"
+        if not what and thoroughly and not self._is_intact():
+            what = "changed"
+        if what:
+            raise Failed(
+                f"{given} was {what} by another program while it was written, and what was "
+                "computed is lost"
+            )
+
+    def _is_intact(self) -> bool:
+        try:
+            ledger = Ledger.read(self.descriptor)
+        except DamageError:
+            return False
+        return ledger is not None and ledger.tobytes() == self.ledger.tobytes()
+
+
+def _do_nothing(_: int) -> None:
+    """Stand for `sync`."""
+
+
+def _runs(block: Block, shape: tuple[int, ...]) -> Iterator[tuple[int, int]]:
+    """Yield the first point and the number of points of each stretch of a block, in C order."""
+    split = len(shape)
+    while split > 0 and block[split - 1] == slice(0, shape[split - 1]):
+        split -= 1
+    inner = math.prod(shape[split:])
+    outer, cut = block[: max(split - 1, 0)], block[split - 1] if split else slice(0, 1)
+    for corner in itertools.product(*(range(c.start, c.stop) for c in outer)):
+        row = 0
+        for index, length in zip(corner, shape, strict=False):
+            row = row * length + index
+        first = row * (shape[split - 1] if split else 1) + cut.start
+        yield first * inner, (cut.stop - cut.start) * inner
