@@ -99,6 +99,7 @@ def contents(dataset: xr.Dataset) -> str:
 
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
+    attributes.pop("computation", None)  # which follows from the configuration
     pilot = attributes.pop("pilot", "")
     if pilot:  # as a comment, so that what is below the table can be run again
         pilot = "# pilot:\n" + indent(pilot, "#   ")

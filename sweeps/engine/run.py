@@ -156,7 +156,7 @@ def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) 
         "name": config.name,
         "configuration": config.to_yaml(),
         **({"pilot": pilot.record} if pilot else {}),
-        "computation": yaml.safe_dump({**asdict(task), **grid.fixed}, default_flow_style=True),
+        "computation": yaml.safe_dump({**asdict(task), **grid.fixed}, sort_keys=False),
         "numerics": numerics(config),
         **({"scaled_along": "f"} if task.scaled else {}),
     }

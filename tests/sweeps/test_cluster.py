@@ -33,7 +33,7 @@ from sweeps.config.loading import load_config
 from sweeps.engine import client as clients
 from sweeps.engine.client import check_address
 from sweeps.engine.cluster import Cluster
-from sweeps.engine.compute import compute_block
+from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.plan import block_size
 from sweeps.engine.run import run_sweep
 from sweeps.errors import Failed, Refused
