@@ -204,19 +204,24 @@ def _plan(
 
 def _run(sweep: SweepConfig, path: Path, again: str, quiet: bool, **options: Any) -> None:
     from sweeps.engine import reports
+    from sweeps.store import Lost
 
+    old = reports.identity(path) if options["overwrite"] else None
     try:
         from sweeps.engine.run import run_sweep
 
         check()
         path = run_sweep(sweep, path, progress=not quiet, **options)
+        summary = reports.summary(path)
     except KeyboardInterrupt:
-        raise Failed(f"interrupted; {reports.kept(path, again)}") from None
+        raise Failed(f"interrupted; {reports.kept(path, again, old)}") from None
+    except Lost as error:
+        raise Failed(f"the run failed: {error}") from error
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
-        raise Failed(f"the run failed: {reason}; {reports.kept(path, again)}") from error
+        raise Failed(f"the run failed: {reason}; {reports.kept(path, again, old)}") from error
     if not quiet:
-        say(reports.summary(path))
+        say(summary)
 
 
 def _go_on(

@@ -63,12 +63,22 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
 
 
 def summary(path: Path) -> str:
-    """Describe a sweep after it was run."""
+    """Describe a sweep after it was run.
+
+    Raises
+    ------
+    Failed
+        If its file is gone.
+    """
+    from sweeps.errors import Failed, StoreError
     from sweeps.store import open_sweep, status_counts
 
-    with open_sweep(path, verify=False) as dataset:
-        seconds = float(dataset.attrs["duration"])
-        outcome = f"{path}: {_outcomes(status_counts(dataset))}"
+    try:
+        with open_sweep(path, verify=False) as dataset:
+            seconds = float(dataset.attrs["duration"])
+            outcome = f"{path}: {_outcomes(status_counts(dataset))}"
+    except StoreError as error:
+        raise Failed(f"the output is gone: {error}") from error
     return f"{outcome} in {shown_duration(seconds)}"
 
 
@@ -77,8 +87,28 @@ def next_command(paths: Iterable[Path]) -> str:
     return f"next: vibroimpact plot {shlex.join(map(str, paths))}"
 
 
-def kept(path: Path, command: str) -> str:
-    """Say what a run that ended early left behind, and which command goes on."""
+def identity(path: Path) -> tuple[int, ...] | None:
+    """Return what is different after a file was replaced or written; None where there is none."""
+    try:
+        about = path.stat()
+    except (OSError, ValueError):
+        return None
+    return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
+
+
+def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
+    """Say what a run that ended early left behind, and which command goes on.
+
+    Parameters
+    ----------
+    path : Path
+        Of its output.
+    command : str
+    old : tuple of int, optional
+        The `identity` of a file that was to be overwritten.
+    """
+    if old is not None and identity(path) == old:
+        return f"nothing is kept of it, and the old {path} is as it was"
     from sweeps.errors import StoreError
     from sweeps.store import open_sweep, status_counts
     from vibroimpact.status import Status

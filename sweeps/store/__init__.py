@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sweeps.store.blocks import Lost as Lost
     from sweeps.store.layout import ADDED as ADDED
     from sweeps.store.layout import Layout as Layout
     from sweeps.store.lock import only_writer as only_writer
@@ -25,6 +26,7 @@ _HOME = {
     "ADDED": "layout",
     "DIRECTION": "variables",
     "Layout": "layout",
+    "Lost": "blocks",
     "SweepWriter": "writer",
     "VARIABLES": "variables",
     "bytes_per_point": "variables",

@@ -26,6 +26,10 @@ from sweeps.store.ledger import DamageError, Ledger, State, checksum, flat_bytes
 from sweeps.store.reader import sweep_file
 
 
+class Lost(Failed):
+    """The file was removed, replaced or changed by another program while it was written."""
+
+
 @dataclass(frozen=True)
 class BlockFile:
     """A file that is open for writing blocks, from `BlockFile.opened`.
@@ -130,7 +134,7 @@ class BlockFile:
 
         Raises
         ------
-        Failed
+        Lost
         """
         what = ""
         here = os.fstat(self.descriptor)
@@ -145,7 +149,7 @@ class BlockFile:
         if not what and thoroughly and not self._is_intact():
             what = "changed"
         if what:
-            raise Failed(
+            raise Lost(
                 f"{given} was {what} by another program while it was written, and what was "
                 "computed is lost"
             )

@@ -112,6 +112,9 @@ class SweepFile:
             arrays = self.read(self.layout.blocks[index])
         except OSError:  # a compressed chunk has HDF5's checksum, too
             return False
+        pending = arrays["status"] == Status.PENDING
+        if not (pending.all() if row["state"] == State.PENDING else not pending.any()):
+            return False
         return bool(checksum(arrays.values()) == row["crc"])
 
     def refuse_damage(self) -> None:

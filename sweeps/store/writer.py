@@ -83,6 +83,10 @@ def sweep_writer(
         if damaged.size:
             writer.mend(damaged)
         yield writer
+    except StoreError as error:  # the file was accepted, and is not what it was
+        with suppress(Failed):
+            writer.close()
+        raise Failed(str(error)) from error
     except BaseException:
         with suppress(Failed):  # the first failure is the one to tell
             writer.close()
