@@ -110,17 +110,15 @@ def open_regular(path: Path) -> int:
         If there is none.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        mode = os.fstat(descriptor).st_mode
+        mode = os.stat(path).st_mode
+        if stat.S_ISREG(mode):
+            return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
         raise StoreError(f"{path} does not exist") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
-    if stat.S_ISREG(mode):
-        return descriptor
-    os.close(descriptor)
-    named = "a directory" if stat.S_ISDIR(mode) else kind(mode)
-    raise StoreError(f"{path} is {named} and so not the file of a sweep")
+    what = "a directory" if stat.S_ISDIR(mode) else kind(mode)
+    raise StoreError(f"{path} is {what} and so not the file of a sweep")
 
 
 def _refuse_other_files(path: Path) -> None:

@@ -224,6 +224,7 @@ class SweepWriter:
             As from `write`.
         """
         layout = self.layout.with_points(axis, np.array(list(points)))
+        self._file.refuse_loss(self._given, thoroughly=True)
         with _failure(self._given, "refined"), sweep_file(self._file.path) as sweep:
             sweep.refuse_damage()
 
@@ -284,6 +285,7 @@ class SweepWriter:
         self, layout: Layout, *, compressed: bool = False, without: np.ndarray | None = None
     ) -> None:
         """Replace the file by one of another layout with the same blocks in it."""
+        self._file.refuse_loss(self._given, thoroughly=True)
         width = len(layout.records.get("sample", ()))
         rows = self._file.ledger.rows
         done = np.flatnonzero(self._file.ledger.are(State.DONE))
@@ -308,7 +310,6 @@ class SweepWriter:
         compressed: bool = False,
     ) -> None:
         """Replace the file by one with these blocks in it, each with its samples."""
-        self._file.refuse_loss(self._given, thoroughly=True)
         with _replacing(self._file.path) as new:
             if compressed:
                 pack(new, layout, read, list(samples.values()))
