@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sweeps.store.variables import VARIABLES as VARIABLES
     from sweeps.store.variables import bytes_per_point as bytes_per_point
     from sweeps.store.variables import is_remarkable as is_remarkable
-    from sweeps.store.variables import shown_bytes as shown_bytes
     from sweeps.store.writer import SweepWriter as SweepWriter
     from sweeps.store.writer import sweep_writer as sweep_writer
 
@@ -34,7 +33,6 @@ _HOME = {
     "is_remarkable": "variables",
     "only_writer": "lock",
     "open_sweep": "reader",
-    "shown_bytes": "variables",
     "status_counts": "reader",
     "sweep_writer": "writer",
 }

@@ -17,6 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sweeps.interrupts import check
 from sweeps.store.layout import BLOCKS, Layout
 from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
@@ -102,6 +103,7 @@ def pack(
     _reserve(path, layout.size)  # what is not needed is given back when the file is closed
     with h5py.File(path, "r+", libver="earliest", rdcc_nbytes=_CACHE) as file:
         for index, block in enumerate(layout.blocks):
+            check()
             arrays = read(index)
             for name, array in arrays.items():
                 file[name][block] = array
@@ -258,6 +260,7 @@ def _fill(descriptor: int, start: int, count: int, value: np.generic) -> None:
     size = count * value.itemsize
     piece = np.full(min(count, (1 << 23) // value.itemsize), value).tobytes()
     for at in range(0, size, len(piece)):
+        check()
         write_all(descriptor, piece[: size - at], start + at)
         if (at // len(piece) + 1) % (_SYNC_BYTES // (1 << 23)) == 0:
             os.fsync(descriptor)

@@ -15,6 +15,7 @@ import xarray as xr
 
 from sweeps.errors import StoreError
 from sweeps.grid import Block
+from sweeps.interrupts import check
 from sweeps.store.layout import BLOCKS, FORMAT, FORMAT_VERSION, Layout
 from sweeps.store.ledger import DamageError, Ledger, State, checksum
 from sweeps.store.output import damaged, open_regular, reason, refuse_version, refuse_without_ledger
@@ -103,6 +104,7 @@ class SweepFile:
 
     def _fits(self, index: int) -> bool:
         """Return whether a block has the checksum of its row."""
+        check()
         row = self.ledger.rows[index]
         if self.ledger.complete and row["state"] != State.DONE:
             return False

@@ -20,6 +20,7 @@ import numpy as np
 
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block
+from sweeps.interrupts import check
 from sweeps.store.blocks import BlockFile
 from sweeps.store.creation import create, pack
 from sweeps.store.insertion import merged
@@ -318,6 +319,7 @@ class SweepWriter:
             file = BlockFile.opened(new)
             try:
                 for index in () if compressed else samples:
+                    check()
                     file.write(index, read(index), samples[index], lasting=False)
                 file.ledger.summarize(State.PENDING, self._seconds())
                 os.fsync(file.descriptor)

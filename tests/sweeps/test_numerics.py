@@ -1,0 +1,202 @@
+"""What determines a number of a file is named in it, and a run by other code does not go on.
+
+The physics names itself by its sources. So it has to be true that the engine passes on what goes in
+and what comes out; and where it does more, as in a refinement, its sources are named, too.
+"""
+
+import shutil
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import sweeps
+import vibroimpact
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.engine import compute, refine
+from sweeps.engine.refine import SOURCES, Refinement, numerics
+from sweeps.errors import StoreError
+from vibroimpact import jit
+from vibroimpact.points import Computation
+
+PHYSICS = Path(vibroimpact.__file__).parent
+ENGINE = Path(sweeps.__file__).parent
+RECORD = "record: {transient: 7, periods: 6, impacts: 5, diagnostics: [period, lyapunov]"
+OSCILLATOR = "oscillator: {h: 0.05, R: [0.5, 0.8], omega: [2.7, 1.3, 2.4], f: 1.0}"
+SWEEPS = {
+    "plain": f"{OSCILLATOR}\n{RECORD}}}\n",
+    "scaled": f"{OSCILLATOR.replace('1.0', '[0.3, 1.0, 7.0]')}\n{RECORD}}}\n",
+    "followed": f"{OSCILLATOR}\n{RECORD}, trajectory: {{every: 6}}}}\n"
+    "follow: {axis: omega, direction: both}\n",
+}
+REFINED = """\
+oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1.0}
+record: {transient: 100, periods: 40, impacts: 8, diagnostics: [period]}
+refine: {axis: omega, levels: 3}
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def load(text, *changes):
+    Path("sweep.yaml").write_text(text)
+    return load_config("sweep.yaml", changes)
+
+
+# The engine passes on
+
+
+@pytest.mark.parametrize("compression", ["none", "gzip"])
+@pytest.mark.parametrize("name", SWEEPS)
+def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, name, compression):
+    """To the bit; and what was given is in the file, which compares it when it is resumed."""
+    calls = []
+
+    def recorded(computation, axes, fixed, *rest):
+        results = compute_box(computation, axes, fixed, *rest)
+        for array in results.values():
+            array.flags.writeable = False
+        calls.append((computation, axes, fixed, results))
+        return results
+
+    compute_box = compute.compute_box
+    monkeypatch.setattr(compute, "compute_box", recorded)
+    config = load(SWEEPS[name], f"compression={compression}")
+    run_sweep(config, "out.h5")
+    assert len(calls) >= 1
+    with open_sweep("out.h5") as dataset:
+        given = yaml.safe_load(dataset.attrs["computation"])
+        for computation, axes, fixed, results in calls:
+            expected = {**asdict(computation), **fixed}
+            assert given == {**expected, "directions": list(computation.directions)}
+            part = dataset.sel({axis: values for axis, values in axes.items()})
+            for axis, values in axes.items():
+                np.testing.assert_array_equal(part[axis].values, values)
+            assert set(results) == set(part.data_vars)
+            for variable, array in results.items():
+                stored = part[variable].values
+                stored = stored.reshape(-1, *stored.shape[part["status"].ndim :])
+                np.testing.assert_array_equal(stored[..., : array.shape[-1]] if array.ndim > 1
+                                              else stored, array)  # fmt: skip
+        points = sum(results["status"].size for *_, results in calls)
+        assert points == dataset["status"].size
+
+
+# The code
+
+
+def test_every_source_of_the_physics_is_in_its_name(tmp_path, monkeypatch):
+    shutil.copytree(PHYSICS, tmp_path / "vibroimpact")
+    monkeypatch.setattr(jit, "__file__", str(tmp_path / "vibroimpact" / "jit.py"))
+    assert jit._numerics() == jit.NUMERICS
+    names = {jit.NUMERICS}
+    sources = sorted((tmp_path / "vibroimpact").rglob("*.py"))
+    for source in sources:
+        source.write_text(source.read_text() + "\n")
+        names.add(jit._numerics())
+    assert len(names) == len(sources) + 1
+
+
+def test_every_source_of_the_refinement_is_in_its_name(tmp_path, monkeypatch):
+    config = load(REFINED)
+    shutil.copytree(ENGINE, tmp_path / "sweeps")
+    own = numerics(config)
+    monkeypatch.setattr(refine, "__file__", str(tmp_path / "sweeps" / "engine" / "refine.py"))
+    assert numerics(config) == own != numerics(load(SWEEPS["plain"])) == jit.NUMERICS
+    names = {own}
+    for source in SOURCES:
+        path = tmp_path / "sweeps" / source
+        path.write_text(path.read_text() + "\n")
+        names.add(numerics(config))
+    assert len(names) == len(SOURCES) + 1
+
+
+def test_no_other_source_takes_part_in_a_refinement():
+    """But what reads the configuration and the file, and passes on."""
+    config = load(REFINED)
+    run_sweep(load(REFINED, "refine=null"), "line.h5")
+    used = set()
+
+    def note(frame, event, _):
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and path.is_relative_to(ENGINE):
+            used.add(path.relative_to(ENGINE).as_posix())
+
+    with open_sweep("line.h5") as line:
+        sys.setprofile(note)
+        try:
+            refinement = Refinement(config, line)
+            levels = list(refinement)
+        finally:
+            sys.setprofile(None)
+    assert levels == [1, 2, 3] and refinement.points
+    passing_on = {"engine/compute.py", "engine/background.py", "text.py"}  # text: of messages
+    others = {name for name in used if not name.startswith(("config/", "store/"))}
+    assert set(SOURCES) >= others - passing_on
+    assert {"engine/refine.py", "engine/classification.py", "grid.py"} <= others
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sweep", "source", "old", "new"),
+    [
+        ("plain", "vibroimpact/oscillator.py", 'indexing="ij"', 'indexing="xy"'),
+        ("scaled", "vibroimpact/points/scaling.py", "values *=", "values *= 2 *"),
+        ("followed", "vibroimpact/points/following.py", "rising[::-1]", "rising"),
+        ("refined", "sweeps/engine/refine.py", "0.5 * (low + high)", "0.4 * low + 0.6 * high"),
+        # What is passed on is named as it is.
+        ("plain", "sweeps/engine/compute.py", "transient=record.transient", "transient=9"),
+        ("scaled", "sweeps/engine/compute.py", "config.follow is None and", "False and"),
+    ],
+)
+def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new):
+    config = load(REFINED if sweep == "refined" else SWEEPS[sweep])
+    run_sweep(config, "out.h5")
+    for package in (PHYSICS, ENGINE):
+        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("*.pyc"))
+    script = (
+        "import sweeps, sys\n"
+        "from sweeps import load_config\n"
+        "from sweeps.engine.run import _layout\n"
+        "from sweeps.errors import StoreError\n"
+        "from sweeps.store import sweep_writer\n"
+        f"assert sweeps.__file__.startswith({str(tmp_path)!r}), sweeps.__file__\n"
+        "layout = _layout(load_config('sweep.yaml'), None, {})\n"
+        "with sweep_writer('out.h5', layout, resume=True): pass\n"
+    )
+
+    def resumed():
+        environment = {"PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)}
+        return subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, env=environment
+        )
+
+    assert resumed().returncode == 0
+    path = tmp_path / source
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new) + "# edited\n")
+    ended = resumed()
+    assert ended.returncode == 1 and "cannot be resumed" in ended.stderr, ended.stderr
+    reason = " and is " if source.endswith("compute.py") else "the code that computes is another"
+    assert reason in ended.stderr
+
+
+def test_a_computation_that_differs_is_named(monkeypatch):
+    """Though the configuration is the same: the engine then has passed on something else."""
+    config = load(SWEEPS["plain"])
+    run_sweep(config, "out.h5")
+    given = compute.computation(config)
+    assert isinstance(given, Computation)
+    from sweeps.engine import run as runner
+
+    monkeypatch.setattr(runner, "computation", lambda _: replace(given, transient=8))
+    with pytest.raises(StoreError, match="cannot be resumed: transient was 7 and is 8;"):
+        run_sweep(config, "out.h5", resume=True)
