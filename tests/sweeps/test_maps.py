@@ -181,6 +181,20 @@ def test_zero_divides_the_colours_of_the_exponent():
     assert "larger Lyapunov exponent $\\lambda_1$ [1/time]" in figure.axes[1].get_ylabel()
 
 
+def test_equal_exponents_of_either_sign_have_equally_strong_colours():
+    """Also where chaos is weak; the scale has ticks on both sides of zero."""
+    values = {(0, 0): 0.02, (0, 1): -0.02, (0, 2): -1.0}
+    figure = parameter_map(hand_made(lyapunov=values), quantity="lyapunov")
+    norm = figure.axes[0].collections[0].norm
+    weak, negative, strong = norm([0.02, -0.02, 0.3]).data
+    assert weak - 0.5 == pytest.approx(0.5 - negative)
+    assert strong - 0.5 == pytest.approx(15.0 * (weak - 0.5))
+    figure.draw_without_rendering()
+    low, high = figure.axes[1].get_ylim()
+    ticks = [tick for tick in figure.axes[1].get_yticks() if low <= tick <= high]
+    assert min(ticks) < 0.0 < max(ticks)
+
+
 def test_a_cell_reaches_halfway_to_its_neighbours():
     np.testing.assert_allclose(cell_edges(R, False), [0.2, 0.4, 0.7, 1.1])
     np.testing.assert_allclose(cell_edges(np.array([1.0, 4.0, 16.0]), True), [0.5, 2.0, 8.0, 32.0])
