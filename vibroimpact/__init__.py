@@ -7,7 +7,7 @@ from vibroimpact.orbits.one_impact import (
     one_impact_orbit,
     one_impact_orbits,
 )
-from vibroimpact.orbits.shooting import PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.paper import PaperRun, paper_procedure
 from vibroimpact.status import Status
@@ -15,6 +15,7 @@ from vibroimpact.trajectory import Trajectory, simulate
 
 __all__ = [
     "OneImpactOrbit",
+    "OrbitError",
     "Oscillator",
     "PaperRun",
     "PeriodicOrbit",

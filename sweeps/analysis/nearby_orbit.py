@@ -1,8 +1,8 @@
 """The stable periodic orbit that a motion goes to, where it settles too slowly for its record.
 
 Beside a bifurcation motions settle ever more slowly, and a record shows a class that is not the
-attractor's, or none. Shooting (`vibroimpact.orbits.shooting`) finds the periodic orbit near the
-last section of the record all the same. The motion goes to that orbit if the orbit is stable, and
+attractor's, or none. Newton's method (`vibroimpact.orbits.periodic`) finds the periodic orbit near
+the last section of the record all the same. The motion goes to that orbit if the orbit is stable, and
 the motion is near it throughout the record and in the second half no farther than in the first.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibroimpact.orbits.period_class import LONGEST_PERIOD
-from vibroimpact.orbits.shooting import PeriodicOrbit, doubled, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, doubled, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 
 #: A motion is near an orbit if no section is off by more than this share of the record's size.
@@ -41,18 +41,19 @@ def nearby_orbit(
     Returns
     -------
     PeriodicOrbit or None
-        Without a rest on the stop. None where no such orbit is found.
+        None where no such orbit is found.
     """
     if not np.isfinite(record).all():
         return None
     x, v = record[-1].tolist()
     for periods in _nearly_repeats(record) if m is None else [m]:
-        orbit = periodic_orbit(oscillator, x, v, periods, phase)
-        if orbit is not None and not orbit.stable:  # the motion may not have left it yet
-            orbit = doubled(oscillator, orbit, phase)
-        if orbit is None or not orbit.stable or orbit.rests > 0:
+        try:
+            orbit = periodic_orbit(oscillator, x, v, periods, phase)
+            # The motion may not have left an orbit that has flipped.
+            orbit = orbit if orbit.stable else doubled(orbit)
+        except OrbitError:
             continue
-        if goes_to(record, orbit.sections):
+        if goes_to(record, orbit.sections(phase)):
             return orbit
     return None
 

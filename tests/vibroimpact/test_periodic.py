@@ -1,4 +1,4 @@
-"""Shooting, against closed forms, the paper's steady motions, and what holds for every orbit."""
+"""Periodic orbits by their impacts: closed forms, the paper's motions, what every orbit obeys."""
 
 import math
 from dataclasses import replace
@@ -8,9 +8,9 @@ import pytest
 
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.one_impact_branches import sections
-from vibroimpact.orbits.shooting import doubled, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.trajectory import simulate
+from vibroimpact.trajectory import simulate, trace
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
 FLIP = 2.65888454668484
@@ -38,11 +38,10 @@ def test_the_one_impact_orbits_are_those_in_closed_form(h, omega, R, n, phase):
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
     closed, states, (x, v) = beside(osc, n, phase)
     found = periodic_orbit(osc, x, v, n, phase)
-    assert (found.m, found.impacts, found.rests, found.stable) == (n, 1, 0, True)
-    assert np.abs(found.sections - states).max() < 1e-13
-    assert np.trace(found.monodromy) == pytest.approx(closed.trace, abs=1e-11)
-    assert np.linalg.det(found.monodromy) == pytest.approx(closed.determinant, abs=1e-11)
-    assert np.abs(found.multipliers) == pytest.approx(np.abs(closed.multipliers), abs=1e-11)
+    assert (found.m, found.q, found.stable) == (n, 1, True)
+    shifts = [np.roll(found.sections(phase), k, axis=0) for k in range(n)]
+    assert min(np.abs(shift - states).max() for shift in shifts) < 1e-13
+    assert found.multipliers == pytest.approx(closed.multipliers, abs=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +55,7 @@ def test_the_one_impact_orbits_are_those_in_closed_form(h, omega, R, n, phase):
 def test_the_steady_motions_of_the_paper(h, R, impacts, multipliers, rounding):
     osc = Oscillator(h=h, R=R, omega=1.0, f=1.0)
     found = periodic_orbit(osc, *attractor(osc, 5))
-    assert (found.m, found.impacts) == (1, impacts)
+    assert (found.m, found.q) == (1, impacts)
     given = sorted(found.multipliers, key=lambda value: (-value.imag, -value.real))
     assert np.abs(np.array(given) - multipliers).max() < rounding
 
@@ -74,9 +73,12 @@ def test_what_the_multipliers_make_together_is_the_dissipation(h, R, omega, m, q
     """det = R^(2q) exp(-2 h m 2 pi / omega), the Lyapunov sum rule over one repetition."""
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
     found = periodic_orbit(osc, *attractor(osc, 2000), 2 * m)
-    assert (found.m, found.impacts) == (m, q)
-    expected = R ** (2 * q) * math.exp(-4.0 * math.pi * h * m / omega)
-    assert np.linalg.det(found.monodromy) == pytest.approx(expected, rel=1e-9, abs=1e-15)
+    assert (found.m, found.q) == (m, q)
+    c0, _, c2 = found.characteristic
+    assert c0 / c2 == pytest.approx(
+        R ** (2 * q) * math.exp(-4.0 * math.pi * h * m / omega), abs=1e-13
+    )
+    assert np.prod(found.multipliers).real == pytest.approx(c0 / c2, abs=1e-13)
 
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-5, 1e-7, 1e-9])
@@ -89,10 +91,10 @@ def test_either_side_of_a_flip_is_told_however_near(distance):
     assert periodic_orbit(before, x, v).stable
     flipped = periodic_orbit(after, x, v)
     assert not flipped.stable and flipped.multipliers[0].real < -1.0
-    orbit = doubled(after, flipped)
-    assert (orbit.m, orbit.impacts, orbit.stable) == (2, 2, True)
+    orbit = doubled(flipped)
+    assert (orbit.m, orbit.q, orbit.stable) == (2, 2, True)
     # Its amplitude grows with the square root of the distance: a supercritical flip.
-    share = np.abs(orbit.sections[1] - orbit.sections[0]).max() / math.sqrt(distance)
+    share = np.abs(np.diff(orbit.sections(), axis=0)).max() / math.sqrt(distance)
     assert share == pytest.approx(1.4433, rel=2e-3 + 20 * distance)
 
 
@@ -115,7 +117,8 @@ def test_the_multiplier_at_a_flip_is_minus_one():
 def test_an_orbit_that_has_not_flipped_has_no_double():
     osc = replace(LIGHT, omega=2.5)
     _, _, (x, v) = beside(osc)
-    assert doubled(osc, periodic_orbit(osc, x, v)) is None
+    with pytest.raises(OrbitError, match="has not flipped"):
+        doubled(periodic_orbit(osc, x, v))
 
 
 def test_coexisting_orbits_are_found_from_their_own_sides():
@@ -124,33 +127,133 @@ def test_coexisting_orbits_are_found_from_their_own_sides():
     _, _, (x, v) = beside(osc)
     one = periodic_orbit(osc, x, v, 2)
     two = periodic_orbit(osc, *attractor(osc, 500), 2)
-    assert (one.m, one.impacts, two.m, two.impacts) == (1, 1, 2, 3)
+    assert (one.m, one.q, two.m, two.q) == (1, 1, 2, 3)
     assert one.stable and two.stable
-    run = simulate(osc, 2, x0=two.sections[0, 0], v0=two.sections[0, 1])
-    assert sorted(run.impact_v) == pytest.approx([0.7030, 1.1145, 2.2536], abs=5e-5)
+    assert sorted(two.speeds) == pytest.approx([0.7030, 1.1145, 2.2536], abs=5e-5)
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0, 6.0])
-def test_a_rest_forgets_every_deviation(phase):
-    """It lasts from about 5.2 to 2 pi: only at the phase 1 the section is not in it."""
+def test_a_motion_that_rests_is_refused_with_the_reason(phase):
     osc = Oscillator(h=0.0, R=0.5, omega=0.5, f=1.0)
-    found = periodic_orbit(osc, -0.5, 0.5, phase=phase)
-    assert found.rests == 1 and found.stable
-    assert (found.sections == 0.0).all() == (phase != 1.0)
-    assert (found.monodromy == 0.0).all() and (found.multipliers == 0.0).all()
+    with pytest.raises(OrbitError, match="rests on the stop"):
+        periodic_orbit(osc, -0.5, 0.5, phase=phase)
 
 
 def test_the_free_oscillation_has_the_multipliers_of_the_flow():
     osc = Oscillator(h=0.1, R=0.8, omega=0.7, f=0.1, clearance=1.0)
     found = periodic_orbit(osc, 0.0, 0.0)
-    assert found.impacts == 0
+    assert found.q == 0
     decay = math.exp(-0.1 * osc.forcing_period)
     assert np.abs(found.multipliers) == pytest.approx([decay, decay], rel=1e-12)
+    run = simulate(osc, 200)
+    assert found.sections()[0] == pytest.approx([run.section_x[-1], run.section_v[-1]], abs=1e-8)
 
 
 def test_there_may_be_no_orbit():
     """R = 1, h = 0, omega = 2 p: no bounded motion with one impact per period."""
-    assert periodic_orbit(Oscillator(h=0.0, R=1.0, omega=2.0, f=1.0), -0.5, 0.5) is None
+    with pytest.raises(OrbitError):
+        periodic_orbit(Oscillator(h=0.0, R=1.0, omega=2.0, f=1.0), -0.5, 0.5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
+    """Guesses at random: simulation over one period says which roots pass the stop."""
+    rng = np.random.default_rng(seed)
+    refused = accepted = 0
+    while refused < 50:
+        osc = Oscillator(
+            h=rng.uniform(0.0, 0.2),
+            R=rng.uniform(0.4, 1.0),
+            omega=rng.uniform(0.4, 4.0),
+            f=1.0,
+            clearance=rng.uniform(-1.0, 1.0),
+        )
+        q = int(rng.integers(1, 4))
+        phases = np.sort(rng.uniform(0.0, 2.0 * np.pi, q))
+        root, reason = root_near(osc, phases, rng.uniform(0.0, 2.0, q))
+        if root is None or min(root.speeds) < 1e-4 or reason.startswith("its impacts miss"):
+            continue
+        closed = returns(osc, root)
+        if closed is None:
+            continue
+        assert closed == (reason == ""), (osc, root, reason)
+        refused += not closed
+        accepted += closed
+    assert accepted > 5
+
+
+def root_near(osc, phases, speeds):
+    """Return the root of the impact equations near a guess, and the objection to it."""
+    from vibroimpact.orbits import newton
+    from vibroimpact.orbits import periodic as module
+
+    X = np.column_stack([phases, speeds]).ravel()
+    system = newton.System(
+        module.values_of(osc), np.empty(0, np.int64), np.empty(0), 1, len(phases), 1.0, 0, 0
+    )
+    if newton.correct(system, X, np.empty((0, 0)), 60) < 0 or (X[1::2] < 0.0).any():
+        return None, ""
+    root = module.orbit_of(osc, 1, X[::2], X[1::2])
+    return root, module.objection(root)
+
+
+def returns(osc, root):
+    """Whether a motion that starts just after an impact of a root has the same impacts."""
+    log, _ = trace(
+        osc.at(osc.clearance, -osc.R * root.speeds[0]),
+        integrator="exact", impact="exact", steps_per_period=None,
+        periods=1, phase=float(root.phases[0]), at_section=True,
+    )  # fmt: skip
+    hits = log[log[:, 0] == 0]
+    phases, speeds = hits[:, 1] * osc.omega, hits[:, 3]
+    first = np.r_[root.phases[1:], root.phases[0] + 2.0 * np.pi]
+    inside = phases < first[-1] - 1e-6
+    if (log[:, 0] == 1).any() or inside.sum() != root.q - 1:
+        return False
+    off = np.abs(phases[inside] - first[:-1]).max(initial=0.0)
+    off = max(off, np.abs(speeds[inside] - root.speeds[1:]).max(initial=0.0))
+    return None if 1e-8 < off < 1e-4 else bool(off <= 1e-8)
+
+
+@pytest.mark.parametrize(("h", "R", "omega", "q"), [(0.1, 0.5, 1.05, 2), (0.5, 0.5, 1.0, 4)])
+def test_the_multipliers_are_those_of_the_section_map(h, R, omega, q):
+    """Central differences of one period of the exact engine."""
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
+    found = periodic_orbit(osc, *attractor(osc, 100))
+    assert found.q == q
+    (state,) = found.sections()
+    columns = []
+    for unit in np.eye(2):
+        ends = [simulate(osc, 1, x0=x, v0=v) for x, v in (state + 1e-5 * unit, state - 1e-5 * unit)]
+        ends = [np.array([run.section_x[-1], run.section_v[-1]]) for run in ends]
+        columns.append((ends[0] - ends[1]) / 2e-5)
+    expected = np.linalg.eigvals(np.array(columns).T).astype(complex)
+    expected = expected[np.argsort(-np.abs(expected))]
+    assert found.multipliers == pytest.approx(expected, abs=1e-8)
+
+
+def test_500_one_impact_orbits_are_those_in_closed_form():
+    rng, count, worst = np.random.default_rng(17), 0, 0.0
+    while count < 500:
+        p = rng.uniform(0.5, 2.0)
+        osc = Oscillator(
+            h=float(rng.choice([0.0, p, p * rng.uniform(0.0, 2.0)])), R=rng.uniform(),
+            omega=p * rng.uniform(0.5, 6.0), f=1.0, p=p, clearance=rng.uniform(-1.0, 1.0),
+        )  # fmt: skip
+        closed = one_impact_orbit(osc, n := int(rng.integers(1, 4)))
+        if not closed.exists or np.abs(1.0 - closed.multipliers).min() < 0.05:
+            continue
+        start = closed.phase + rng.uniform(-1e-3, 1e-3), closed.v * (1.0 + rng.uniform(-1e-3, 1e-3))
+        found = solved(osc, n, *(np.array([value]) for value in start))
+        if (found.m, found.q) != (n, 1):
+            continue
+        count += 1
+        turn = abs(found.phases[0] - closed.phase)
+        off = max(
+            abs(found.speeds[0] - closed.v) / max(1.0, closed.v), min(turn, 2 * math.pi - turn)
+        )
+        worst = max(worst, off)
+    assert worst < 1e-13
 
 
 @pytest.mark.parametrize(

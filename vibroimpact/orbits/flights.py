@@ -1,0 +1,213 @@
+"""The flights of an orbit between its impacts: what closes them, the derivatives, and the proof.
+
+An orbit of m forcing periods with q impacts is known by the phases theta_i and the speeds before
+impact v_i, i = 1..q. Flight i leaves the stop at theta_i with the speed -R v_i and ends after
+tau_i = (theta_{i+1} - theta_i) / omega; the last one ends at theta_1 + 2 pi m. With x(tau), x'(tau)
+its exact state there, the orbit is a root of the 2q equations
+
+    x(tau_i) - clearance = 0,    x'(tau_i) - v_{i+1} = 0.
+
+With M the matrix of the flow over the flight, a- the acceleration at its end and a+ the one just
+after its launch, the derivatives of flight i are
+
+    d/d theta_{i+1} = (x', a-) / omega,          d/d v_{i+1} = (0, -1),
+    d/d theta_i = -M (-R v_i, a+) / omega,       d/d v_i = M (0, -R).
+
+Nothing is divided by a speed: the equations stay regular where an impact grazes. Every flight is
+taken in equal steps on the Taylor series of ``step.flight``, which is the exact flow to rounding.
+
+A root may pass through the stop between its impacts. It does not where no flight meets the stop
+before its end. That is proved on every step as the exact engine does it, by
+``step.flight.first_crossing``; the roots at the launch and at the landing are divided out.
+
+Unknowns are scaled: speeds by V, displacements by V / omega, so that all are of the order of 1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.jit import jit
+from vibroimpact.step.flight import (
+    LONGEST_STEP,
+    TERMS,
+    expand,
+    fill_rows,
+    first_crossing,
+    value_and_slope,
+)
+from vibroimpact.step.trigonometry import sin_cos
+
+#: A flight counts as below the stop where it passes it by less than so many roundings.
+_ROUNDINGS = 32.0 * 2.0**-52
+#: Longest flight, in units of the fastest rate of the system.
+_LONGEST = 1e6
+
+
+class Parameters(NamedTuple):
+    """The parameters of an oscillator, in the order of its fields."""
+
+    h: float
+    R: float
+    omega: float
+    f: float
+    p: float
+    clearance: float
+
+
+class Flight(NamedTuple):
+    """The step of a flight: how many there are, how long, and its Taylor rows."""
+
+    n: int
+    T: float
+    rows: np.ndarray
+
+
+@jit
+def parameters(values):
+    """Return the parameters in an array of six by name."""
+    return Parameters(values[0], values[1], values[2], values[3], values[4], values[5])
+
+
+@jit
+def _divide(tau, pt, rows):
+    """Divide a flight into steps; fill the Taylor rows of one."""
+    n = max(1.0, math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
+    fill_rows(rows, tau / n, pt)
+    return Flight(int(n), tau / n, rows)
+
+
+@jit
+def _land(flight, theta, v, pt, coefficients, M):
+    """Follow a flight from an impact; return x - stop and x' at its end, and set M."""
+    y, u, T = 0.0, -pt.R * v, flight.T
+    xx, dxx = value_and_slope(flight.rows[0], 0, 1.0)
+    xv, dxv = value_and_slope(flight.rows[1], 0, 1.0)
+    vx, vv = dxx / T, dxv / T
+    M[0, 0], M[0, 1], M[1, 0], M[1, 1] = 1.0, 0.0, 0.0, 1.0
+    for k in range(flight.n):
+        s, c = sin_cos(theta + pt.omega * T * k)
+        expand(flight.rows, y + pt.clearance, u, s, c, pt.clearance, coefficients)
+        coefficients[0] = y
+        y, slope = value_and_slope(coefficients, 0, 1.0)
+        u = slope / T
+        for j in range(2):
+            M[0, j], M[1, j] = xx * M[0, j] + xv * M[1, j], vx * M[0, j] + vv * M[1, j]
+    return y, u
+
+
+@jit
+def residuals(values, m, speed, X, F, A, B):
+    """Set the residuals of all flights and their derivatives.
+
+    Parameters
+    ----------
+    values : ndarray, shape (6,)
+        Parameters of the oscillator.
+    m : int
+        Forcing periods.
+    speed : float
+        The unit of speeds, V.
+    X : ndarray, shape (2 q, ...)
+        Phase of each impact, and its speed in units of V, in turn; what follows is not looked at.
+    F : ndarray, shape (q, 2)
+        Receives the residuals; says how many impacts there are.
+    A, B : ndarray, shape (q, 2, 2)
+        Receive the derivatives with respect to the impact before the flight and that after it.
+
+    Returns
+    -------
+    bool
+        False where an impact does not come after the one before it.
+    """
+    pt = parameters(values)
+    q = F.shape[0]
+    rows, coefficients, M = np.empty((4, TERMS)), np.empty(TERMS), np.empty((2, 2))
+    length = speed / pt.omega
+    for i in range(q):
+        theta, v = X[2 * i], X[2 * i + 1] * speed
+        last = i + 1 == q
+        end = X[0] + 2.0 * math.pi * m if last else X[2 * i + 2]
+        arrival = X[1] if last else X[2 * i + 3]
+        tau = (end - theta) / pt.omega
+        if not 0.0 < tau < _LONGEST / (2.0 * pt.h + pt.p + pt.omega):
+            return False
+        y, u = _land(_divide(tau, pt, rows), theta, v, pt, coefficients, M)
+        push = -pt.p * pt.p * pt.clearance
+        launched = 2.0 * pt.h * pt.R * v + push - pt.f * sin_cos(theta)[0]
+        landed = -2.0 * pt.h * u - pt.p * pt.p * y + push - pt.f * sin_cos(end)[0]
+        F[i, 0], F[i, 1] = y / length, u / speed - arrival
+        for j in range(2):
+            unit = length if j == 0 else speed
+            A[i, j, 0] = (pt.R * v * M[j, 0] - launched * M[j, 1]) / (pt.omega * unit)
+            A[i, j, 1] = -pt.R * M[j, 1] * speed / unit
+        B[i, 0, 0], B[i, 0, 1] = u / speed, 0.0
+        B[i, 1, 0], B[i, 1, 1] = landed / (pt.omega * speed), -1.0
+    return True
+
+
+@jit
+def first_pass(values, m, speed, X, q):
+    """Find the first flight that meets the stop before its end, and where.
+
+    Parameters
+    ----------
+    As for `residuals`, with the number of impacts.
+
+    Returns
+    -------
+    flight : int
+        -1 if none does: the proof that the orbit stays below the stop between its impacts.
+    phase : float
+        Where it meets the stop; that of its launch where it cannot leave the stop.
+    """
+    pt = parameters(values)
+    rows, c = np.empty((4, TERMS)), np.empty(TERMS)
+    for i in range(q):
+        end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
+        flight = _divide((end - X[2 * i]) / pt.omega, pt, rows)
+        y, u = 0.0, -pt.R * X[2 * i + 1] * speed
+        for k in range(flight.n):
+            theta = X[2 * i] + pt.omega * flight.T * k
+            s, cosine = sin_cos(theta)
+            expand(flight.rows, y + pt.clearance, u, s, cosine, pt.clearance, c)
+            c[0] = y
+            y, slope = value_and_slope(c, 0, 1.0)
+            zeros = 0
+            if k == 0:
+                zeros = 1 if c[1] != 0.0 else 2
+                if c[zeros] > 0.0:
+                    return i, theta
+            size = 0.0
+            for j in range(TERMS):
+                size += abs(c[j])
+            if k + 1 == flight.n:  # divide by 1 - u, the root at the landing
+                total = 0.0
+                for j in range(TERMS - 1, zeros, -1):
+                    total -= c[j]
+                    c[j] = total
+                for j in range(zeros, TERMS - 1):
+                    c[j] = c[j + 1]
+                c[TERMS - 1] = 0.0
+            c[zeros] -= _ROUNDINGS * flight.n * size
+            crossing, _ = first_crossing(c, zeros, 1.0)
+            if crossing >= 0.0:
+                return i, theta + pt.omega * flight.T * crossing
+            u = slope / flight.T
+    return -1, 0.0
+
+
+@jit
+def state_after(values, theta, v, tau):
+    """Return x - clearance, x' and x'' at a time after the impact at phase `theta`, speed `v`."""
+    pt = parameters(values)
+    if not tau > 0.0:
+        y, u = 0.0, -pt.R * v
+    else:
+        flight = _divide(tau, pt, np.empty((4, TERMS)))
+        y, u = _land(flight, theta, v, pt, np.empty(TERMS), np.empty((2, 2)))
+    s = sin_cos(theta + pt.omega * tau)[0]
+    return y, u, -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s

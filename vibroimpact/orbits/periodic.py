@@ -1,0 +1,373 @@
+"""Periodic orbits by their impacts: Newton's method, Floquet multipliers, and the proof they exist.
+
+The unknowns are the phases and speeds of the impacts, the equations those of ``flights.py``. With
+det(S + mu T) = c0 + c1 mu + c2 mu^2 (``elimination.py``) the multipliers have the sum -c1 / c2, and
+their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller keeps its digits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vibroimpact.orbits import newton
+from vibroimpact.orbits.elimination import characteristic, null_vector
+from vibroimpact.orbits.flights import first_pass, residuals, state_after
+from vibroimpact.oscillator import Oscillator, checked
+from vibroimpact.status import Status
+from vibroimpact.step.stop import IMPACT, REST
+from vibroimpact.trajectory import trace
+
+#: More impacts per repetition are not solved for.
+MOST_IMPACTS = 4096
+#: Newton's method starts from the given state, and then from where the motion is later, after so
+#: many repetitions.
+_LATER = (0, 1, 4, 16, 64, 256)
+#: Iterations at the most: many, because beside a flip the first ones gain a third each.
+_MOST_ITERATIONS = 80
+#: An orbit misses its impacts by less than this share of its size.
+_RESIDUAL = 1e-11
+#: A speed below this, as a share of the largest, is zero to rounding.
+_ZERO_SPEED = 1e-14
+#: How far beside a flipped orbit that of twice the period is sought: from beyond it, Newton's
+#: method comes down to it.
+_DISTANCES = (1e-1, 1e-2, 1e-3, 1e-4)
+#: An orbit repeats after a part of itself where its impacts do to within the first; where they do
+#: only to within the second, it may be that part, off because it is beside its flip.
+_SAME, _NEARLY = 1e-7, 1e-4
+_NO_AXES, _NO_SPANS, _NO_PLANES = np.empty(0, np.int64), np.empty(0), np.empty((0, 0))
+
+
+class OrbitError(ValueError):
+    """There is no periodic orbit where one was sought; the text says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicOrbit:
+    """A periodic orbit, known by its impacts.
+
+    Attributes
+    ----------
+    oscillator : Oscillator
+    m : int
+        Forcing periods per repetition.
+    phases : ndarray, shape (q,)
+        omega t of the impacts, increasing, within 2 pi m; the first in [0, 2 pi).
+    speeds : ndarray, shape (q,)
+        Speeds before the impacts [length/time], >= 0; zero where an impact grazes.
+    """
+
+    oscillator: Oscillator
+    m: int
+    phases: np.ndarray
+    speeds: np.ndarray
+
+    @property
+    def q(self) -> int:
+        """Impacts per repetition; 0 is the free oscillation."""
+        return len(self.phases)
+
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """Both Floquet multipliers, complex, the larger first; one is infinite at a graze."""
+        o = self.oscillator
+        if self.q == 0:
+            rate = np.sqrt(complex(o.h * o.h - o.p * o.p))
+            times = 2.0 * math.pi * self.m / o.omega
+            return np.exp((-o.h + np.array([rate, -rate])) * times)
+        product = o.R ** (2 * self.q) * math.exp(-4.0 * math.pi * o.h * self.m / o.omega)
+        _, c1, c2 = self.characteristic
+        if not self.speeds.all():
+            return np.array([math.inf, 0.0], complex)
+        total = -c1 / c2
+        root = np.sqrt(complex(total * total - 4.0 * product))
+        larger = 0.5 * (total + math.copysign(1.0, total) * root)
+        if root.imag:
+            return np.array([larger, larger.conjugate()])
+        return np.array([larger, product / larger if larger else 0.0], complex)
+
+    @cached_property
+    def characteristic(self) -> tuple[float, float, float]:
+        """c0, c1, c2 of c0 + c1 mu + c2 mu^2, which is zero at the multipliers, also at a graze."""
+        return characteristic(*_linearised(self)[1:])
+
+    @property
+    def stable(self) -> bool:
+        """Whether both multipliers are inside the unit circle."""
+        return bool(np.all(np.abs(self.multipliers) < 1.0))
+
+    def sections(self, phase: float = 0.0) -> np.ndarray:
+        """Return x and v at omega t = `phase` mod 2 pi, in time order.
+
+        Parameters
+        ----------
+        phase : float
+            [rad]
+
+        Returns
+        -------
+        ndarray, shape (m, 2)
+            An impact at `phase` itself gives the state after it.
+        """
+        at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
+        return np.array([self._state(theta) for theta in at.tolist()])
+
+    def _state(self, theta: float) -> tuple[float, float]:
+        o = self.oscillator
+        if self.q == 0:
+            x, v = free_oscillation(o, theta)
+            return x, v
+        i = int(np.searchsorted(self.phases, theta, side="right")) - 1
+        start, v = float(self.phases[i]), float(self.speeds[i])
+        if i < 0:
+            start -= 2.0 * math.pi * self.m
+        y, u, _ = state_after(values_of(o), start, v, (theta - start) / o.omega)
+        return min(y + o.clearance, o.clearance), u
+
+
+def values_of(osc: Oscillator) -> np.ndarray:
+    """Return the six parameters as an array."""
+    return np.array(astuple(osc))
+
+
+def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
+    """Return phases and scaled speeds in turn, shape (2 q,), and the unit of speed."""
+    speed = unit_of_speed(orbit.oscillator, orbit.speeds)
+    return np.column_stack([orbit.phases, orbit.speeds / speed]).ravel(), speed
+
+
+def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
+    """Return a speed of the order of those of an orbit: the greatest, or one of the system."""
+    largest = float(np.abs(speeds).max(initial=0.0))
+    return max(largest, 1e-3 * (osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance))) or 1.0
+
+
+def free_oscillation(osc: Oscillator, theta: float) -> tuple[float, float]:
+    """Return x and v of the steady motion without impacts at phase `theta`."""
+    gain = osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega
+    response = -osc.f / gain * np.exp(1j * theta) if gain else complex(math.inf)
+    return float(response.imag), float(osc.omega * response.real)
+
+
+def free_amplitude(osc: Oscillator) -> float:
+    """Return the greatest displacement of the steady motion without impacts; inf in resonance."""
+    gain = math.hypot(osc.p**2 - osc.omega**2, 2.0 * osc.h * osc.omega)
+    return osc.f / gain if gain else math.inf
+
+
+def periodic_orbit(
+    osc: Oscillator, x: float, v: float, m: int = 1, phase: float = 0.0
+) -> PeriodicOrbit:
+    """Find the periodic orbit of `m` forcing periods that a section state leads to.
+
+    The motion is followed over `m` forcing periods; its impacts are where Newton's method starts.
+    If that ends at no orbit, the motion is followed longer, several times over.
+
+    Parameters
+    ----------
+    osc : Oscillator
+    x, v : float
+        Where to begin: a state at the section [length, length/time].
+    m : int
+        Forcing periods after which the orbit is to repeat; it may do so after a divisor of them.
+    phase : float
+        omega t mod 2 pi of the section, in [0, 2 pi) [rad].
+
+    Returns
+    -------
+    PeriodicOrbit
+        It stays below the stop between its impacts, which is proved; stable or not.
+
+    Raises
+    ------
+    OrbitError
+        If there is none: the motion rests on the stop, or what Newton's method ends at is no orbit.
+    TypeError, ValueError
+        If the state is not of numbers, or beyond the stop, or `m` is not an integer >= 1.
+    """
+    if isinstance(m, bool) or not isinstance(m, (int, np.integer)) or m < 1:
+        raise ValueError(f"m must be an integer >= 1, not {m!r}")
+    state = checked("x0", x), checked("v0", v)
+    if state[0] > osc.clearance:
+        raise ValueError(f"x = {x:g} lies beyond the stop at {osc.clearance:g}")
+    reason = ""
+    for impacts in _impacts_from(osc, state, int(m), phase):
+        if isinstance(impacts, str):
+            reason = impacts
+            continue
+        try:
+            return solved(osc, int(m), *impacts)
+        except OrbitError as error:
+            reason = str(error)
+    raise OrbitError(reason)
+
+
+def _impacts_from(
+    osc: Oscillator, state: tuple[float, float], m: int, phase: float
+) -> Iterator[tuple[np.ndarray, np.ndarray] | str]:
+    """Yield phases and speeds of the impacts in `m` periods of a motion, ever later; or why not."""
+    before = 0
+    for later in _LATER:
+        periods = m * (later - before + 1)
+        log, status = trace(
+            osc.at(*state),
+            integrator="exact",
+            impact="exact",
+            steps_per_period=None,
+            periods=periods,
+            phase=phase,
+            at_section=True,
+        )
+        if status >= Status.UNRESOLVED:
+            yield f"the motion cannot be followed: {status.meaning}"
+            return
+        begin = (phase + 2.0 * math.pi * m * (later - before)) / osc.omega
+        last = log[log[:, 1] >= begin]
+        if (last[:, 0] == REST).any():
+            yield "the motion rests on the stop, which erases its past: it has no multipliers"
+        else:
+            hits = last[last[:, 0] == IMPACT]
+            yield hits[:, 1] * osc.omega, hits[:, 3]
+        state, before = (min(float(log[-1, 2]), osc.clearance), float(log[-1, 3])), later + 1
+
+
+def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
+    """Find the orbit near a guess of its impacts by Newton's method, and prove that it is one.
+
+    Parameters
+    ----------
+    osc : Oscillator
+    m : int
+        Forcing periods.
+    phases, speeds : ndarray, shape (q,)
+        Of the impacts, in time order.
+
+    Returns
+    -------
+    PeriodicOrbit
+        Of the least m after which it repeats.
+
+    Raises
+    ------
+    OrbitError
+    """
+    q = len(phases)
+    if q > MOST_IMPACTS:
+        raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
+    if q == 0:
+        if not free_amplitude(osc) < osc.clearance:
+            raise OrbitError("the free oscillation reaches the stop")
+        return PeriodicOrbit(osc, 1, np.empty(0), np.empty(0))
+    speed = unit_of_speed(osc, speeds)
+    X = np.column_stack([phases, speeds / speed]).ravel()
+    system = newton.System(values_of(osc), _NO_AXES, _NO_SPANS, m, q, speed, newton.NONE, 0)
+    converged = newton.correct(system, X, _NO_PLANES, _MOST_ITERATIONS) >= 0
+    orbit = orbit_of(osc, m, X[::2], X[1::2] * speed)
+    # Twice around an orbit at its flip, the iteration ends in rounding.
+    if not converged and not np.abs(_linearised(orbit)[0]).max() < _NEARLY**2:
+        raise OrbitError("Newton's method does not converge")
+    for misses, part in _parts(orbit):
+        # Beside the flip of an orbit, one of twice the period is found that is off by up to
+        # `_NEARLY`, and may be the orbit itself: it is that while it has not flipped.
+        shorter = solved(osc, *part)
+        if misses <= _SAME or shorter.stable:
+            return shorter
+    reason = objection(orbit)
+    if reason:
+        raise OrbitError(reason)
+    return orbit
+
+
+def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
+    """Return an orbit whose first impact is in [0, 2 pi)."""
+    turns = np.floor(phases / (2.0 * math.pi))
+    within = phases - 2.0 * math.pi * m * np.floor(turns / m)
+    order = np.argsort(within, kind="stable")
+    within, speeds = within[order], speeds[order]
+    within = within - 2.0 * math.pi * math.floor(within[0] / (2.0 * math.pi))
+    return PeriodicOrbit(osc, m, within, speeds)
+
+
+def objection(orbit: PeriodicOrbit) -> str:
+    """Say why a root of the flights' equations is no orbit; nothing if it is one."""
+    X, speed = scaled(orbit)
+    if (X[1::2] < -_ZERO_SPEED).any():
+        return "an impact would leave the stop instead of meeting it: its speed is negative"
+    F = _linearised(orbit)[0]
+    if not np.abs(F).max() < _RESIDUAL:
+        return f"its impacts miss the stop by {np.abs(F).max():.1e} of its size"
+    values = values_of(orbit.oscillator)
+    flight, phase = first_pass(values, orbit.m, speed, X, orbit.q)
+    if flight >= 0:
+        if phase == X[2 * flight]:
+            return "the mass cannot leave the stop: it rests"
+        return f"it passes the stop between its impacts, at omega t = {phase:.6g}"
+    return ""
+
+
+def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """Find the stable orbit of twice the period beside an orbit that has flipped.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        One with a multiplier below -1, so that motions leave it alternating.
+
+    Returns
+    -------
+    PeriodicOrbit
+
+    Raises
+    ------
+    OrbitError
+        If the orbit has not flipped, or no stable one of twice the period is found.
+    """
+    mu = orbit.multipliers[0]
+    if orbit.q == 0 or mu.imag or not -math.inf < mu.real < -1.0:
+        raise OrbitError("the orbit has not flipped")
+    _, A, B = _linearised(orbit)
+    X, speed = scaled(orbit)
+    along = null_vector(A, B, mu.real)
+    along /= np.abs(along).max()
+    phases = np.concatenate([X[::2], X[::2] + 2.0 * math.pi * orbit.m])
+    speeds = np.tile(X[1::2], 2)
+    for distance in _DISTANCES:
+        step = distance * np.concatenate([along, -along])
+        guess = phases + step[::2], (speeds + step[1::2]) * speed
+        try:
+            twice = solved(orbit.oscillator, 2 * orbit.m, *guess)
+        except OrbitError:
+            continue
+        if twice.m == 2 * orbit.m and twice.stable:
+            return twice
+    raise OrbitError("no stable orbit of twice the period is found")
+
+
+def _linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the residuals of the flights, and their derivatives; NaN if out of order."""
+    q = orbit.q
+    F, A, B = np.full((q, 2), np.nan), np.empty((q, 2, 2)), np.empty((q, 2, 2))
+    X, speed = scaled(orbit)
+    residuals(values_of(orbit.oscillator), orbit.m, speed, X, F, A, B)
+    return F, A, B
+
+
+def _parts(
+    orbit: PeriodicOrbit,
+) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
+    """Yield the parts that an orbit nearly repeats, and by how much it misses; shortest first."""
+    z = scaled(orbit)[0].reshape(-1, 2)
+    for k in range(orbit.m, 1, -1):
+        if orbit.m % k or orbit.q % k:
+            continue
+        part, m = orbit.q // k, orbit.m // k
+        moved = np.roll(z, -part, axis=0)
+        moved[-part:, 0] += 2.0 * math.pi * orbit.m
+        moved[:, 0] -= 2.0 * math.pi * m
+        misses = float(np.abs(moved - z).max())
+        if misses <= _NEARLY:
+            yield misses, (m, orbit.phases[:part], orbit.speeds[:part])
