@@ -1,6 +1,7 @@
 """A forced oscillator with impacts: exact facts, integrators, impact rules and the sweep kernel."""
 
 from vibroimpact.integrate import integrate
+from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.one_impact import (
     OneImpactOrbit,
     bifurcation,
@@ -14,6 +15,7 @@ from vibroimpact.status import Status
 from vibroimpact.trajectory import Trajectory, simulate
 
 __all__ = [
+    "Branch",
     "OneImpactOrbit",
     "OrbitError",
     "Oscillator",
@@ -22,6 +24,7 @@ __all__ = [
     "Status",
     "Trajectory",
     "bifurcation",
+    "branch",
     "integrate",
     "one_impact_orbit",
     "one_impact_orbits",

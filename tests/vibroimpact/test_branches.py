@@ -1,20 +1,30 @@
+"""Branches and trees of orbits, against closed forms, simulation, and published values."""
+
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from vibroimpact.integrate import integrate
-from vibroimpact.orbits.one_impact import one_impact_orbit
-from vibroimpact.orbits.one_impact_branches import one_impact_branches, sections
+from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
+from vibroimpact.orbits.trees import Tree
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0)
 AHEAD = Oscillator(h=0.1, R=0.8, omega=1.0, f=1.0, clearance=1.0)
 
 
-def ends(branches, stable):
-    return [(p.values[0], p.values[-1]) for p in branches.pieces if p.stable == stable]
+def one_impact(osc, n=1):
+    """The orbit with one impact in n periods, from its closed form."""
+    closed = one_impact_orbit(osc, n)
+    return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
+
+
+def special(found, kind):
+    return sorted(point.value for point in found.special if point.kind == kind)
 
 
 @pytest.mark.parametrize(
@@ -29,76 +39,168 @@ def ends(branches, stable):
     ],
 )
 def test_a_branch_is_stable_between_its_known_flips(h, R, n, flips):
-    values = np.linspace(0.8, 7.0, 100)
-    found = one_impact_branches(replace(LIGHT, h=h, R=R), "omega", values, n)
-    tolerance = 1e-13 if h else 1e-6
-    located = [mark.value for mark in found.marks if mark.kind == "flip"]
-    assert located[-2:] == pytest.approx(flips, abs=tolerance)
-    assert ends(found, True)[-1] == tuple(located[-2:])
-    # The unstable pieces end and begin where the stable one begins and ends: no gap at a flip.
-    assert [high for _, high in ends(found, False)][-2] == located[-2]
-    assert [low for low, _ in ends(found, False)][-1] == located[-1]
+    osc = replace(LIGHT, h=h, R=R, omega=0.5 * sum(flips))
+    found = branch(one_impact(osc, n), "omega", 0.8, 7.0)
+    located = special(found, "flip")
+    assert located[-2:] == pytest.approx(flips, abs=1e-13 if h else 1e-6)
+    inside = (located[-2] < found.values) & (found.values < located[-1])
+    assert found.stable[inside].all()
+    assert not found.stable[~inside & (found.values > 0.99 * located[-2])].any()
     if h == 0.0:  # every flip, also a further one at a lower frequency, is on the exact curve
         rate, k = np.array(located), math.pi * n / np.array(located)
         curve = np.cos(k) ** 2 * (rate**2 - ((1.0 - R) / (1.0 + R)) ** 2)
-        np.testing.assert_allclose(curve, 1.0, rtol=1e-11)
+        np.testing.assert_allclose(curve, 1.0, rtol=0, atol=1e-13 * 7**3)
+    for point in found.special:
+        if point.kind == "flip":
+            assert np.abs(point.orbit.multipliers + 1.0).min() < 1e-12
 
 
-def test_a_branch_ends_in_its_known_graze():
-    values = np.linspace(0.9, 1.1, 30)
-    found = one_impact_branches(LIGHT, "omega", values)
-    (graze,) = [mark for mark in found.marks if mark.kind == "graze"]
-    assert graze.value == pytest.approx(1.01658832780028, abs=1e-12)
-    assert min(piece.values[0] for piece in found.pieces) == graze.value
-    assert abs(graze.orbit.peak) < 1e-9
+@pytest.mark.parametrize(
+    ("h", "R", "graze"),
+    [(0.05, 0.8, 1.01658832780028), (0.1, 0.5, 1.11292970401963), (0.5, 1.0, 1.11561617993669)],
+)
+def test_a_branch_ends_in_its_known_graze(h, R, graze):
+    found = branch(one_impact(replace(LIGHT, h=h, R=R)), "omega", 0.9, 2.5)
+    (point,) = [point for point in found.special if point.kind == "graze"]
+    assert point.value == pytest.approx(graze, abs=1e-14 * 50)
+    assert found.values.min() == pytest.approx(point.value, abs=1e-14)
+    assert point.orbit.q == 2 and point.orbit.speeds.min() == 0.0
+    assert np.isinf(point.orbit.multipliers[0])
 
 
 def test_a_branch_with_a_clearance_has_a_fold_and_ends_without_impact():
-    """The two orbits meet in the fold; v = 0 where f / sqrt(D) = clearance, at omega = 1.4.
+    """v = 0 where f / sqrt(D) = clearance: (1 - omega^2)^2 + 0.04 omega^2 = 1 at omega^2 = 1.96."""
+    found = branch(one_impact(replace(AHEAD, omega=1.3)), "omega", 1.2, 2.0)
+    (fold,) = special(found, "fold")
+    (graze,) = special(found, "graze")
+    assert graze == pytest.approx(1.4, abs=1e-14)
+    assert special(found, "edge") == [1.2]
+    assert fold == found.values.max()
+    assert fold == pytest.approx(bifurcation(AHEAD, "fold", "omega", 1.3, 2.0), abs=1e-12)
+    turn = int(np.argmax(found.values))
+    assert found.stable[:turn].any() != found.stable[turn + 1 :].any()
+    assert len(found.at(1.5)) == 2 and found.at(1.9) == []
 
-    (1 - omega^2)^2 + 0.04 omega^2 = 1 is omega^2 = 1.96.
+
+def test_the_free_oscillation_is_a_branch_to_its_graze():
+    start = periodic_orbit(replace(AHEAD, omega=1.9), 0.0, 0.0)
+    found = branch(start, "omega", 1.2, 2.0)
+    assert (found.m, found.q) == (1, 0)
+    assert special(found, "graze") == pytest.approx([1.4], abs=1e-14)
+    assert found.stable[1:].all()
+
+
+def test_every_orbit_of_a_branch_is_one():
+    found = branch(one_impact(replace(LIGHT, omega=2.4)), "omega", 1.05, 3.0)
+    for i in range(0, len(found.values), 5):
+        closed = one_impact_orbit(replace(LIGHT, omega=float(found.values[i])))
+        assert found.speeds[i, 0] == pytest.approx(closed.v, abs=1e-13)
+        assert found.stable[i] == (closed.stable and found.orbit(i).stable)
+
+
+def feigenbaum(count):
+    found = branch(one_impact(Oscillator(0.0, 0.8, 2.6, 1.0)), "omega", 2.4, 3.0)
+    flip = max((p for p in found.special if p.kind == "flip"), key=lambda point: point.value)
+    flips = [flip]
+    for _ in range(count):
+        found = doubled_branch(flip.orbit, "omega", 2.4, 2.9)
+        flip = found.special[0]
+        assert flip.kind == "flip" and (found.m, found.q) == (2 * flips[-1].orbit.m,) * 2
+        flips.append(flip)
+    return flips
+
+
+def test_the_cascade_of_flips():
+    values = [flip.value for flip in feigenbaum(4)]
+    assert values[1] == pytest.approx(2.715987251, abs=5e-10)
+    assert values[2] == pytest.approx(2.7291177, abs=5e-7)
+
+
+@pytest.mark.slow
+def test_feigenbaums_ratio_after_eight_further_flips():
+    """4.6692; the last orbit has 512 impacts, and returns to itself in simulation."""
+    flips = feigenbaum(9)
+    distances = np.diff([flip.value for flip in flips])
+    assert distances[-2] / distances[-1] == pytest.approx(4.6692, abs=5e-4)
+    orbit = flips[-1].orbit
+    assert orbit.m == 512
+    (x, v), *_ = orbit.sections()
+    run = simulate(orbit.oscillator, 512, x0=x, v0=v)
+    assert run.section_x[-1] == pytest.approx(x, abs=1e-9)
+
+
+def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
+    """Two folds, two grazes of the free oscillation, and what lies between them: from one seed."""
+    osc = Oscillator(h=0.05, R=0.8, omega=1.5, f=1.0, clearance=1.5)
+    tree = Tree("omega", 0.4, 1.9)
+    tree.grow(periodic_orbit(osc, 0.0, 0.0))
+    classes = {(one.m, one.q) for one in tree.branches}
+    assert {(1, 0), (1, 1), (1, 2), (2, 3)} <= classes
+    folds = sorted(value for one in tree.branches for value in special(one, "fold"))
+    expected = [bifurcation(osc, "fold", "omega", *ends) for ends in ((0.5, 0.56), (1.5, 1.8))]
+    assert [folds[0], folds[-1]] == pytest.approx(expected, abs=1e-11)
+    for one in tree.branches:
+        assert tree.holds(one.orbit(len(one.values) // 2))
+
+
+def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
+    osc = Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0)
+    tree = Tree("omega", 2.4, 3.5, most_periods=8)
+    tree.grow(one_impact(osc))
+    assert sum((one.m, one.q) == (1, 1) for one in tree.branches) == 1
+    assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= {
+        (one.m, one.q) for one in tree.branches
+    }
+    for one in tree.branches:
+        for i in np.flatnonzero(one.stable)[1:-1:7].tolist():
+            orbit = one.orbit(i)
+            (x, v), *_ = orbit.sections()
+            run = simulate(orbit.oscillator, 20 * one.m, x0=min(x + 1e-9, 0.0), v0=v)
+            assert run.section_x[-1] == pytest.approx(x, abs=2e-8)
+    assert tree.given_up["orbits of more than 8 periods"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("x0", 0.0, 1.0), "parameter must be one of h, R"),
+        (("R", 0.5, 1.5), "R .coefficient of restitution. must be"),
+        (("omega", 3.0, 2.0), "must increase"),
+        (("omega", 2.5, 3.0), "outside 2.5 to 3.0"),
+    ],
+)
+def test_bad_ranges_are_refused(arguments, said):
+    with pytest.raises(ValueError, match=said):
+        branch(one_impact(LIGHT), *arguments)
+
+
+@pytest.mark.parametrize("decay", [0.2, 0.4])
+def test_period_adding_has_the_ratios_of_the_multiplier(decay):
+    """At h = 3, R = .8, beside the graze of the free oscillation: successive flips of m/1.
+
+    With the larger multiplier lambda of the free oscillation, the distance to the graze has the
+    ratio lambda^-2.
     """
-    found = one_impact_branches(AHEAD, "omega", np.linspace(1.2, 2.0, 40))
-    (node,), (saddle,) = ends(found, True), ends(found, False)
-    (fold,) = [mark.value for mark in found.marks if mark.kind == "fold"]
-    (touch,) = [mark.value for mark in found.marks if mark.kind == "graze"]
-    assert touch == pytest.approx(1.4, abs=1e-14)
-    assert node == (1.2, fold) and saddle == (touch, fold)
-    speeds = [p.orbits[-1].v for p in found.pieces]
-    assert speeds[0] == pytest.approx(speeds[1], rel=1e-3)
-    assert next(p for p in found.pieces if not p.stable).orbits[0].v < 1e-3
-
-
-def test_the_values_decide_nothing_but_where_the_branch_is_sampled():
-    coarse, fine = (
-        one_impact_branches(LIGHT, "omega", np.linspace(1.0, 3.0, num)) for num in (20, 57)
-    )
-    for one, other in zip(coarse.marks, fine.marks, strict=True):
-        assert one.kind == other.kind
-        assert one.value == pytest.approx(other.value, rel=1e-13)
-
-
-def test_without_an_orbit_there_is_no_branch():
-    found = one_impact_branches(LIGHT, "omega", np.linspace(2.4, 3.5, 10), 4)
-    assert found.pieces == () and found.marks == ()
-
-
-@pytest.mark.parametrize("n", [1, 2])
-@pytest.mark.parametrize("phase", [0.0, 1.0, 5.0])
-def test_sections_are_those_that_the_kernel_computes(n, phase):
-    osc = replace(LIGHT, omega={1: 2.3, 2: 4.1}[n])
-    orbit = one_impact_orbit(osc, n)
-    assert orbit.stable
-    expected = sections(osc, orbit, phase)
-    run = integrate(osc.at(), transient=600, periods=2 * n, phase=phase)
-    found = np.column_stack([run["poincare_x"][0], run["poincare_v"][0]])
-    shifts = [np.abs(np.roll(found, k, axis=0)[:n] - expected).max() for k in range(n)]
-    assert min(shifts) < 1e-12
-
-
-def test_a_section_at_the_impact_is_the_state_after_it():
-    orbit = one_impact_orbit(LIGHT)
-    ((x, v),) = sections(LIGHT, orbit, orbit.phase)
-    assert (x, v) == (0.0, -LIGHT.R * orbit.v)
-    ((x, v),) = sections(LIGHT, orbit, (orbit.phase - 1e-9) % (2 * math.pi))
-    assert x == pytest.approx(0.0, abs=1e-8) and v == pytest.approx(orbit.v, abs=1e-8)
+    h, root = 3.0, 3.0 - math.sqrt(8.0)
+    omega = 2.0 * math.pi * root / -math.log(decay)
+    osc = Oscillator(h=h, R=0.8, omega=omega, f=1.0)
+    graze = 1.0 / math.hypot(1.0 - omega**2, 2.0 * h * omega)
+    flips = []
+    for n in range(2, 8):
+        low, high = (
+            graze * (1.0 - 0.5 * decay ** (2 * n - 4)),
+            graze * (1.0 - 1e-3 * decay ** (2 * n)),
+        )
+        for clearance in np.linspace(low, high, 40):
+            try:
+                found = branch(
+                    one_impact(replace(osc, clearance=float(clearance)), n), "clearance", low, graze
+                )
+            except (OrbitError, ValueError):
+                continue
+            if special(found, "flip"):
+                flips.append(graze - special(found, "flip")[-1])
+                break
+    ratios = np.array(flips[:-1]) / np.array(flips[1:])
+    assert len(ratios) >= 2
+    assert ratios[-1] == pytest.approx(decay**-2, rel=2e-3)

@@ -143,7 +143,7 @@ def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
 def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
     """Return a speed of the order of those of an orbit: the greatest, or one of the system."""
     largest = float(np.abs(speeds).max(initial=0.0))
-    return max(largest, 1e-3 * (osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance))) or 1.0
+    return max(largest, osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance)) or 1.0
 
 
 def free_oscillation(osc: Oscillator, theta: float) -> tuple[float, float]:
@@ -354,6 +354,14 @@ def _linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarra
     X, speed = scaled(orbit)
     residuals(values_of(orbit.oscillator), orbit.m, speed, X, F, A, B)
     return F, A, B
+
+
+def least(orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """Return an orbit as one of the fewest periods: itself, or the part that it repeats."""
+    for misses, (m, phases, speeds) in _parts(orbit):
+        if misses <= _SAME:
+            return PeriodicOrbit(orbit.oscillator, m, phases, speeds)
+    return orbit
 
 
 def _parts(

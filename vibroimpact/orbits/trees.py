@@ -1,0 +1,144 @@
+"""Trees of branches: from one orbit to all that its bifurcations lead to.
+
+At a flip the orbits of twice the period begin; at a graze an orbit with q impacts becomes one with
+q - 1 or q + 1. So a whole tree grows from one orbit. It has no end where motions are chaotic, so it
+is cut: in the length of its orbits, in its branches, and where unstable branches lead to unstable
+ones.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from vibroimpact.orbits.branches import (
+    Branch,
+    branch,
+    doubled_branch,
+    grazing_branch,
+    without_touch,
+)
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
+
+#: Two points are the same within these shares: of the range, and of the greatest speed.
+_SAME_VALUE, _SAME_SPEED = 1e-8, 1e-5
+
+
+class Tree:
+    """Branches over a range of a parameter, none of them twice.
+
+    Parameters
+    ----------
+    parameter : str
+    low, high : float
+    most_branches : int
+        No more are followed.
+    most_periods : int
+        Orbits of more forcing periods are not followed.
+
+    Attributes
+    ----------
+    branches : list of Branch
+    given_up : Counter
+        What was not followed, in words, and how often.
+    """
+
+    def __init__(
+        self,
+        parameter: str,
+        low: float,
+        high: float,
+        most_branches: int = 100,
+        most_periods: int = 64,
+    ) -> None:
+        self._range = parameter, low, high
+        self._most_branches, self._most_periods = most_branches, most_periods
+        self.branches: list[Branch] = []
+        self.given_up: Counter[str] = Counter()
+
+    def grow(self, orbit: PeriodicOrbit) -> None:
+        """Add the branch of an orbit and all that it leads to, shorter orbits first."""
+        if self.holds(orbit):
+            return
+        queue: list[tuple[int, int, int, int, str, PeriodicOrbit]] = []
+        heapq.heappush(queue, (orbit.m, orbit.q, 0, 0, "", orbit))
+        count = 0
+        while queue:
+            *_, depth, kind, start = heapq.heappop(queue)
+            if self._has(start, kind):
+                continue
+            if len(self.branches) >= self._most_branches:
+                self.given_up[f"branches beyond the first {self._most_branches}"] += 1
+                continue
+            try:
+                grown = self._branch(start, kind)
+            except OrbitError as error:
+                self.given_up[str(error)] += 1
+                continue
+            self.branches.append(grown)
+            depth = 0 if grown.stable.any() else depth + 1
+            for kind_, onward in _onward(grown):
+                m = onward.m * (2 if kind_ == "flip" else 1)
+                if m > self._most_periods:
+                    self.given_up[f"orbits of more than {self._most_periods} periods"] += 1
+                elif depth > 1:
+                    self.given_up["branches between unstable ones"] += 1
+                else:
+                    count += 1
+                    heapq.heappush(queue, (m, onward.q, count, depth, kind_, onward))
+
+    def holds(self, orbit: PeriodicOrbit) -> bool:
+        """Whether an orbit is on one of the branches."""
+        value = float(getattr(orbit.oscillator, self._range[0]))
+        for one in self.branches:
+            if (one.m, one.q) != (orbit.m, orbit.q):
+                continue
+            if one.q == 0:
+                if one.values[0] <= value <= one.values[-1]:
+                    return True
+                continue
+            if any(_alike(orbit.speeds, other.speeds) for other in one.at(value)):
+                return True
+        return False
+
+    def _has(self, orbit: PeriodicOrbit, kind: str) -> bool:
+        """Whether the branch of an orbit, of twice its period at a `flip`, has a point there."""
+        turns = 2 if kind == "flip" else 1
+        speeds = np.tile(orbit.speeds, turns)
+        name, low, high = self._range
+        value = float(getattr(orbit.oscillator, name))
+        for one in self.branches:
+            if (one.m, one.q) == (turns * orbit.m, turns * orbit.q):
+                near = np.flatnonzero(np.abs(one.values - value) < _SAME_VALUE * (high - low))
+                if any(_alike(one.speeds[i], speeds) for i in near.tolist()):
+                    return True
+        return False
+
+    def _branch(self, start: PeriodicOrbit, kind: str) -> Branch:
+        follow = {"flip": doubled_branch, "graze": grazing_branch}.get(kind, branch)
+        return follow(start, *self._range)
+
+
+def _onward(one: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
+    """Yield where other branches begin at the special points of one.
+
+    Yields
+    ------
+    kind : str
+        ``flip``: orbits of twice the period begin; ``graze``: orbits begin in one direction.
+    orbit : PeriodicOrbit
+    """
+    for special in one.special:
+        orbit = special.orbit
+        if special.kind == "flip":
+            yield ("flip" if orbit.m == one.m else ""), orbit
+        elif special.kind == "graze":
+            yield "graze", without_touch(orbit) if orbit.q == one.q else orbit
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    size = max(float(one.max(initial=0.0)), float(other.max(initial=0.0)))
+    return bool(np.abs(np.sort(one) - np.sort(other)).max(initial=0.0) <= _SAME_SPEED * size)
