@@ -2,8 +2,8 @@
 
 Beside a bifurcation motions settle ever more slowly, and a record shows a class that is not the
 attractor's, or none. Newton's method (`vibroimpact.orbits.periodic`) finds the periodic orbit near
-the last section of the record all the same. The motion goes to that orbit if the orbit is stable, and
-the motion is near it throughout the record and in the second half no farther than in the first.
+the last section of the record all the same. The motion goes to that orbit if the orbit is stable,
+and the motion is near it throughout the record and in the second half no farther than in the first.
 """
 
 from __future__ import annotations

@@ -132,7 +132,9 @@ class Classifier:
         if orbit is None:
             return ClassifiedPoint(point.value, None, point.results)
         label = Label(Motion.PERIODIC, orbit.m, orbit.q)
-        results = self._run(np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0)
+        results = self._run(
+            np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0
+        )
         # A record may be too short to show m, or q where it is not of whole repetitions.
         results["period"][:], results["period_impacts"][:] = label.m, label.q
         row = {name: array[0] for name, array in results.items()}

@@ -174,33 +174,34 @@ def test_bad_ranges_are_refused(arguments, said):
         branch(one_impact(LIGHT), *arguments)
 
 
-@pytest.mark.parametrize("decay", [0.2, 0.4])
-def test_period_adding_has_the_ratios_of_the_multiplier(decay):
-    """At h = 3, R = .8, beside the graze of the free oscillation: successive flips of m/1.
+def beside(osc, n, clearances):
+    """The branch of n/1 over the clearance, from the first value where there is such an orbit."""
+    for clearance in clearances.tolist():
+        try:
+            start = one_impact(replace(osc, clearance=clearance), n)
+        except (OrbitError, ValueError):
+            continue
+        return branch(start, "clearance", clearances.min(), clearances.max())
+    raise AssertionError(n)
 
-    With the larger multiplier lambda of the free oscillation, the distance to the graze has the
-    ratio lambda^-2.
+
+@pytest.mark.parametrize(("decay", "most"), [(0.2, 7), (0.4, 9)])
+def test_period_adding_has_the_ratios_of_the_multiplier(decay, most):
+    """At h = 3, R = .8, beside the graze of the free oscillation: successive flips of n/1.
+
+    With the larger multiplier lambda of the free oscillation, distances to the graze have the
+    ratio lambda^-2, impact speeds lambda^-1.
     """
-    h, root = 3.0, 3.0 - math.sqrt(8.0)
-    omega = 2.0 * math.pi * root / -math.log(decay)
+    h, rate = 3.0, 3.0 - math.sqrt(8.0)
+    omega = 2.0 * math.pi * rate / -math.log(decay)
     osc = Oscillator(h=h, R=0.8, omega=omega, f=1.0)
     graze = 1.0 / math.hypot(1.0 - omega**2, 2.0 * h * omega)
     flips = []
-    for n in range(2, 8):
-        low, high = (
-            graze * (1.0 - 0.5 * decay ** (2 * n - 4)),
-            graze * (1.0 - 1e-3 * decay ** (2 * n)),
-        )
-        for clearance in np.linspace(low, high, 40):
-            try:
-                found = branch(
-                    one_impact(replace(osc, clearance=float(clearance)), n), "clearance", low, graze
-                )
-            except (OrbitError, ValueError):
-                continue
-            if special(found, "flip"):
-                flips.append(graze - special(found, "flip")[-1])
-                break
-    ratios = np.array(flips[:-1]) / np.array(flips[1:])
-    assert len(ratios) >= 2
-    assert ratios[-1] == pytest.approx(decay**-2, rel=2e-3)
+    for n in range(2, most + 1):
+        scale = np.concatenate([np.geomspace(100.0, 1e-3, 60), [0.0]])
+        found = beside(osc, n, graze * (1.0 - decay ** (2 * n) * scale))
+        (flip,) = [point for point in found.special if point.kind == "flip"]
+        flips.append((graze - flip.value, flip.orbit.speeds[0]))
+    distances, speeds = np.array(flips).T
+    assert distances[-2] / distances[-1] == pytest.approx(decay**-2, rel=1e-3)
+    assert speeds[-2] / speeds[-1] == pytest.approx(1.0 / decay, rel=1e-3)

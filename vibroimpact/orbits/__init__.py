@@ -1,1 +1,1 @@
-"""Periodic orbits: one-impact orbits in closed form, shooting, period classes."""
+"""Periodic orbits, their branches and bifurcation curves; one-impact orbits in closed form."""
