@@ -2,6 +2,7 @@
 
 from vibroimpact.integrate import integrate
 from vibroimpact.orbits.branches import Branch, branch
+from vibroimpact.orbits.curves import Curve, bifurcation_curve
 from vibroimpact.orbits.one_impact import (
     OneImpactOrbit,
     bifurcation,
@@ -16,6 +17,7 @@ from vibroimpact.trajectory import Trajectory, simulate
 
 __all__ = [
     "Branch",
+    "Curve",
     "OneImpactOrbit",
     "OrbitError",
     "Oscillator",
@@ -24,6 +26,7 @@ __all__ = [
     "Status",
     "Trajectory",
     "bifurcation",
+    "bifurcation_curve",
     "branch",
     "integrate",
     "one_impact_orbit",

@@ -172,7 +172,7 @@ class _Walked:
                 return
             after = orbits.polynomial(part.Y)
             for kind, X_ in _bifurcations(part, before, after):
-                self._add(X_, False, Special(kind, float(orbits.values(X_)[0]), orbits.orbit(X_)))
+                self._add(X_, False, Special(kind, float(orbits.kept(X_)[0]), orbits.orbit(X_)))
             self._add(part.Y, orbits.stable(part.Y, after))
             before = after
 
@@ -286,7 +286,6 @@ def graze_at_end(
     Z = wider.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
     if Z is None or not _apart(wider, Z, Y) < _NEAR:
         return "penetration", X, orbits.orbit(X)
-    Z[2 * index + 1] = 0.0
     osc = wider.oscillator(Z)
     pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
     last = Z if kind == "speed" else np.delete(Z, [2 * index, 2 * index + 1])
@@ -328,7 +327,7 @@ def _halving(step: Segment) -> tuple[np.ndarray, Special] | None:
         return None
     orbit = halves.orbit(Y)
     doubled, _ = doubling(halves, Y, orbits.speed)
-    return doubled, Special("flip", float(halves.values(Y)[0]), orbit)
+    return doubled, Special("flip", float(halves.kept(Y)[0]), orbit)
 
 
 def _unlike(orbits: Orbits, X: np.ndarray) -> np.ndarray:

@@ -61,6 +61,11 @@ class Axis:
         """Its length."""
         return self.high - self.low
 
+    @property
+    def slack(self) -> float:
+        """Rounding of its values."""
+        return 1e-14 * max(abs(self.low), abs(self.high))
+
 
 @dataclass(frozen=True)
 class Objection:
@@ -123,13 +128,19 @@ class Orbits:
         """Return the free parameters at a point."""
         return X[2 * self.q :] * self.spans
 
+    def kept(self, X: np.ndarray) -> np.ndarray:
+        """Return the free parameters at a point, an edge of their ranges where rounding misses it."""
+        values = self.values(X)
+        for j, axis in enumerate(self.axes):
+            for edge in (axis.low, axis.high):
+                if abs(values[j] - edge) <= axis.slack:
+                    values[j] = edge
+        return values
+
     def oscillator(self, X: np.ndarray) -> Oscillator:
         """Return the oscillator at a point, its parameters kept to their ranges."""
-        at = {
-            axis.name: min(max(value, axis.low), axis.high)
-            for axis, value in zip(self.axes, self.values(X).tolist(), strict=True)
-        }
-        return replace(self.osc, **at)
+        names = [axis.name for axis in self.axes]
+        return replace(self.osc, **dict(zip(names, self.kept(X).tolist(), strict=True)))
 
     def orbit(self, X: np.ndarray) -> PeriodicOrbit:
         """Return the orbit at a point; a speed that is zero to rounding is zero."""
@@ -145,7 +156,11 @@ class Orbits:
         if condition is not None:
             system = system._replace(condition=condition, graze=index)
         X = X.copy()
-        return X if newton.correct(system, X, planes, _MOST_ITERATIONS) >= 0 else None
+        if newton.correct(system, X, planes, _MOST_ITERATIONS) < 0:
+            return None
+        if system.condition == newton.GRAZE and len(planes) < len(self.axes):
+            X[2 * system.graze + 1] = 0.0  # it is, to rounding
+        return X
 
     def at(self, X: np.ndarray, value: float) -> np.ndarray | None:
         """Return the point at a value of the only axis."""
@@ -190,8 +205,7 @@ class Orbits:
     def objection(self, X: np.ndarray) -> Objection | None:
         """Say why a point is no orbit within the ranges; None if it is one."""
         for j, (axis, value) in enumerate(zip(self.axes, self.values(X).tolist(), strict=True)):
-            slack = 1e-14 * max(abs(axis.low), abs(axis.high))
-            if not axis.low - slack <= value <= axis.high + slack:
+            if not axis.low - axis.slack <= value <= axis.high + axis.slack:
                 return Objection("edge", j, axis.low if value < axis.low else axis.high)
         speeds = X[1 : 2 * self.q : 2]
         slowest = int(np.argmin(speeds))

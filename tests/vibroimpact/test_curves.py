@@ -1,0 +1,109 @@
+"""Curves of bifurcations in two parameters, against closed forms and published values."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.curves import bifurcation_curve
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
+from vibroimpact.orbits.periodic import OrbitError, solved
+from vibroimpact.oscillator import Oscillator
+
+#: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
+SCENE = Oscillator(h=0.02, R=0.9, omega=0.81, f=0.35, clearance=1.0)
+
+
+def one_impact(osc, n=1, slower=False):
+    """The orbit with one impact in n periods, from its closed form."""
+    closed = one_impact_orbits(osc, n)[0 if slower else -1]
+    return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
+
+
+def test_the_flips_without_damping_are_on_the_closed_form():
+    start = one_impact(Oscillator(h=0.0, R=0.8, omega=2.6, f=1.0))
+    found = bifurcation_curve(start, "flip", ("omega", 2.0, 3.5), ("R", 0.2, 0.98))
+    omega, R = found.values.T
+    curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
+    assert np.abs(curve - 1.0).max() < 1e-13
+    assert sorted(point.values[1] for point in found.special) == [0.2, 0.98]
+    assert {point.kind for point in found.special} == {"edge"}
+
+
+def test_the_flips_of_twice_the_period_obey_their_condition():
+    """The 2/2 orbit at h = 0, R = .8 flips at omega = 2.715987251."""
+    start = one_impact(Oscillator(h=0.0, R=0.8, omega=2.6, f=1.0))
+    flip = branch(start, "omega", 2.6, 2.7).special
+    (first,) = [point for point in flip if point.kind == "flip"]
+    twice = doubled_branch(first.orbit, "omega", 2.6, 2.8).special[0]
+    found = bifurcation_curve(twice.orbit, "flip", ("omega", 2.6, 2.8), ("R", 0.7, 0.9))
+    assert (found.m, found.q) == (2, 2)
+    at = int(np.argmin(np.abs(found.values[:, 1] - 0.8)))
+    assert found.values[at, 0] == pytest.approx(2.715987251, abs=1e-4)
+    for i in range(0, len(found.values), 3):
+        omega, R = found.values[i]
+        osc = Oscillator(h=0.0, R=R, omega=omega, f=1.0)
+        orbit = solved(osc, 2, found.phases[i], found.speeds[i])
+        assert np.abs(orbit.multipliers + 1.0).min() < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("kind", "omega", "f", "published", "slower"),
+    [("flip", 0.81, 0.35, 0.3475334, False), ("fold", 0.799, 0.365, 0.3628362, True)],
+)
+def test_the_published_points_of_the_two_period_orbit(kind, omega, f, published, slower):
+    start = one_impact(replace(SCENE, omega=omega, f=f), 2, slower)
+    points = [p.value for p in branch(start, "f", 0.2, 0.6).special if p.kind == kind]
+    assert points == pytest.approx([published], abs=1e-7)
+    found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", 0.7, 1.0))
+    near = found.values[np.abs(found.values[:, 1] - omega).argsort()[:2]]
+    assert near[:, 0] == pytest.approx(published, abs=2e-2)
+
+
+@pytest.mark.parametrize(("kind", "f", "slower"), [("flip", 0.35, False), ("fold", 0.363, True)])
+def test_flips_and_folds_meet_the_graze_where_section_5_says(kind, f, slower):
+    """At omega = 2 n Omega / k, k = 5, tangent to the graze of the free oscillation."""
+    start = one_impact(replace(SCENE, omega=0.81 if kind == "flip" else 0.799, f=f), 2, slower)
+    found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
+    meeting = 4.0 * math.sqrt(1.0 - 0.02**2) / 5.0
+    (end,) = [p for p in found.special if p.kind == "graze" and p.orbit.speeds[0] == 0.0]
+    graze = math.hypot(1.0 - meeting**2, 0.04 * meeting)
+    assert end.values == pytest.approx([graze, meeting], abs=1e-10)
+    # Tangent: the distance to the graze curve is of second order.
+    order = np.argsort(np.abs(found.values[:, 1] - meeting))[1:3]
+    f_, omega = found.values[order].T
+    away = np.abs(f_ - np.hypot(1.0 - omega**2, 0.04 * omega))
+    assert np.all(away < 250.0 * np.abs(omega - meeting) ** 2)
+
+
+def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
+    found = bifurcation_curve(one_impact(SCENE, 2), "graze", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
+    f, omega = found.values.T
+    assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
+    assert (found.speeds == 0.0).all()
+    meeting = 4.0 * math.sqrt(1.0 - 0.02**2) / 5.0
+    for kind in ("flip", "fold"):
+        (point,) = [p for p in found.special if p.kind == kind]
+        assert point.values[1] == pytest.approx(meeting, abs=1e-10)
+
+
+def test_the_folds_are_those_of_the_closed_form():
+    osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
+    found = bifurcation_curve(one_impact(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))
+    assert len(found.values) > 5
+    for omega, R in found.values[::3]:
+        expected = bifurcation(replace(osc, R=R), "fold", "omega", 1.45, 2.0)
+        assert omega == pytest.approx(expected, abs=1e-11)
+
+
+def test_bad_requests_are_refused():
+    start, f, omega = one_impact(SCENE, 2), ("f", 0.2, 0.6), ("omega", 0.7, 0.9)
+    with pytest.raises(ValueError, match="kind must be one of flip, fold, graze"):
+        bifurcation_curve(start, "torus", f, omega)
+    with pytest.raises(ValueError, match="not f twice"):
+        bifurcation_curve(start, "flip", f, f)
+    steady = one_impact(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
+    with pytest.raises(OrbitError, match="no fold"):
+        bifurcation_curve(steady, "fold", ("omega", 1.8, 2.2), ("R", 0.7, 0.9))

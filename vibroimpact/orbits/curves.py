@@ -1,0 +1,235 @@
+"""Curves of bifurcations in two parameters: flips, folds and grazes of periodic orbits.
+
+A curve is a branch with one condition more and two free parameters (``newton.py``), walked in both
+directions like a branch. On a curve of folds, cusps are where the parameters turn back together. On
+a curve of grazes, flips and folds meet it where the middle coefficient of det(S + mu T) vanishes;
+a curve of flips or folds ends there, and wherever its orbit grazes otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.orbits import newton
+from vibroimpact.orbits.branches import branch, with_touch
+from vibroimpact.orbits.continuation import ZERO_SPEED, Axis, End, Orbits, Segment, walk
+from vibroimpact.orbits.flights import state_after
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, orbit_of, values_of
+
+#: Kinds of curves, with their condition.
+KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
+#: A bifurcation is that of an orbit beside it if it is this near, in scaled unknowns.
+_BESIDE = 0.2
+#: A flight touches the stop where it is this near to it, in units of speed over frequency.
+_TOUCHES = 1e-7
+
+
+class CurvePoint(NamedTuple):
+    """A special point of a curve.
+
+    Attributes
+    ----------
+    kind : str
+        ``cusp``; on a curve of grazes ``flip`` and ``fold``, which meet it there; and the ends
+        ``graze``, ``penetration``, ``rest``, ``edge`` and ``lost``.
+    values : ndarray, shape (2,)
+        Of the two parameters.
+    orbit : PeriodicOrbit
+    """
+
+    kind: str
+    values: np.ndarray
+    orbit: PeriodicOrbit
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of bifurcations, in the order of its points along it.
+
+    Attributes
+    ----------
+    kind : str
+        ``flip``, ``fold`` or ``graze``.
+    parameters : tuple of str
+    m, q : int
+        Of the orbits; at a graze with the impact of speed zero.
+    values : ndarray, shape (n, 2)
+    phases, speeds : ndarray, shape (n, q)
+    special : list of CurvePoint
+    """
+
+    kind: str
+    parameters: tuple[str, str]
+    m: int
+    q: int
+    values: np.ndarray
+    phases: np.ndarray
+    speeds: np.ndarray
+    special: list[CurvePoint]
+
+
+def bifurcation_curve(
+    orbit: PeriodicOrbit,
+    kind: str,
+    first: tuple[str, float, float],
+    second: tuple[str, float, float],
+) -> Curve:
+    """Follow a bifurcation of an orbit in two parameters.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        Near its bifurcation, which is found along the first parameter, or else along the second.
+    kind : str
+        ``flip``, ``fold`` or ``graze``.
+    first, second : tuple of str, float, float
+        A parameter of the oscillator, and its range.
+
+    Returns
+    -------
+    Curve
+
+    Raises
+    ------
+    OrbitError
+        If no such bifurcation is found beside the orbit.
+    TypeError, ValueError
+        If an argument is not valid.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
+    axes = tuple(Axis.of(orbit.oscillator, *given) for given in (first, second))
+    if axes[0].name == axes[1].name:
+        raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
+    start = _onto(orbit, kind, axes)
+    index = int(np.argmin(start.speeds))
+    orbits = Orbits(start, axes, KINDS[kind], index)
+    tangent = orbits.tangent(orbits.start)
+    if not np.isfinite(tangent).all():
+        raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
+    parts = []
+    for along in (tangent, -tangent):
+        parts.append(_walked(orbits, orbits.start, along, kind))
+        if parts[-1][2]:  # closed
+            break
+    points, special, _ = parts[0]
+    if len(parts) > 1:
+        points = parts[1][0][::-1] + points[1:]
+        special = parts[1][1][::-1] + special
+    X, q = np.array(points), orbits.q
+    values = np.array([orbits.kept(point) for point in points])
+    speeds = np.maximum(X[:, 1 : 2 * q : 2], 0.0) * orbits.speed
+    names = axes[0].name, axes[1].name
+    return Curve(kind, names, orbits.m, q, values, X[:, : 2 * q : 2], speeds, special)
+
+
+def _onto(orbit: PeriodicOrbit, kind: str, axes: Sequence[Axis]) -> PeriodicOrbit:
+    """Return the bifurcation beside an orbit, found along one parameter."""
+    grazes = orbit.q > 0 and orbit.speeds.min() <= 1e-6 * orbit.speeds.max(initial=0.0)
+    if orbit.q > 0 and (kind != "graze" or grazes):
+        for axis in axes:
+            orbits = Orbits(orbit, (axis,))
+            X = orbits.start
+            none = np.empty((0, X.size))
+            Y = orbits.corrected(X, none, KINDS[kind], int(np.argmin(orbit.speeds)))
+            if Y is None or not orbits.inner(Y - X, Y - X) < _BESIDE**2:
+                continue
+            if kind == "graze":
+                Y[2 * int(np.argmin(orbit.speeds)) + 1] = 0.0
+            if orbits.objection(Y) is None:
+                return orbits.orbit(Y)
+    for axis in axes:
+        value = getattr(orbit.oscillator, axis.name)
+        if not axis.low <= value <= axis.high:
+            continue
+        near = [
+            point
+            for point in branch(orbit, axis.name, axis.low, axis.high).special
+            if point.kind == kind
+        ]
+        if near:
+            return min(near, key=lambda point: abs(point.value - value)).orbit
+    raise OrbitError(f"no {kind} is found on the branches of the orbit")
+
+
+def _walked(
+    orbits: Orbits, X: np.ndarray, tangent: np.ndarray, kind: str
+) -> tuple[list[np.ndarray], list[CurvePoint], bool]:
+    """Walk in one direction; return the points, the special ones, and whether it is closed."""
+    points, special = [X], []
+    for part in walk(orbits, X, tangent):
+        if isinstance(part, End):
+            if not part.closed:
+                points[-1], end = _end(orbits, part)
+                special.append(end)
+            return points, special, part.closed
+        for name, Y in _meetings(part, kind):
+            special.append(CurvePoint(name, orbits.kept(Y), orbits.orbit(Y)))
+        points.append(part.Y)
+    return points, special, False
+
+
+def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the points of codimension two within a step."""
+    orbits = step.orbits
+    if kind == "graze":
+        ends = [orbits.polynomial(X)[1] for X in (step.X, step.Y)]
+        if ends[0] * ends[1] < 0.0:
+            X = step.root(lambda X: orbits.polynomial(X)[1])
+            if X is not None:
+                yield from (("flip", X), ("fold", X))
+    elif kind == "fold":
+        before, after = (_heading(step, X) for X in (step.X, step.Y))
+        if before @ after < 0.0:
+            turn = after - before
+            X = step.root(lambda X: float(_heading(step, X) @ turn))
+            if X is not None:
+                yield "cusp", X
+
+
+def _heading(step: Segment, X: np.ndarray) -> np.ndarray:
+    """Return the direction of the parameters at a point of a step."""
+    tangent = step.orbits.tangent(X)
+    forward = step.orbits.inner(tangent, step.tangent) > 0.0
+    heading: np.ndarray = tangent[-2:] if forward else -tangent[-2:]
+    return heading
+
+
+def _end(orbits: Orbits, end: End) -> tuple[np.ndarray, CurvePoint]:
+    """Return the last point of a walk, and what it is."""
+    X, objection = end.X, end.objection
+    if objection is None:
+        kind = "lost"
+    elif objection.kind == "edge":
+        kind = "edge"
+        exact = X.copy()
+        exact[2 * orbits.q + objection.at] = objection.where / orbits.spans[objection.at]
+        plane = np.zeros((1, X.size))
+        plane[0, 2 * orbits.q + objection.at] = 1.0
+        corrected = orbits.corrected(exact, plane)
+        X = X if corrected is None else corrected
+    elif objection.kind == "pass":
+        kind = "graze" if _touches(orbits, X, objection.at, objection.where) else "penetration"
+    else:
+        kind = "rest" if objection.kind == "rest" else "graze"
+    return X, CurvePoint(kind, orbits.kept(X), _zeroed(orbits, X))
+
+
+def _touches(orbits: Orbits, X: np.ndarray, at: int, where: float) -> bool:
+    """Whether a flight comes as near to the stop as rounding, beside a phase."""
+    wider, Y = with_touch(orbits, X, at, where)
+    osc = wider.oscillator(Y)
+    tau = (Y[2 * at + 2] - Y[2 * at]) / osc.omega
+    height, *_ = state_after(values_of(osc), Y[2 * at], Y[2 * at + 1] * orbits.speed, tau)
+    return abs(height) < _TOUCHES * orbits.speed / osc.omega
+
+
+def _zeroed(orbits: Orbits, X: np.ndarray) -> PeriodicOrbit:
+    """Return the orbit at the end of a curve; a speed that has all but vanished is zero."""
+    speeds = X[1 : 2 * orbits.q : 2]
+    speeds = np.where(np.abs(speeds) < 10.0 * ZERO_SPEED, 0.0, speeds) * orbits.speed
+    return orbit_of(orbits.oscillator(X), orbits.m, X[: 2 * orbits.q : 2], speeds)
