@@ -129,7 +129,7 @@ class Orbits:
         return X[2 * self.q :] * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at a point, an edge of their ranges where rounding misses it."""
+        """Return the free parameters at a point; an edge that rounding misses is met."""
         values = self.values(X)
         for j, axis in enumerate(self.axes):
             for edge in (axis.low, axis.high):
