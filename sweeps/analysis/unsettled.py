@@ -179,7 +179,7 @@ class _Extension:
             if orbit is None:
                 failures[parameter] += 1
                 return
-            known = orbit.m, orbit.impacts, orbit.sections
+            known = orbit.m, orbit.q, orbit.sections(self._setting.phase)
             orbits.append(known)
         result = self._result
         result.motion[i] = Motion.PERIODIC
