@@ -6,7 +6,7 @@ As in ``cli.py``, what a report needs is imported inside it.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
 from textwrap import indent
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from sweeps.analysis.class_changes import Change
     from sweeps.config.sweep import SweepConfig
     from sweeps.engine.plan import Estimate
-    from vibroimpact.status import Status
 
 
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
@@ -71,12 +70,12 @@ def summary(path: Path) -> str:
         If its file is gone.
     """
     from sweeps.errors import Failed, StoreError
-    from sweeps.store import open_sweep, status_counts
+    from sweeps.store import open_sweep
 
     try:
         with open_sweep(path, verify=False) as dataset:
             seconds = float(dataset.attrs["duration"])
-            outcome = f"{path}: {_outcomes(status_counts(dataset))}"
+            outcome = f"{path}: {_outcomes(dataset)}"
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
     return f"{outcome} in {shown_duration(seconds)}"
@@ -125,7 +124,7 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
 
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes, pilot and configuration."""
-    from sweeps.store import VARIABLES, status_counts
+    from sweeps.store import VARIABLES
 
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
@@ -135,7 +134,7 @@ def contents(dataset: xr.Dataset) -> str:
         pilot = "# pilot:\n" + indent(pilot, "#   ")
     rows = [
         ("name", str(attributes.pop("name"))),
-        ("points", _outcomes(status_counts(dataset))),
+        ("points", _outcomes(dataset)),
         *(("axis", _axis(str(axis), dataset[axis].values)) for axis in dataset["status"].dims),
     ]
     names = [name for name in VARIABLES if name in dataset]
@@ -227,11 +226,12 @@ def _axis(name: str, values: np.ndarray) -> str:
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 
 
-def _outcomes(counts: Mapping[Status, int]) -> str:
+def _outcomes(dataset: xr.Dataset) -> str:
     """Say how many points there are, and of which there is more to say."""
-    from sweeps.store import is_remarkable
+    from sweeps.store import is_remarkable, status_counts
     from vibroimpact.status import Status
 
+    counts = status_counts(dataset)
     remarks = [
         f"{number:,} {status.name} ({status.meaning})"
         for status, number in counts.items()
@@ -240,5 +240,9 @@ def _outcomes(counts: Mapping[Status, int]) -> str:
     points = sum(counts.values())
     text = shown_count(points, "point")
     if counts[Status.CERTIFIED] == points:
-        return f"{text}, all certified: every impact found, none missed"
-    return f"{text}, of which {'; '.join(remarks)}" if remarks else text
+        text += ", all certified: every impact found, none missed"
+    elif remarks:
+        text += f", of which {'; '.join(remarks)}"
+    contact = dataset["impacts_per_period"].fillna(0.0) + dataset["rest_fraction"].fillna(0.0)
+    met = bool((contact > 0.0).any()) or counts[Status.PENDING] == points
+    return text if met else f"{text}; no impact in any record: no motion meets the stop"

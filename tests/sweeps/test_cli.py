@@ -258,6 +258,18 @@ def test_what_became_of_the_points_is_told(monkeypatch, folder):
     assert "small.h5: 10 points in " in printed
 
 
+def test_a_run_without_impacts_says_so():
+    """Far from the stop; at the stop under a preload, the mass rests there without an impact."""
+    said = "no impact in any record: no motion meets the stop"
+    free = done("run", "small.yaml", "--set", "oscillator.clearance=50")
+    assert said in free and said in done("info", "small.h5")
+    pressed = ("--set", "oscillator.clearance=-50", "--set", "start.x0=-50", "--overwrite")
+    assert said not in done("run", "small.yaml", *pressed)
+    with h5py.File("small.h5") as file:
+        assert (file["rest_fraction"][()] > 0.999).all()
+    assert said not in done("run", "small.yaml", "--overwrite")
+
+
 def test_an_unstable_step_is_refused_or_allowed_and_said():
     """Euler at p T = 0.84, where 0.2 is the limit; the other point is stable."""
     Path("unstable.yaml").write_text(
