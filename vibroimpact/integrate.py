@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import get_num_threads, set_num_threads
 
+from vibroimpact.jit import ALL_THREADS
 from vibroimpact.lanes.kernel import run_blocks
 from vibroimpact.lanes.tally import SUMS, Tally
 from vibroimpact.lanes.workspace import LANES
@@ -157,16 +157,11 @@ def integrate(
     lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    threads_before = get_num_threads()
-    # A thread without lanes of its own costs time to wake, more than a few lanes take.
-    threads = min(threads or threads_before, max(1, -(-n // LANES)))
-    set_num_threads(threads)
-    try:
-        run_blocks(
-            threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally, interrupt
-        )
-    finally:
-        set_num_threads(threads_before)
+    # A thread without lanes of its own costs time to start, more than a few lanes take.
+    threads = min(threads or ALL_THREADS, max(1, -(-n // LANES)))
+    run_blocks(
+        threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally, interrupt
+    )
     results = _results(points, periods, tally)
     if not lyapunov:
         del results["lyapunov"]

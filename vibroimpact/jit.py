@@ -24,6 +24,11 @@ if _config.DISABLE_JIT:
     raise ImportError("vibroimpact needs numba's compiler, which NUMBA_DISABLE_JIT turns off")
 
 
+#: Threads that a computation takes by default: one for each core of the process, or as many as
+#: the variable NUMBA_NUM_THREADS says.
+ALL_THREADS: int = _config.NUMBA_NUM_THREADS
+
+
 def _numerics() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     package = Path(__file__).parent
@@ -51,7 +56,6 @@ def _cache_folder() -> Path:
 def jit(
     function: Callable | None = None,
     *,
-    parallel: bool = False,
     inline: bool = False,
     leaf: bool = False,
     dissolve: bool = False,
@@ -63,8 +67,6 @@ def jit(
 
     Parameters
     ----------
-    parallel : bool
-        Let ``prange`` run over the threads.
     inline : bool
         Merge into the caller before compiling. LLVM optimises everything below a function
         again at each level of calls; for helpers with one caller this saves a fifth of the
@@ -79,13 +81,10 @@ def jit(
         call such a function from Python ends the process.
     """
     if function is None:
-        return lambda f: jit(
-            f, parallel=parallel, inline=inline, leaf=leaf, dissolve=dissolve, internal=internal
-        )
+        return lambda f: jit(f, inline=inline, leaf=leaf, dissolve=dissolve, internal=internal)
     options: dict[str, Any] = {
         "error_model": "numpy",
-        "parallel": parallel,
-        "nogil": True,  # so that a main thread hears signals while another one computes
+        "nogil": True,  # so that several threads compute, and a main thread hears signals
         "inline": "always" if inline else "never",
         "_nrt": not leaf,
         "forceinline": dissolve,
@@ -95,30 +94,6 @@ def jit(
     dispatcher: Any = numba.njit(function, **options)
     dispatcher._cache = CompiledCode(function, _cache_folder())
     return dispatcher
-
-
-@intrinsic
-def call(context, address, arguments):
-    """Call the compiled function at `address`, which returns nothing, with a tuple of arguments.
-
-    LLVM does not see through the address: what is called so is not compiled again with its caller.
-    """
-    types_of_arguments = tuple(arguments)
-
-    def generate(context, builder, signature, values):
-        address, arguments = values
-        convention = context.call_conv
-        function = convention.get_function_type(types.none, types_of_arguments)
-        pointer = builder.inttoptr(address, function.as_pointer())
-        unpacked = [builder.extract_value(arguments, k) for k in range(len(types_of_arguments))]
-        status, _ = convention.call_function(
-            builder, pointer, types.none, types_of_arguments, unpacked
-        )
-        with builder.if_then(status.is_error, likely=False):
-            convention.return_status_propagate(builder, status)
-        return context.get_dummy_value()
-
-    return types.void(types.intp, arguments), generate
 
 
 def _compile(function: Any, signature: tuple[Any, ...]) -> None:
@@ -137,13 +112,12 @@ def _compile(function: Any, signature: tuple[Any, ...]) -> None:
 _compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
 
 
-def address_of(function: Any, *arguments: Any) -> int:
-    """Return the address of a function, compiled for arguments of these types, for ``call``."""
+def compiled(function: Any, *arguments: Any) -> Any:
+    """Return a function compiled for arguments of these types, sooner than a call would be."""
     signature = tuple(map(numba.typeof, arguments))
     if signature not in function.overloads:
         _compile(function, signature)
-    result = function.overloads[signature]
-    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    return function
 
 
 @intrinsic

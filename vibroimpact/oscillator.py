@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from numbers import Real
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def checked(name: str, value: object) -> float:
         If it is outside the valid interval of ``PARAMETERS[name]``.
     """
     parameter = PARAMETERS[name]
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} ({parameter.meaning}) must be {parameter.allowed}, not {value!r}")
     try:
         number = float(value)

@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads
 from rich.console import Console
 from rich.progress import track
 
 from sweeps.bench.costs import scene
 from vibroimpact.integrate import default_steps, integrate
-from vibroimpact.jit import fma, jit, widest_vectors
+from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
 
 #: Multiply-adds in a step of the affine map.
 PER_STEP = 8
@@ -110,7 +109,7 @@ def measure(quick: bool = False, progress: bool = False) -> Measured:
     """
     points, transient, recorded, rounds = (1024, 100, 50, 10) if quick else (4096, 200, 100, 10)
     periods = transient + recorded
-    threads = sorted({1, get_num_threads()})
+    threads = sorted({1, ALL_THREADS})
     scenes = {name: scene(work.scene, int(points * work.size)) for name, work in WORKS.items()}
     steps = {name: default_steps(scenes[name], work.impact) for name, work in WORKS.items()}
 

@@ -27,9 +27,6 @@ def check_environment() -> None:
     with warnings.catch_warnings(record=True) as unread:
         warnings.simplefilter("always")
         try:
-            import numba
-
-            numba.get_num_threads()  # which starts them
             import vibroimpact.jit  # noqa: F401 - it needs the compiler
         except Exception as error:
             problem = str(error)

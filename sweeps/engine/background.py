@@ -21,8 +21,7 @@ from sweeps.interrupts import check
 
 T = TypeVar("T")
 
-#: Held by the thread that is in the kernel: some of numba's threading layers cannot be entered from
-#: two threads.
+#: Held by the thread that is in the kernel, so that it has all cores to itself.
 KERNEL = threading.Lock()
 #: How often the main thread looks up [s]: a signal that another thread took does not wake it.
 _WAIT = 0.1

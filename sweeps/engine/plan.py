@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import psutil
-from numba import get_num_threads
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import computation, compute
@@ -16,6 +15,7 @@ from sweeps.errors import StoreError
 from sweeps.grid import Grid
 from sweeps.store import bytes_per_point
 from sweeps.text import shown_bytes
+from vibroimpact.jit import ALL_THREADS
 from vibroimpact.lanes.workspace import LANES
 from vibroimpact.oscillator import POINT
 
@@ -157,7 +157,7 @@ def _available_memory() -> int:
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return how long a sweep will take, from trials of few points and ever more periods."""
     # No more than a block holds: a few points take as long as a full set of lanes.
-    count = min(2 * LANES * (threads or get_num_threads()), _lanes(config))
+    count = min(2 * LANES * (threads or ALL_THREADS), _lanes(config))
     # Of few lanes, several calls: one point need not be like the others.
     calls = [
         _chosen(config.grid, count, seed)

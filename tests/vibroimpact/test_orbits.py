@@ -454,6 +454,15 @@ def test_n_is_a_positive_integer(n):
             call(n)
 
 
+def test_a_flight_without_end_is_refused():
+    """Not searched for a touch for hours: too many periods, or too slow a force."""
+    for n in (10**9, 10**30, np.int64(10**9)):
+        with pytest.raises(ValueError, match=r"^n must be at most 100,000, not 1,000,000,"):
+            one_impact_orbit(TWO, n)
+    with pytest.raises(ValueError, match="omega is too small"):
+        one_impact_orbit(oscillator(0.1, 0.5, 1e-9), 1)
+
+
 def test_what_cannot_be_bracketed_is_refused():
     """Unknown names, no sign change, no orbit, a pole, and a meeting of what are no orbits."""
     osc = oscillator(0.05, 0.8, 2.0)

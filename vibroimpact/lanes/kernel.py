@@ -4,17 +4,18 @@ Every lane is advanced by its affine map, a stride of steps at a time, as if the
 A lane that may have met it stays at the start of the stride, and is taken through it alone, step by
 step and with the impact rule, as a single orbit is; with the rule ``reduced-step`` this is left for
 what ``lanes/reduced_step.py`` does not mend. Only the rule ``plain`` has a loop of its own, in
-``lanes/plain.py``. ``prange`` runs over the threads, each of which takes block after block.
+``lanes/plain.py``. Each thread takes block after block, and lets go of Python while it does.
 """
 
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import numpy as np
-from numba import prange
 
-from vibroimpact.jit import address_of, call, claim, is_set, jit, widest_vectors
+from vibroimpact.jit import claim, compiled, is_set, jit, widest_vectors
 from vibroimpact.lanes.plain import advance_plain, sum_up_plain
 from vibroimpact.lanes.reduced_step import mend_side_by_side
 from vibroimpact.lanes.tally import put_in_order, record_step
@@ -224,7 +225,7 @@ def take_blocks(
         lo = LANES * claim(claimed)
 
 
-@jit(internal=True)
+@jit
 def take_plain(
     claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally, interrupt
 ):
@@ -235,7 +236,7 @@ def take_plain(
     )  # fmt: skip
 
 
-@jit(internal=True)
+@jit
 def take_mended(
     claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally, interrupt
 ):
@@ -246,28 +247,25 @@ def take_mended(
     )  # fmt: skip
 
 
-@jit(parallel=True)
-def on_threads(
-    threads, work, claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov,
-    tally, interrupt,
-):  # fmt: skip
-    """Do the `work`, the address of one of the two functions before, on so many threads."""
-    for _ in prange(threads):
-        call(
-            work,
-            (
-                claimed, points, rule, integrator, lead, grid, transient, periods, lyapunov, tally,
-                interrupt,
-            ),
-        )  # fmt: skip
-
-
 def run_blocks(threads, points, rule, *others):
-    """Run every point on so many threads; arguments as for ``on_threads``.
+    """Run every point on so many threads, the caller's among them.
 
-    Called by its name the work would be compiled in each of the four functions that ``prange``
-    makes: half of the time to compile.
+    Threads of Python that last as long as the call: a forked process misses none of them, and
+    callers in several threads do not meet.
+
+    Parameters
+    ----------
+    threads : int
+    points, rule, *others
+        As for ``take_blocks``.
     """
     arguments = (np.zeros(1, np.int64), points, rule, *others)
-    work = address_of(take_plain if rule == PLAIN else take_mended, *arguments)
-    on_threads(threads, work, *arguments)
+    work = compiled(take_plain if rule == PLAIN else take_mended, *arguments)
+    helpers = []
+    with ThreadPoolExecutor(threads) as pool:
+        with suppress(RuntimeError):  # where no more can be started, those there are do the work
+            for _ in range(threads - 1):
+                helpers.append(pool.submit(work, *arguments))
+        work(*arguments)
+    for helper in helpers:
+        helper.result()

@@ -45,6 +45,10 @@ from vibroimpact.step.integrators import INTEGRATORS, affine_map, exact
 from vibroimpact.step.stop import pressing
 
 _EPS = float(np.finfo(float).eps)
+#: More forcing periods than this between two impacts are refused.
+MOST_PERIODS = 100_000
+# A flight of more radians, of all its rates together, would take minutes to search for a touch.
+_LONGEST_FLIGHT = 1e7
 # An interval of a flight is halved at most so often; what is left is shorter than any feature.
 _MAX_HALVINGS = 50
 
@@ -200,7 +204,7 @@ def _peak(osc: Oscillator, n: int, v: float, phase: float) -> float:
     flight, T = _Flight(osc, phase), n * osc.forcing_period
     launch, landing = flight.node(0.0, osc.clearance, -osc.R * v), flight.node(T, osc.clearance, v)
     highest, undecided = -math.inf, [(launch, landing, 0)]
-    while undecided:
+    while undecided:  # ends: an interval is halved so many times at the most
         left, right, halvings = undecided.pop()
         a, jerk = flight.bounds(left, right)
         w = right.t - left.t
@@ -229,6 +233,8 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 def _checked_periods(n: object) -> int:
     if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
         raise ValueError(f"n must be an integer >= 1, not {n!r}")
+    if n > MOST_PERIODS:
+        raise ValueError(f"n must be at most {MOST_PERIODS:,}, not {n:,}")
     return int(n)
 
 
@@ -253,7 +259,8 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     Raises
     ------
     ValueError
-        If `n` is not an integer >= 1.
+        If `n` is not an integer from 1 to ``MOST_PERIODS``, or the flight is too long: omega far
+        below h or p.
 
     Notes
     -----
@@ -262,8 +269,13 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     """
     n = _checked_periods(n)
     solutions = _solve(osc, n)
-    if solutions is None or solutions.discriminant < 0.0:
+    if solutions is None or not solutions.discriminant >= 0.0:
         return ()
+    if not _size(osc) * n * osc.forcing_period <= _LONGEST_FLIGHT:
+        raise ValueError(
+            f"the flight between two impacts would be searched over more than "
+            f"{_LONGEST_FLIGHT:g} radians of (2h + p + omega) t; omega is too small against h and p"
+        )
     root = math.sqrt(solutions.discriminant)
     slowest = _rounding(osc, n) * (osc.f / osc.omega + osc.p * abs(osc.clearance))
     return tuple(
@@ -311,7 +323,8 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
     Raises
     ------
     ValueError
-        If `n` is not an integer >= 1.
+        If `n` is not an integer from 1 to ``MOST_PERIODS``, or the flight is too long: omega far
+        below h or p.
     """
     return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))
 

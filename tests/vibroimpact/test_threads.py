@@ -1,0 +1,97 @@
+"""Many points on threads: beside other threads, in forked processes, and where none can be made."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import numba
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator
+from vibroimpact.integrate import integrate
+from vibroimpact.lanes.workspace import LANES
+
+PROGRAM = """
+import multiprocessing
+import numpy as np
+from concurrent.futures import ThreadPoolExecutor
+from vibroimpact import Oscillator
+from vibroimpact.integrate import integrate
+
+points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), 512)
+points["omega"] = np.linspace(2.0, 2.5, 512)
+
+def run(impact):
+    return integrate(points, impact=impact, transient=10, periods=5, threads=2)["poincare_x"]
+
+rules = ["plain", "reduced-step", "exact"] * 3
+here = {rule: run(rule) for rule in rules}
+with POOL as pool:
+    for rule, there in zip(rules, pool.map(run, rules)):
+        np.testing.assert_array_equal(there, here[rule])
+"""
+FORKED, BESIDE = 'multiprocessing.get_context("fork").Pool(2)', "ThreadPoolExecutor(3)"
+
+
+@pytest.mark.parametrize("layer", ["default", "omp", "workqueue"])
+@pytest.mark.parametrize("pool", [FORKED, BESIDE], ids=["forked", "beside each other"])
+def test_calls_in_forked_processes_and_in_threads(pool, layer):
+    """After a call on two threads, with any threading layer of numba: the same numbers, in time."""
+    environment = os.environ | {"NUMBA_THREADING_LAYER": layer, "NUMBA_NUM_THREADS": "2"}
+    command = [sys.executable, "-c", PROGRAM.replace("POOL", pool)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+
+
+def points(n):
+    """`n` points along omega."""
+    oscillators = [Oscillator(h=0.1, R=0.8, omega=w, f=1.0) for w in np.linspace(2.0, 2.5, n)]
+    return np.concatenate([osc.at() for osc in oscillators])
+
+
+@pytest.mark.parametrize(
+    ("given", "blocks", "expected"),
+    [(1, 8, 1), (3, 8, 3), (3, 2, 2), (None, 64, numba.config.NUMBA_NUM_THREADS)],
+)
+def test_no_more_threads_than_asked_for_or_than_blocks(monkeypatch, given, blocks, expected):
+    """All by default; and none is left after the call."""
+    started = []
+    start = threading.Thread.start
+    monkeypatch.setattr(threading.Thread, "start", lambda t: started.append(t) or start(t))
+    before = threading.active_count()
+    integrate(points(blocks * LANES), transient=100, periods=5, threads=given)
+    assert len(started) <= expected - 1
+    assert len(started) == expected - 1 or given is None  # a helper may have ended already
+    assert threading.active_count() == before
+
+
+def test_where_no_thread_can_be_started_the_caller_does_the_work(monkeypatch):
+    """As under a limit on memory or on processes."""
+    expected = integrate(points(256), transient=5, periods=5, threads=1)
+
+    def refuse(thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    found = integrate(points(256), transient=5, periods=5, threads=4)
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, expected[name])
+
+
+def test_an_error_in_any_thread_is_raised(monkeypatch):
+    """Not lost with the thread."""
+    from vibroimpact.lanes import kernel
+
+    caller = threading.get_ident()
+
+    def fail(*arguments):
+        if threading.get_ident() != caller:
+            raise MemoryError
+        time.sleep(0.1)
+
+    monkeypatch.setattr(kernel, "compiled", lambda *arguments: fail)
+    with pytest.raises(MemoryError):
+        integrate(points(256), transient=5, periods=5, threads=2)
