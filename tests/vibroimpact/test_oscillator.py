@@ -10,7 +10,7 @@ from vibroimpact import Oscillator
 from vibroimpact.oscillator import PARAMETERS, POINT
 
 GOOD = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.0}
-NOT_NUMBERS = [True, np.True_, "0.5", None, [0.5], 1j, np.array([0.5])]
+NOT_NUMBERS = [True, np.True_, "0.5", None, [0.5], 1j, np.array([0.5]), np.complex128(2.0)]
 
 
 @pytest.mark.parametrize(
