@@ -52,17 +52,15 @@ class Change:
     def kind(self) -> str:
         """What the two classes suggest, which is no proof.
 
-        ``flip``: m and q double; ``impact +-1``: m stays and q changes by one, as at a graze;
-        ``rest`` and ``chaos``: it begins or ends; ``jump``: anything else.
+        ``flip``: m and q double; ``rest``, ``chaos`` and ``unbounded``: that begins or ends;
+        ``unknown``: anything else.
         """
         ends = {self.before.motion, self.after.motion}
         for motion, word in _WORDS.items():
             if motion in ends:
                 return word
         (m, q), longer = sorted((self.before[1:], self.after[1:]))
-        if longer == (2 * m, 2 * q):
-            return "flip"
-        return "impact +-1" if longer == (m, q + 1) else "jump"
+        return "flip" if longer == (2 * m, 2 * q) else "unknown"
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:

@@ -218,15 +218,42 @@ def info(
     axis: Annotated[
         str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
     ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Where to cut another parameter; repeatable."),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="Write every bifurcation to it."),
+    ] = None,
 ) -> None:
     """Show what the file of a sweep holds, with its configuration."""
-    from sweeps.engine import reports
     from sweeps.store import open_sweep
 
-    if axis is not None and not bifurcations:
-        raise Refused(f"--axis {axis} is not allowed here; expected: with --bifurcations")
+    for option, value in (("axis", axis), ("at", " ".join(at or ())), ("csv", csv)):
+        if value and not bifurcations:
+            raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
+    check_csv(csv)
+    cuts = _cuts(at or ())
     with open_sweep(file) as dataset, _named(file):
         if bifurcations:
-            say(reports.bifurcations(dataset, axis))
+            _show_bifurcations(dataset, axis, cuts, csv)
         else:
+            from sweeps.engine import reports
+
             say(reports.contents(dataset), end=False)
+
+
+def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Path | None) -> None:
+    from sweeps.analysis import bifurcations
+    from sweeps.analysis.selection import on_grid
+
+    along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
+    _tell_moved(cuts, on_grid(dataset, cuts), "listed")
+    say(bifurcations.describe(along, items))
+    if csv is not None:
+        try:
+            bifurcations.write_csv(csv, along, items)
+        except OSError as error:
+            raise Failed(error) from error
+        say(csv)

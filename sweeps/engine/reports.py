@@ -6,8 +6,7 @@ As in ``cli.py``, what a report needs is imported inside it.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
-from itertools import product
+from collections.abc import Iterable
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
-    from sweeps.analysis.class_changes import Change
     from sweeps.config.sweep import SweepConfig
     from sweeps.engine.plan import Estimate
 
@@ -147,63 +145,6 @@ def contents(dataset: xr.Dataset) -> str:
     attributes["duration"] = shown_duration(float(attributes["duration"]))
     rows += [(str(name), str(value)) for name, value in attributes.items()]
     return f"{table(rows)}\n\n{pilot}{configuration}"
-
-
-def bifurcations(dataset: xr.Dataset, axis: str | None = None) -> str:
-    """List where the class of the motion changes along an axis, one line per change.
-
-    Parameters
-    ----------
-    axis : str, optional
-        By default the longest; changes along it are listed for every value of the others.
-
-    Raises
-    ------
-    Refused
-        If there is no such axis, or the classes were not recorded.
-    """
-    from sweeps.analysis.class_changes import cascades, changes, labels
-    from sweeps.analysis.selection import chosen_axes
-    from sweeps.errors import Refused
-
-    (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
-    if "period" not in dataset:
-        raise Refused(
-            "the file has no period: run the sweep again with record.diagnostics: [period]"
-        )
-    names = ["status", "rest_fraction", "period", "period_impacts", "lyapunov"]
-    data = dataset[[name for name in names if name in dataset]]
-    data = data.assign_coords(section=dataset["section"]).sortby(along).load()
-    others = [name for name in data["status"].dims if name != along]
-    rows, remarks = [], []
-    for index in product(*(range(data.sizes[name]) for name in others)):
-        line = data.isel(dict(zip(others, index, strict=True)))
-        at = [f"{name} = {line[name].item()}" for name in others]
-        found = list(changes(line[along].values, labels(line)))
-        rows += [[*at, *_change(along, change)] for change in found]
-        remarks += [", ".join([*at, _cascade(along, run)]) for run in cascades(found)]
-    if not rows:
-        return f"the class of the motion does not change along {along}"
-    return "\n".join([table(rows), *remarks])
-
-
-def _cascade(axis: str, run: Sequence[Change]) -> str:
-    from sweeps.analysis.class_changes import ratio
-
-    flips = ", ".join(f"{0.5 * (one.low + one.high):.9g}" for one in run)
-    ratios = ", ".join(f"{ratio(run[i : i + 3]):.4g}" for i in range(len(run) - 2))
-    return f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
-
-
-def _change(axis: str, change: Change) -> list[str]:
-    unknown = f"{shown_count(change.between, 'point')} between of no known class"
-    return [
-        f"{axis} = {change.low:.12g} .. {change.high:.12g}",
-        f"width {change.high - change.low:.1e}",
-        f"{change.before} -> {change.after}",
-        change.kind,
-        unknown if change.between else "",
-    ]
 
 
 def _sizes(variable: xr.DataArray) -> str:

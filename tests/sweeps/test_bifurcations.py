@@ -1,0 +1,140 @@
+"""The list of bifurcations: kinds and values against closed forms, certified and published ones."""
+
+import csv
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.bifurcations import find_bifurcations
+from sweeps.cli.main import app
+from vibroimpact import Oscillator, one_impact_orbit
+
+RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    """Return a function that runs an oscillator, and returns the path of the file."""
+
+    def run(oscillator, *lines):
+        config = tmp_path / "c.yaml"
+        config.write_text("\n".join([f"oscillator: {{{oscillator}}}", *lines, RECORD]))
+        return run_sweep(load_config(config), tmp_path / "out.h5", overwrite=True)
+
+    return run
+
+
+def bifurcations(path, **options):
+    with open_sweep(path) as dataset:
+        return find_bifurcations(dataset, **options)[1]
+
+
+def told(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+@pytest.mark.parametrize(
+    ("oscillator", "value"),
+    [
+        ("h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.7, num: 5}", 2.65888454668484),
+        ("h: 0.1, R: 0.5, f: 1, omega: {start: 2.65, stop: 2.75, num: 5}", 2.69176208595193),
+        ("h: 0.5, R: 1, f: 1, omega: {start: 2.6, stop: 2.7, num: 4}", 2.63675987555693),
+    ],
+)
+def test_flips_are_at_their_certified_values(sweep, oscillator, value):
+    (flip,) = bifurcations(sweep(oscillator))
+    assert (flip.kind, str(flip.change.before), str(flip.change.after)) == ("flip", "1/1", "2/2")
+    assert flip.value == pytest.approx(value, rel=1e-12)
+
+
+def test_a_fold_and_a_graze_are_told_apart(sweep):
+    """Up, the motion with impacts ends in a fold; down, the free one ends in a graze."""
+    h, clearance = 0.05, 1.5
+    common = f"h: {h}, R: 0.8, clearance: {clearance}, f: 1.0, omega: "
+
+    def amplitude(w):
+        return 1.0 / np.hypot(1.0 - w * w, 2.0 * h * w)
+
+    def exists(w):
+        return one_impact_orbit(Oscillator(h=h, R=0.8, omega=w, f=1.0, clearance=clearance)).exists
+
+    up = "follow: {axis: omega, direction: up}"
+    (fold,) = bifurcations(sweep(common + "{start: 1.3, stop: 1.8, num: 51}", up))
+    assert (fold.kind, str(fold.change.before), str(fold.change.after)) == ("fold", "1/1", "1/0")
+    assert exists(fold.value - 1e-7) and not exists(fold.value + 1e-7)
+    # The last steps are short, so that they do not kick the free motion out of its basin.
+    down = "follow: {axis: omega, direction: down}"
+    graze = brentq(lambda w: amplitude(w) - clearance, 1.1, 1.5, xtol=1e-14)
+    near = [graze + step for step in (-1e-4, 1e-6, 1e-5, 1e-4, 1e-3, 3e-3)]
+    axis = str([*near, 1.291, 1.295, 1.3, 1.31, 1.35, 1.4, 1.6, 1.8])
+    (end,) = bifurcations(sweep(common + axis, down))
+    assert (end.kind, str(end.change.after)) == ("graze", "1/0")
+    assert end.value == pytest.approx(graze, rel=1e-12)
+
+
+def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
+    """h = 0.02, R = 0.8: at omega = 1.3 period 1 and the motion 2/3 coexist, both stable."""
+    path = sweep("h: 0.02, R: 0.8, f: 1.0, omega: {start: 1.29, stop: 1.32, num: 7}")
+    (change,) = bifurcations(path)
+    assert (str(change.change.before), str(change.change.after)) == ("2/3", "1/1")
+    assert change.kind == "basin" and np.isnan(change.value)
+    assert " basin" in told("info", path, "--bifurcations")
+
+
+def test_along_a_start_the_basin_changes(sweep):
+    path = sweep(
+        "h: 0.02, R: 0.8, f: 1.0, omega: 1.3", "start: {x0: {start: -2, stop: 0, num: 21}}"
+    )
+    changes = bifurcations(path)
+    assert changes and {change.kind for change in changes} == {"basin"}
+
+
+@pytest.fixture
+def grid(sweep):
+    return sweep(
+        "h: 0.05, R: {start: 0.5, stop: 0.9, num: 13}, f: 1.0, "
+        "omega: {start: 0.8, stop: 4, num: 91}"
+    )
+
+
+def test_a_map_is_summed_up_and_its_lines_are_listed(grid, tmp_path):
+    lines = told("info", grid, "--bifurcations", "--axis", "omega").splitlines()
+    assert len(lines) < 45 and lines[0].split() == ["kind", "classes", "times", "omega", "R"]
+    assert max(len(word) for line in lines for word in line.split()) <= 10
+    flips = [line for line in lines if line.startswith("flip") and "1/1 -> 2/2" in line]
+    assert len(flips) == 1
+    written = tmp_path / "b.csv"
+    result = CliRunner().invoke(
+        app, ["info", str(grid), "--bifurcations", "--at", "R=0.8", "--csv", str(written)]
+    )
+    assert result.exit_code == 0, result.stderr
+    row = next(line for line in result.stdout.splitlines() if "1/1 -> 2/2" in line)
+    assert "flip  at 2.65888454668" in row and "R =" not in row
+    with written.open() as file:
+        table = list(csv.DictReader(file))
+    assert {row["kind"] for row in table} <= {
+        "flip", "fold", "graze", "rest", "chaos", "basin", "unknown",
+    }  # fmt: skip
+    (flip,) = (row for row in table if (row["before"], row["after"]) == ("1/1", "2/2"))
+    assert float(flip["omega"]) == pytest.approx(2.65888454668484, rel=1e-12)
+    assert float(flip["omega_low"]) < float(flip["omega"]) < float(flip["omega_high"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--csv", "b.csv"], "--csv b.csv is not allowed here; expected: with --bifurcations"),
+        (["--at", "R=0.8"], "--at R=0.8 is not allowed here; expected: with --bifurcations"),
+        (["--bifurcations", "--at", "h=0.8"], "h cannot be fixed here"),
+        (["--bifurcations", "--csv", "b.txt"], "expected: a .csv file in an existing folder"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(sweep, arguments, text):
+    path = sweep("h: 0.05, R: 0.8, f: 1, omega: [2.6, 2.7]")
+    result = CliRunner().invoke(app, ["info", str(path), *arguments])
+    assert result.exit_code == 2 and text in " ".join(result.stderr.split())
