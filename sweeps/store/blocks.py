@@ -65,11 +65,9 @@ class BlockFile:
             If it may not be written.
         """
         with sweep_file(path) as sweep:
-            layout = sweep.layout
-        descriptor = os.open(path, os.O_RDWR)
-        ledger = Ledger.read(descriptor)
-        assert ledger is not None  # it was there a moment ago, and the lock is held
-        return cls(path, descriptor, os.fstat(descriptor).st_size, layout, ledger, places(path))
+            descriptor = os.open(path, os.O_RDWR)
+            size, ledger = os.fstat(descriptor).st_size, sweep.ledger.of(descriptor)
+            return cls(path, descriptor, size, sweep.layout, ledger, places(sweep.file))
 
     def pending(self) -> np.ndarray:
         """Return the numbers of the blocks that are not done."""

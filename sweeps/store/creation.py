@@ -61,9 +61,11 @@ def create(path: Path, layout: Layout) -> None:
     rows = np.zeros(len(layout.blocks), ROW)
     rows["state"] = State.PENDING
     rows["crc"] = _fill_checksums(layout)
+    with h5py.File(path, "r") as file:
+        starts = places(file)
     descriptor = os.open(path, os.O_RDWR)
     try:
-        for name, start in places(path).items():
+        for name, start in starts.items():
             _fill(descriptor, start, math.prod(layout.shape_of(name)), VARIABLES[name].fill_value)
         _seal(path, descriptor, rows)
     finally:
@@ -241,7 +243,7 @@ def _seal(path: Path, descriptor: int, rows: np.ndarray) -> None:
     seal(descriptor, ledger, rows, data, head.index(_DURATION_MARK.tobytes()))
 
 
-def places(path: Path) -> dict[str, int]:
+def places(file: h5py.File) -> dict[str, int]:
     """Return where each variable starts in a file, or nothing where it is compressed.
 
     Returns
@@ -249,11 +251,10 @@ def places(path: Path) -> dict[str, int]:
     dict of str to int
         The place of its first byte, by the name of the variable.
     """
-    with h5py.File(path, "r") as file:
-        held = [name for name in VARIABLES if name in file]
-        if any(file[name].chunks for name in held):
-            return {}
-        return {name: file[name].id.get_offset() for name in held}
+    held = [name for name in VARIABLES if name in file]
+    if any(file[name].chunks for name in held):
+        return {}
+    return {name: file[name].id.get_offset() for name in held}
 
 
 def _fill(descriptor: int, start: int, count: int, value: np.generic) -> None:

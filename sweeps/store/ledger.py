@@ -130,6 +130,10 @@ class Ledger:
         ledger.reread()
         return ledger
 
+    def of(self, descriptor: int) -> Ledger:
+        """Return the same ledger of the same file, open as another descriptor."""
+        return Ledger(descriptor, self._start, self.rows, self.summary, self._duration)
+
     def reread(self) -> None:
         """Read the summary and the rows, which another process may have changed.
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
-import secrets
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -28,6 +26,7 @@ from sweeps.store.layout import Layout
 from sweeps.store.ledger import State, checksum
 from sweeps.store.output import check_output, reason
 from sweeps.store.reader import sweep_file
+from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.resuming import refuse_other
 from sweeps.store.variables import VARIABLES
 
@@ -61,7 +60,7 @@ def sweep_writer(
     """
     given, path = Path(path), Path(path).resolve()
     check_output(given, overwrite=overwrite, resume=resume)
-    _remove_leftovers(path)
+    remove_leftovers(path)
     damaged = np.zeros(0, int)
     damage = ""
     if resume and path.exists() and path.stat().st_size > 0:
@@ -76,7 +75,7 @@ def sweep_writer(
                 "computed again one by one: give --overwrite to begin anew"
             )
     else:
-        with _failure(given, "created"), _replacing(path) as new:
+        with _failure(given, "created"), replacing(path) as new:
             create(new, layout)
     with _failure(given, "written"):
         writer = SweepWriter(BlockFile.opened(path), given, damage)
@@ -311,7 +310,7 @@ class SweepWriter:
         compressed: bool = False,
     ) -> None:
         """Replace the file by one with these blocks in it, each with its samples."""
-        with _replacing(self._file.path) as new:
+        with replacing(self._file.path) as new:
             if compressed:
                 pack(new, layout, read, list(samples.values()))
             else:
@@ -347,36 +346,6 @@ def _fitted(arrays: Mapping[str, np.ndarray], width: int) -> dict[str, np.ndarra
         return np.pad(array[..., :width], missing, constant_values=math.nan)
 
     return {name: fitted(array) if _sampled(name) else array for name, array in arrays.items()}
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """Yield the name of a new, empty file, which replaces `path` at the end."""
-    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
-    os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
-    try:
-        yield new
-        os.replace(new, path)
-        _sync_folder(path)
-    finally:
-        new.unlink(missing_ok=True)
-
-
-def _remove_leftovers(path: Path) -> None:
-    """Remove the new files of writers that were killed."""
-    leftover = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.new")
-    for other in path.parent.iterdir():
-        if leftover.fullmatch(other.name):
-            other.unlink(missing_ok=True)
-
-
-def _sync_folder(path: Path) -> None:
-    """Make the names in the folder of `path` last."""
-    descriptor = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager
