@@ -216,8 +216,10 @@ def simulate(
     steps_per_period: int | None = None,
     x0: float = 0.0,
     v0: float = 0.0,
+    phase: float = 0.0,
+    transient: int = 0,
 ) -> Trajectory:
-    """Follow one oscillator from t = 0 over `periods` forcing periods.
+    """Follow one oscillator over `periods` forcing periods, after `transient` of them.
 
     The arithmetic is that of a lane of the sweep kernel, to the last bit.
 
@@ -233,6 +235,11 @@ def simulate(
         or as many as are stable, and for the impact rule ``exact`` as few as it allows.
     x0, v0 : float
         Start: displacement (<= clearance) [length] and velocity [length/time].
+    phase : float
+        omega t at the start, in [0, 2 pi) [rad]: the motion starts at t = phase / omega. With a
+        state of a section and the phase of the section, it goes on from there.
+    transient : int
+        Forcing periods left out at the start, >= 0.
 
     Returns
     -------
@@ -250,13 +257,20 @@ def simulate(
             continue
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise ValueError(f"{name} must be an integer >= 1, not {number!r}")
+    if isinstance(transient, bool) or not isinstance(transient, (int, np.integer)) or transient < 0:
+        raise ValueError(f"transient must be an integer >= 0, not {transient!r}")
+    if not 0.0 <= phase < 2.0 * math.pi:
+        raise ValueError(f"phase must be from 0 to below 2 pi, not {phase!r}")
     points = oscillator.at(x0, v0)
     log, status = trace(
         points,
         integrator=integrator,
         impact=impact,
         steps_per_period=steps_per_period,
+        transient=int(transient),
         periods=int(periods),
+        phase=float(phase),
+        at_section=True,
     )
     kind, t, x, v = log.T.copy()
     hit, section = kind == IMPACT, kind == _SECTION
@@ -283,6 +297,50 @@ def _rests(kind: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
         for_ever = time_to_release(pt.omega * t[-1], pt) == math.inf
         end = np.append(end, math.inf if for_ever else t[-1])
     return np.column_stack([begin, end])
+
+
+def exact_samples(
+    oscillator: Oscillator, t: np.ndarray, x: np.ndarray, v: np.ndarray, per_period: int = 200
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Insert states of the exact flow between the rows of a trajectory.
+
+    The flow over a time s is expm(A s) on (x, v, sin omega t, cos omega t), with A the matrix of
+    eq. (1) and of the force: it has no special case. Between two rows at rest on the stop the mass
+    stays there.
+
+    Parameters
+    ----------
+    oscillator : Oscillator
+    t, x, v : ndarray, shape (n,)
+        Rows of a `Trajectory` of the integrator ``exact``, with every event among them.
+    per_period : int
+        How many samples a forcing period has at least.
+
+    Returns
+    -------
+    t, x, v : ndarray, shape (k,)
+        The rows, unchanged, and the samples between them.
+    """
+    from scipy.linalg import expm  # takes half a second to import
+
+    h, omega, f, p = (getattr(oscillator, name) for name in ("h", "omega", "f", "p"))
+    step = np.diff(t)
+    # The margin keeps rounding from halving steps that are short enough.
+    parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9).astype(np.int64)
+    row = np.repeat(np.arange(len(step)), np.maximum(parts - 1, 0))
+    first = np.searchsorted(row, np.arange(len(step)))
+    s = step[row] * (1 + np.arange(len(row)) - first[row]) / parts[row]
+    A = np.array(
+        [[0, 1, 0, 0], [-(p**2), -2 * h, -f, 0], [0, 0, 0, omega], [0, 0, -omega, 0]], float
+    )
+    start = np.stack([x[:-1], v[:-1], np.sin(omega * t[:-1]), np.cos(omega * t[:-1])], axis=1)
+    state = np.einsum("kij,kj->ki", expm(A * s[:, None, None]), start[row])[:, :2]
+    on_stop = (x == oscillator.clearance) & (v == 0.0)
+    resting = (on_stop[:-1] & on_stop[1:])[row]
+    state[resting] = oscillator.clearance, 0.0
+    columns = ((t, t[row] + s), (x, state[:, 0]), (v, state[:, 1]))
+    t, x, v = (np.insert(rows, row + 1, samples) for rows, samples in columns)
+    return t, x, v
 
 
 def trajectories(points: np.ndarray, **arguments: Any) -> dict[str, np.ndarray]:
