@@ -687,10 +687,14 @@ def test_an_encoding_that_lacks_a_character():
     assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
 
 
-def test_a_cache_that_cannot_be_kept_is_one_line(folder):
-    result = process("run", "small.yaml", "--quiet", NUMBA_CACHE_DIR=str(folder / "small.yaml"))
-    assert result.returncode == 0
-    assert re.fullmatch(
-        r"vibroimpact: warning: the compiled code cannot be kept .*NUMBA_CACHE_DIR .*\n",
-        result.stderr,
+def test_a_warning_is_one_line(folder):
+    code = (
+        "import warnings\n"
+        "from sweeps.cli.terminal import prepare_streams\n"
+        "prepare_streams()\n"
+        "warnings.warn('the cache\\x1b[31m is full')\n"
     )
+    command = [sys.executable, "-c", code]
+    environment = {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"
