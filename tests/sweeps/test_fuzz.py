@@ -84,8 +84,14 @@ def coordinate(dataset, config, name):
 def answer_mutated(seed):
     """Answer the configuration of a seed, run it where it is small, and leave nothing behind."""
     text = mutated(random.Random(seed))
+    Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
     faulthandler.dump_traceback_later(300, exit=True)  # a hang, which ends the campaign
     try:
+        try:
+            load_config("fuzz.yaml")
+        except ConfigError as refusal:
+            assert all(line.startswith("fuzz.yaml") for line in str(refusal).splitlines())
+            return "refused"
         if answered(text) == 2:
             return "refused"
         return "run" if run_and_checked(text) else "accepted"
