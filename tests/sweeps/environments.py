@@ -2,7 +2,7 @@
 
 #: A number, a switch, a name or a path as nobody means them.
 _NONSENSE = ("abc", "-1", "0", "99999999999", "")
-_PLACES = ("/proc", "/dev/null/x", "/nonexistent/deep/folder", "")
+_PLACES = ("/proc", "/dev/null/x", "/sys/deep/folder", "")
 
 VARIABLES = {
     "NUMBA_NUM_THREADS": _NONSENSE,

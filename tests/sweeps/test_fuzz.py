@@ -153,9 +153,7 @@ def commands_in(folder, **variables):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "setting", [("NUMBA_CACHE_DIR", "/dev/null/x"), ("HOME", "/proc"), ("COLUMNS", "abc")]
-)
+@pytest.mark.parametrize("setting", [("NUMBA_CACHE_DIR", "/dev/null/x"), ("COLUMNS", "abc")])
 def test_an_odd_environment_is_answered(tmp_path, setting):
     assert commands_in(tmp_path, **dict([setting])) == [0, 0]
 
