@@ -148,10 +148,11 @@ def _plot(
     say(written)
 
 
-def _tell_moved(cuts: Cut, found: Cut, done: str) -> None:
-    for name, value in cuts.items():
-        if value != found[name]:
-            text = f"{name} = {value:g} is not on the grid; {done} at {name} = {found[name]:g}"
+def _tell_moved(asked: Cut, cut: Cut, verb: str) -> None:
+    """Say where a value that was asked for is not on the grid, and which one was taken."""
+    for name, value in asked.items():
+        if value != cut[name]:
+            text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
             say(text, error=True)
 
 

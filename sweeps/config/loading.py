@@ -20,7 +20,7 @@ from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.errors import ConfigError
 from sweeps.text import shortened, shown_count, suggestion
 
-#: A longer file is none that was typed; a long axis is better told as a range.
+#: A longer file is none that was typed; a long axis is better given as a range.
 _MOST_BYTES = 250_000
 #: The schema has four levels.
 _DEEPEST = 16

@@ -219,8 +219,8 @@ class Cluster:
 
     def _refuse_others(self) -> None:
         """Refuse workers that compute with another version of the code."""
-        told = self._client.run(_asking(), on_error="return")
-        for address, numerics in told.items():
+        versions = self._client.run(_asking(), on_error="return")
+        for address, numerics in versions.items():
             if numerics != _own():
                 raise Refused(_other(address, str(numerics), _own()))
 
