@@ -70,8 +70,7 @@ def test_a_fold_and_a_graze_are_told_apart(sweep):
     # The last steps are short, so that they do not kick the free motion out of its basin.
     down = "follow: {axis: omega, direction: down}"
     graze = brentq(lambda w: amplitude(w) - clearance, 1.1, 1.5, xtol=1e-14)
-    near = [graze + step for step in (-1e-4, 1e-6, 1e-5, 1e-4, 1e-3, 3e-3)]
-    axis = str([*near, 1.291, 1.295, 1.3, 1.31, 1.35, 1.4, 1.6, 1.8])
+    axis = str([graze - 1e-4, *(graze + np.geomspace(1e-7, 0.5, 60)).tolist()])
     (end,) = bifurcations(sweep(common + axis, down))
     assert (end.kind, str(end.change.after)) == ("graze", "1/0")
     assert end.value == pytest.approx(graze, rel=1e-12)
@@ -114,7 +113,7 @@ def test_a_map_is_summed_up_and_its_lines_are_listed(grid, tmp_path):
     )
     assert result.exit_code == 0, result.stderr
     row = next(line for line in result.stdout.splitlines() if "1/1 -> 2/2" in line)
-    assert "flip  at 2.65888454668" in row and "R =" not in row
+    assert row.split()[-3:] == ["flip", "at", "2.65888454668"] and "R =" not in row
     with written.open() as file:
         table = list(csv.DictReader(file))
     assert {row["kind"] for row in table} <= {
