@@ -200,7 +200,11 @@ def _as_dataset(
         grid = np.full((points.count, width), missing, values.dtype)
         grid[parameter, rank] = values
         shaped = grid.reshape(*points.shape, width)
-        data[name] = ((*points.parameters, "coexisting"), shaped, {"long_name": meaning})
+        about: dict[str, Any] = {"long_name": meaning}
+        if name == "motion":
+            about["flag_values"] = np.array(list(Motion))
+            about["flag_meanings"] = " ".join(motion.name.lower() for motion in Motion)
+        data[name] = ((*points.parameters, "coexisting"), shaped, about)
     of_point = table.of_point
     number = np.where(of_point < 0, -1, table.number[of_point]) if len(parameter) else of_point
     counted = np.bincount(parameter[np.isin(table.motion, COUNTED_MOTIONS)], minlength=points.count)

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from sweeps.interrupts import check
-from sweeps.store.layout import BLOCKS, Layout
+from sweeps.store.layout import BLOCKS, COORDINATES, Layout
 from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
 from vibroimpact.oscillator import PARAMETERS
@@ -153,6 +153,12 @@ def _describe(file: h5py.File, layout: Layout) -> None:
             continue
         about = PARAMETERS[axis]
         _add_scale(file, axis, values.astype(float), about.meaning, about.unit, about.symbol)
+    file.attrs[COORDINATES] = " ".join(layout.fixed)
+    for name, value in layout.fixed.items():
+        about = PARAMETERS[name]
+        _about(
+            file.create_dataset(name, data=float(value)), about.meaning, about.unit, about.symbol
+        )
     for record, numbers in layout.records.items():
         _add_scale(file, record, numbers, RECORDS[record], "1", "")
     bounds = [[(cut.start, cut.stop) for cut in block] for block in layout.blocks]
@@ -164,8 +170,12 @@ def _add_scale(
     file: h5py.File, name: str, values: np.ndarray, long_name: str, unit: str, symbol: str
 ) -> None:
     scale = file.create_dataset(name, data=values)
-    scale.attrs.update({"long_name": long_name, "units": unit, "symbol": symbol})
+    _about(scale, long_name, unit, symbol)
     scale.make_scale(name)
+
+
+def _about(dataset: h5py.Dataset, long_name: str, unit: str, symbol: str) -> None:
+    dataset.attrs.update({"long_name": long_name, "units": unit, "symbol": symbol})
 
 
 def _add_variable(file: h5py.File, layout: Layout, name: str, **storage: Any) -> None:
@@ -173,9 +183,7 @@ def _add_variable(file: h5py.File, layout: Layout, name: str, **storage: Any) ->
     dataset = file.create_dataset(name, layout.shape_of(name), variable.dtype, **storage)
     if dataset.shape == ():
         dataset[()] = 0  # gives it its place; h5py does not pass the properties of a single value
-    dataset.attrs.update(
-        {"long_name": variable.long_name, "units": variable.unit, "symbol": variable.symbol}
-    )
+    _about(dataset, variable.long_name, variable.unit, variable.symbol)
     if name == "status":
         dataset.attrs["flag_values"] = np.array(list(Status), dtype=variable.dtype)
         dataset.attrs["flag_meanings"] = " ".join(status.name.lower() for status in Status)

@@ -22,6 +22,9 @@ FORMAT_VERSION = 3
 #: The attribute of a refined sweep that counts the points added to its grid.
 ADDED = "points_added"
 
+#: The attribute that names the parameters that are not swept: coordinates for xarray (CF 5).
+COORDINATES = "coordinates"
+
 #: Where the file says in which blocks it is written; not at the root, where xarray would see it.
 BLOCKS = "store/blocks"
 
@@ -35,6 +38,8 @@ class Layout:
     axes : mapping of str to ndarray
         The leading dimensions of every result: the swept axes, and before them ``direction``
         where one was followed up and down.
+    fixed : mapping of str to float
+        The value of every parameter that is not swept.
     records : mapping of str to ndarray
         The record dimensions and their coordinates. ``sample`` may prove too short.
     variables : tuple of str
@@ -46,6 +51,7 @@ class Layout:
     """
 
     axes: Mapping[str, np.ndarray]
+    fixed: Mapping[str, float]
     records: Mapping[str, np.ndarray]
     variables: tuple[str, ...]
     blocks: Sequence[Block]
@@ -105,7 +111,7 @@ class Layout:
         if len(directions) > 1:
             axes = {DIRECTION: np.array(directions, object), **axes}
             blocks = ((slice(0, len(directions)), *block) for block in blocks)
-        return cls(axes, records, tuple(held), tuple(blocks), attributes)
+        return cls(axes, grid.fixed, records, tuple(held), tuple(blocks), attributes)
 
     @property
     def shape(self) -> tuple[int, ...]:

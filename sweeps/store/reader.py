@@ -16,11 +16,14 @@ import xarray as xr
 from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.interrupts import check
-from sweeps.store.layout import BLOCKS, FORMAT, FORMAT_VERSION, Layout
+from sweeps.store.layout import BLOCKS, COORDINATES, FORMAT, FORMAT_VERSION, Layout
 from sweeps.store.ledger import DamageError, Ledger, State, checksum
 from sweeps.store.output import damaged, open_regular, reason, refuse_version, refuse_without_ledger
 from sweeps.store.variables import VARIABLES
 from vibroimpact.status import Status
+
+#: Attributes of a file that its layout does not keep among the others.
+_NOT_LAID_OUT = ("duration", COORDINATES)
 
 
 def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
@@ -183,10 +186,11 @@ def _layout(file: h5py.File) -> Layout:
     axes = [scale for dimension in file["status"].dims for scale in dimension.values()]
     return Layout(
         {scale.name.strip("/"): _values(scale) for scale in axes},
+        {name: float(file[name][()]) for name in str(file.attrs[COORDINATES]).split()},
         {record: file[record][()] for record in held if record},
         variables,
         [tuple(slice(*cut) for cut in block) for block in file[BLOCKS][()].tolist()],
-        {name: value for name, value in file.attrs.items() if name != "duration"},
+        {name: value for name, value in file.attrs.items() if name not in _NOT_LAID_OUT},
     )
 
 

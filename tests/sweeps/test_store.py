@@ -127,6 +127,18 @@ def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
         )
 
 
+def test_parameters_that_are_not_swept_are_scalar_coordinates(tmp_path):
+    """In the file itself, so that xarray alone sees them."""
+    path = tmp_path / "out.h5"
+    write_blocks(path, whole(GRID))
+    with xr.open_dataset(path, engine="h5netcdf") as dataset:
+        for name, value in GRID.fixed.items():
+            assert dataset.coords[name].shape == () and dataset[name] == value
+            assert dataset[name].attrs["units"] == PARAMETERS[name].unit
+            assert dataset[name].attrs["long_name"] == PARAMETERS[name].meaning
+        assert "coordinates" not in dataset.attrs
+
+
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_single_point_has_no_axes(tmp_path, compressed):
     path = tmp_path / "out.h5"
