@@ -242,7 +242,7 @@ def _go_on(
     return shlex.join([*command, "--resume"])
 
 
-for command in (cli_read.plot, cli_read.attractors, cli_read.info):
+for command in (cli_read.plot, cli_read.attractors, cli_read.info, cli_read.export):
     app.command()(command)
 
 

@@ -258,3 +258,23 @@ def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Pa
         except OSError as error:
             raise Failed(error) from error
         say(csv)
+
+
+def export(
+    file: SweepFile,
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="FILE", help="The .csv or .parquet file to write."),
+    ],
+) -> None:
+    """Write a row for every point: its parameters, and every result that is a single number."""
+    from sweeps.analysis.export import check_table, write_points
+    from sweeps.store import open_sweep
+
+    check_table(output)
+    with open_sweep(file) as dataset, _named(file):
+        try:
+            rows = write_points(dataset, output)
+        except OSError as error:
+            raise Failed(error) from error
+    say(f"{output}: {rows:,} {'row' if rows == 1 else 'rows'}")

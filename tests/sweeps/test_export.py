@@ -1,0 +1,88 @@
+"""The table of a sweep's points: against the arrays of the file."""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.cli.main import app
+from vibroimpact.status import Status
+
+CONFIG = """\
+oscillator: {h: 0.1, R: [0.5, 0.8], omega: {start: 1.0, stop: 3.0, num: 7}, f: 1.0}
+record: {transient: 20, periods: 8, impacts: 4, diagnostics: [period, lyapunov]}
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("c.yaml").write_text(CONFIG)
+    return run_sweep(load_config("c.yaml"), "out.h5")
+
+
+def exported(file, name="points.csv"):
+    result = CliRunner().invoke(app, ["export", str(file), "-o", name])
+    assert result.exit_code == 0, result.stderr
+    with open(name, newline="") as text:
+        return result.stdout, list(csv.DictReader(text))
+
+
+def test_every_scalar_comes_back_to_the_last_bit(file):
+    said, rows = exported(file)
+    assert said == "points.csv: 14 rows\n"
+    with open_sweep(file) as dataset:
+        scalars = [name for name in dataset if dataset[name].dims == ("R", "omega")]
+        assert len(scalars) >= 8
+        for i, row in enumerate(rows):
+            point = dataset.isel(R=i // 7, omega=i % 7)
+            assert float(row["R"]) == point["R"] and float(row["omega"]) == point["omega"]
+            assert float(row["h"]) == 0.1 and float(row["clearance"]) == 0.0
+            assert row["status"] == Status(int(point["status"])).name.lower()
+            for name in set(scalars) - {"status"}:
+                given = float(row[name] or "nan")
+                assert given == point[name] or (np.isnan(given) and np.isnan(point[name]))
+            for k in (0, 1):
+                assert float(row[f"lyapunov_{k + 1}"]) == point["lyapunov"][k]
+    assert not {"poincare_x", "impact_v"} & set(rows[0])
+
+
+def test_parts_give_the_same_file(file, monkeypatch):
+    exported(file)
+    monkeypatch.setattr("sweeps.analysis.export._PART", 3)
+    exported(file, "parts.csv")
+    assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
+
+
+def test_a_single_point_is_a_row(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("c.yaml").write_text(CONFIG)
+    overrides = ["oscillator.R=0.5", "oscillator.omega=2.0"]
+    _, (row,) = exported(run_sweep(load_config("c.yaml", overrides), "out.h5"))
+    assert (row["R"], row["omega"], row["period"]) == ("0.5", "2.0", "1")
+
+
+def test_parquet_where_pyarrow_is_there(file, monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    assert CliRunner().invoke(app, ["export", str(file), "-o", "p.parquet"]).exit_code == 0
+    exported(file)
+    pandas.testing.assert_frame_equal(
+        pandas.read_parquet("p.parquet"), pandas.read_csv("points.csv")
+    )
+
+
+def test_what_cannot_be_written_is_refused(file, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    for name, text in (
+        ("points.txt", "expected: a .csv or .parquet file"),
+        ("no/points.csv", "in an existing folder"),
+        ("points.parquet", "needs the package pyarrow"),
+    ):
+        result = CliRunner().invoke(app, ["export", str(file), "-o", name])
+        assert result.exit_code == 2 and text in " ".join(result.stderr.split())
+    assert sorted(path.name for path in Path().iterdir()) == ["c.yaml", "out.h5"]
