@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sweeps.analysis.distinct_attractors import attractors as attractors
+    from sweeps.analysis.exact_branches import branches as branches
     from sweeps.config.loading import load_config as load_config
     from sweeps.config.sweep import SweepConfig as SweepConfig
     from sweeps.engine.run import run_sweep as run_sweep
@@ -17,6 +18,7 @@ _HOME = {
     "StoreError": "sweeps.errors",
     "SweepConfig": "sweeps.config.sweep",
     "attractors": "sweeps.analysis.distinct_attractors",
+    "branches": "sweeps.analysis.exact_branches",
     "load_config": "sweeps.config.loading",
     "open_sweep": "sweeps.store.reader",
     "run_sweep": "sweeps.engine.run",

@@ -163,9 +163,9 @@ class _Extension:
             if result.motion[i] == Motion.PERIODIC:
                 result.cycles[i] = record[-result.period[i] :].copy()
             elif self._exact and result.motion[i] in (Motion.UNDECIDED, Motion.NEUTRAL):
-                self._shoot(i, record, failures)
+                self._enter_orbit(i, record, failures)
 
-    def _shoot(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
+    def _enter_orbit(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
         """Enter the stable orbit that a motion goes to, where there is one."""
         parameter = int(self._points.parameter[i])
         orbits = self._orbits.setdefault(parameter, [])

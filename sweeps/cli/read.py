@@ -96,15 +96,22 @@ def plot(
         bool,
         typer.Option(
             "--exact",
-            help="Draw the closed-form one-impact orbits over a bifurcation diagram, and show how "
-            "far the points are from them.",
+            help="Draw the exact branches of the periodic motions, stable and not, with their "
+            "bifurcations, and show how far the points are from them.",
         ),
     ] = False,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="With --exact: write what is drawn to it."),
+    ] = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.store import open_sweep
 
     cuts = _cuts(at or ())
+    check_csv(csv)
+    if csv is not None and (not exact or len(files) > 1):
+        raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
     options = {
         "axes": tuple(axis or ()),
         "coordinate": coordinate,
@@ -116,7 +123,7 @@ def plot(
         open_sweep(file).close()  # before any is drawn
     for file, figure in zip(files, figures, strict=True):
         with open_sweep(file, verify=False) as dataset, _named(file):
-            _plot(dataset, figure, kind, cuts, options)
+            _plot(dataset, figure, kind, cuts, options, csv)
 
 
 @contextmanager
@@ -134,10 +141,11 @@ def _plot(
     kind: str | None,
     cuts: Mapping[str, float | str],
     options: Mapping[str, Any],
+    csv: Path | None,
 ) -> None:
     from sweeps.analysis.selection import on_grid
     from sweeps.plotting import plot
-    from sweeps.plotting.exact_branches import compare
+    from sweeps.plotting.exact_branches import compare, write_exact
 
     cut = on_grid(dataset, cuts)
     written = plot(dataset, figure, kind, cut, **options)
@@ -145,6 +153,12 @@ def _plot(
     if options["exact"]:
         for line in compare(dataset, options["axes"], cut, options["coordinate"]):
             say(line)
+    if csv is not None:
+        try:
+            write_exact(csv, dataset, options["axes"], cut)
+        except OSError as error:
+            raise Failed(error) from error
+        say(csv)
     say(written)
 
 

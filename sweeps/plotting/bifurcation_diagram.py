@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.overlay import Line
+from sweeps.analysis.exact_branches import lines_of
 from sweeps.analysis.selection import Cut, Setting
 from sweeps.errors import Refused
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
@@ -49,7 +49,7 @@ def bifurcation(
     coordinate : str, optional
         One of ``sweeps.plotting.lines.COORDINATES``, by default the first that the file has.
     exact : bool
-        Whether to draw the closed-form one-impact orbits over the points.
+        Whether to draw the exact branches of the periodic motions over the points.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def bifurcation(
     low, high = value_range(records)
     if low > high:
         raise Refused(f"there is nothing to draw: no point has a {coordinate}")
-    orbits = Line.of(branches[0], axis, coordinate) if exact else None
+    orbits = lines_of(dataset, axis, at) if exact else []
     figure = Figure(figsize=(5.0, 3.5), layout="constrained")
     panel = figure.add_subplot()
     set_scale(panel.xaxis, values)
@@ -84,8 +84,8 @@ def bifurcation(
     panel.set_xlabel(label(dataset[axis]))
     panel.set_ylabel(label(dataset[coordinate]))
     widen_if_constant(panel.set_ylim, low, high)
-    if orbits is not None:
-        draw_branches(panel, orbits, len(records))
+    if orbits:
+        draw_branches(panel, orbits, coordinate)
     mark_status(panel, values, line["status"].values)
     _add_legend(figure, panel, exact)
     add_title(figure, Setting.of(dataset), line, 76)

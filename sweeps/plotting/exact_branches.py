@@ -1,20 +1,32 @@
-"""The closed-form one-impact orbits over a bifurcation diagram, and how far the points are off."""
+"""The exact branches over a bifurcation diagram, and how far the points are off."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from sweeps.analysis.overlay import Line, deviations
-from sweeps.analysis.selection import Cut, listed
-from sweeps.plotting.lines import select_line, split_directions
+from sweeps.analysis.exact_branches import (
+    Line,
+    coordinates,
+    deviations,
+    grow,
+    lines_of,
+    told,
+)
+from sweeps.analysis.exact_tables import as_dataset, write_csv
+from sweeps.analysis.selection import Cut, chosen_axes
+from sweeps.plotting.lines import select_line
 from sweeps.plotting.palette import VERMILION
 from sweeps.store import DIRECTION
-from vibroimpact.orbits.one_impact_branches import Piece
+from vibroimpact.orbits.branches import Branch
+from vibroimpact.orbits.periodic import PeriodicOrbit
+from vibroimpact.orbits.trees import Tree
 
 #: Markers of the bifurcations of a branch.
 _MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
@@ -40,68 +52,116 @@ def compare(
     Returns
     -------
     list of str
-        A line of text for each direction and each number of forcing periods.
+        A line of text for each direction and class m/q, then what was found and what given up.
 
     Raises
     ------
     Refused
         As from `sweeps.plotting.bifurcation`.
     """
-    line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    _, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    lines = lines_of(dataset, axis, at)
+    tree = grow(lines)
     texts = []
-    for branch in split_directions(line):
-        start = f"{branch[DIRECTION].item()}: " if DIRECTION in branch.coords else ""
-        lines = [
-            deviation.told(axis) for deviation in deviations(Line.of(branch, axis, coordinate))
-        ]
-        texts += [start + text for text in lines or ["no point follows a stable one-impact orbit"]]
-    return texts
+    for line in lines:
+        start = f"{line.dataset[DIRECTION].item()}: " if DIRECTION in line.dataset.coords else ""
+        found = [deviation.told(axis) for deviation in deviations(line, tree, coordinate)]
+        texts += [start + text for text in found or ["no point follows a stable exact branch"]]
+    return texts + told(tree)
 
 
-def draw_branches(panel: Axes, line: Line, directions: int) -> None:
-    """Draw the one-impact orbits, solid where stable, and their bifurcations.
+def write_exact(
+    path: Path, dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None
+) -> None:
+    """Write the exact branches of a diagram to a CSV file; arguments as of `compare`."""
+    (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
+    write_csv(path, as_dataset(grow(lines_of(dataset, axis, at))))
+
+
+def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> Tree:
+    """Draw the branches of all periodic motions, solid where stable, and their bifurcations.
 
     Parameters
     ----------
     panel : Axes
-    line : Line
-        The points that the orbits are drawn over.
-    directions : int
-        In how many directions the points were followed.
+    lines : sequence of Line
+        The points that the orbits are drawn over, once for each direction.
+    coordinate : str
+        One of ``sweeps.plotting.lines.COORDINATES``.
     """
-    look = _OVER_BOTH if directions > 1 else _OVER_ONE
-    branches = [branch for branch in line.branches() if branch.pieces]
+    look = _OVER_BOTH if len(lines) > 1 else _OVER_ONE
+    tree, phase = grow(lines), lines[0].phase
+    drawn = set()
+    for branch in tree.branches:
+        if branch.q or not coordinate.startswith("impact"):
+            drawn |= _draw_branch(panel, branch, coordinate, phase, look)
     for stable in (True, False):
-        pieces = [
-            (branch.n, piece)
-            for branch in branches
-            for piece in branch.pieces
-            if piece.stable == stable
-        ]
-        for _, piece in pieces:
-            _draw_piece(panel, line, piece, look)
-        if pieces:
-            periods = listed(str(n) for n in sorted({n for n, _ in pieces}))
-            text = f"exact orbit, $n = {periods}$, {'stable' if stable else 'unstable'}"
+        if stable in drawn:
+            text = f"exact orbits, {'stable' if stable else 'unstable'}"
             panel.plot([], [], label=text, **look, linestyle=_line_style(stable))
     for kind, marker in _MARKERS.items():
-        marks = [mark for branch in branches for mark in branch.marks if mark.kind == kind]
-        for mark in marks:
-            y = line.coordinates(mark.value, mark.orbit)
-            (points,) = panel.plot(np.full(len(y), mark.value), y, marker)
-            points.set(color=look["color"], markerfacecolor="white", markersize=4.5, zorder=5)
-            points.set_label(kind if mark is marks[0] else "_")
+        x, y = [], []
+        for branch in tree.branches:
+            # Where nothing is stable, the markers would hide the lines.
+            for point in branch.special if branch.stable.any() else ():
+                if point.kind == kind:
+                    shown = coordinates(point.orbit, coordinate, phase)
+                    x += [point.value] * len(shown)
+                    y += shown.tolist()
+        if x:
+            (points,) = panel.plot(x, y, marker, label=kind)
+            points.set(color=look["color"], markerfacecolor="white", markersize=3.5, zorder=5)
+            points.set_markeredgewidth(0.7)
+    return tree
 
 
-def _draw_piece(panel: Axes, line: Line, piece: Piece, look: dict[str, Any]) -> None:
-    x = np.array(piece.values)
-    y = np.array([line.coordinates(*pair) for pair in zip(x, piece.orbits, strict=True)])
-    # Where the impact passes the phase at which the coordinate begins anew, so does the line.
-    begin = 0.0 if line.coordinate == "impact_phase" else line.phase
-    phases = (np.array([orbit.phase for orbit in piece.orbits]) - begin) % (2.0 * np.pi)
-    jumps = np.flatnonzero(np.abs(np.diff(phases)) > np.pi) + 1
-    x, y = np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan, axis=0)
-    panel.plot(x, y, zorder=4, label="_", **look, linestyle=_line_style(piece.stable))
+def _draw_branch(
+    panel: Axes, branch: Branch, coordinate: str, phase: float, look: dict[str, Any]
+) -> set[bool]:
+    """Draw one branch in pieces of one stability; return which there are."""
+    x, y, breaks = (
+        branch.values,
+        _ordinates(branch, coordinate, phase),
+        _breaks(branch, coordinate, phase),
+    )
+    # A special point ends the pieces on both sides, and belongs to the stable one.
+    stable = branch.stable[1:] | branch.stable[:-1]
+    drawn = set()
+    for state, steps in groupby(range(len(stable)), key=lambda i: (bool(stable[i]), breaks[i])):
+        piece = list(steps)
+        if state[1] >= 0:
+            drawn.add(state[0])
+            part = slice(piece[0], piece[-1] + 2)
+            panel.plot(
+                x[part], y[part], zorder=4, label="_", **look, linestyle=_line_style(state[0])
+            )
+    return drawn
+
+
+def _ordinates(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
+    """Return what the diagram shows along a branch, shape (n, m) or (n, q), in continuous order."""
+    if coordinate == "impact_v":
+        return branch.speeds
+    if coordinate == "impact_phase":
+        return branch.phases % (2.0 * np.pi)
+    rows = []
+    for i in range(len(branch.values)):
+        orbit = branch.orbit(i)
+        if branch.q:  # not begun anew at another impact
+            orbit = PeriodicOrbit(orbit.oscillator, branch.m, branch.phases[i], branch.speeds[i])
+        rows.append(coordinates(orbit, coordinate, phase))
+    return np.array(rows)
+
+
+def _breaks(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
+    """Return a number for each step, -1 where an impact passes the section: a jump."""
+    steps = len(branch.values) - 1
+    if coordinate == "impact_v" or not branch.q:
+        return np.zeros(steps, int)
+    begin = 0.0 if coordinate == "impact_phase" else phase
+    turns = np.floor((branch.phases - begin) / (2.0 * np.pi))
+    jumps = (np.diff(turns, axis=0) != 0.0).any(axis=1)
+    return np.where(jumps, -1, np.cumsum(jumps))
 
 
 def _line_style(stable: bool) -> Any:

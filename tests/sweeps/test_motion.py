@@ -97,7 +97,7 @@ def computed(h, R, omega, **start):
 
 def beside(h, R, omega):
     """Return a start beside the closed-form orbit: after a rebound, at the phase 0 next to it."""
-    from vibroimpact.orbits.one_impact_branches import sections
+    from vibroimpact.orbits.one_impact import sections
 
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
     x, v = sections(osc, one_impact_orbit(osc), 0.0)[0]

@@ -20,8 +20,7 @@ from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
 from sweeps.errors import StoreError
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
-from vibroimpact.orbits.one_impact_branches import sections
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit, sections
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibroimpact.orbits.one_impact import one_impact_orbit
-from vibroimpact.orbits.one_impact_branches import sections
+from vibroimpact.orbits.one_impact import one_impact_orbit, sections
 from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate, trace

@@ -97,7 +97,9 @@ class Branch:
         """Return the orbits at a value of the parameter, in the order of the branch."""
         osc, found = replace(self.start.oscillator, **{self.parameter: float(value)}), []
         away = self.values - value
-        for i in np.flatnonzero((away[:-1] * away[1:] < 0.0) | (away[:-1] == 0.0)).tolist():
+        crossed = (away[:-1] * away[1:] < 0.0) | (away[:-1] == 0.0)
+        crossed[-1:] |= away[-1:] == 0.0
+        for i in np.flatnonzero(crossed).tolist():
             share = away[i] / (away[i] - away[i + 1]) if away[i] else 0.0
             between = [
                 (1.0 - share) * column[i] + share * column[i + 1]

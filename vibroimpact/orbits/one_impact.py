@@ -99,6 +99,20 @@ class OneImpactOrbit:
         return self.exists and bool(np.all(np.abs(self.multipliers) < 1.0))
 
 
+def sections(osc: Oscillator, orbit: OneImpactOrbit, phase: float) -> np.ndarray:
+    """Return the states of an orbit at ωt = `phase` mod 2π, in the order after the impact.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        x and v. An impact at `phase` itself gives the state after it.
+    """
+    s, c, point = math.sin(orbit.phase), math.cos(orbit.phase), osc.at(osc.clearance)[0]
+    first = (phase - orbit.phase) % (2.0 * math.pi) / osc.omega
+    times = first + osc.forcing_period * np.arange(orbit.n)
+    return np.array([exact(osc.clearance, -osc.R * orbit.v, s, c, float(t), point) for t in times])
+
+
 class _Solutions(NamedTuple):
     """The solutions (v, sin, cos) = middle +- sqrt(discriminant) reach; with +, the faster."""
 

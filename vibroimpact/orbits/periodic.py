@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -121,17 +121,17 @@ class PeriodicOrbit:
         if self.q == 0:
             x, v = free_oscillation(o, theta)
             return x, v
+        first, turn = float(self.phases[0]), 2.0 * math.pi * self.m
+        theta = first + (theta - first) % turn
         i = int(np.searchsorted(self.phases, theta, side="right")) - 1
         start, v = float(self.phases[i]), float(self.speeds[i])
-        if i < 0:
-            start -= 2.0 * math.pi * self.m
         y, u, _ = state_after(values_of(o), start, v, (theta - start) / o.omega)
         return min(y + o.clearance, o.clearance), u
 
 
 def values_of(osc: Oscillator) -> np.ndarray:
     """Return the six parameters as an array."""
-    return np.array(astuple(osc))
+    return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance])
 
 
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:

@@ -1,8 +1,12 @@
+import csv
+
 import numpy as np
 import pytest
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.overlay import Line, _distance, deviations
+from sweeps.analysis import exact_branches
+from sweeps.analysis.exact_branches import Line, _distance, branches, grow
+from sweeps.analysis.exact_tables import write_csv
 from sweeps.analysis.selection import select
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
@@ -33,25 +37,31 @@ def exact(tmp_path_factory):
         yield dataset
 
 
-def line_of(dataset, coordinate="poincare_x", axis="omega", **at):
-    return Line.of(select(dataset, at or {"R": 0.8}, free=[axis]), axis, coordinate)
+def line_of(dataset, axis="omega", **at):
+    return Line.of(select(dataset, at or {"R": 0.8}, free=[axis]), axis)
+
+
+def deviations(line, coordinate="poincare_x"):
+    return list(exact_branches.deviations(line, grow([line]), coordinate))
 
 
 @pytest.mark.parametrize("coordinate", COORDINATES)
 def test_computed_points_are_on_the_stable_branches_to_rounding(exact, coordinate):
-    first, second = deviations(line_of(exact, coordinate))
-    assert (first.n, second.n) == (1, 2)
+    found = {(one.m, one.q): one for one in deviations(line_of(exact), coordinate)}
+    first, second = found[1, 1], found[2, 1]
     assert first.values.max() < FLIPS[1] and second.values.min() > FLIPS[2]
-    for found in (first, second):
-        assert 5 <= found.settled.sum()
-        assert found.sizes[found.settled].max() < 1e-13
+    assert {(2, 2), (4, 4)} <= set(found)
+    for one in (first, second):
+        assert 5 <= one.settled.sum()
+    for one in found.values():
+        assert one.sizes[one.settled].max(initial=0.0) < 1e-12
 
 
 def test_a_point_off_the_branch_by_so_much_is_told(exact):
     line = line_of(exact)
     line.dataset.load()
     line.dataset["poincare_x"][3] += 1e-9
-    (found, _) = deviations(line)
+    found, *_ = deviations(line)
     assert found.sizes[3] == pytest.approx(1e-9, rel=1e-3)
     assert f"1.0e-09 at omega = {found.values[3]:g}" in found.told("omega")
 
@@ -70,7 +80,7 @@ def test_a_coarse_method_is_off_by_its_error(tmp_path):
 
 def test_a_short_transient_is_told_apart(tmp_path):
     with computed(tmp_path, "record.transient=80") as dataset:
-        found = next(deviations(line_of(dataset)))
+        found, *_ = deviations(line_of(dataset))
         assert not found.settled.any() and found.sizes.max() > 1e-13
         assert found.told("omega").endswith("died out at none of them")
 
@@ -83,14 +93,13 @@ def test_phases_are_compared_around_the_circle():
 
 def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
     with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
-        line = Line.of(select(dataset, None, free=["R"]), "R", "impact_v")
-        (found,) = deviations(line)
+        line = Line.of(select(dataset, None, free=["R"]), "R")
+        (found,) = deviations(line, "impact_v")
         assert found.values.tolist() == [0.6, 0.7, 0.8] and found.sizes.max() < 1e-13
-        (branches, *_) = line.branches()
-        expected = [
-            one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v for R in (0.6, 0.7, 0.8)
-        ]
-        assert [orbit.v for orbit in branches.pieces[0].orbits] == expected
+        one = grow([line]).branches[0]
+        for R in (0.6, 0.7, 0.8):
+            expected = one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v
+            assert [orbit.speeds[0] for orbit in one.at(R)] == pytest.approx([expected], abs=1e-13)
 
 
 def curves(figure, dashed):
@@ -106,14 +115,14 @@ def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
     figure = bifurcation(exact, at={"R": 0.8}, coordinate=coordinate, exact=True)
     x = curves(figure, dashed=False)[:, 0]
     assert x.min() == 2.4 and x.max() == 3.5
-    assert not ((x > FLIPS[1] + 1e-12) & (x < FLIPS[2] - 1e-12)).any()
     x = curves(figure, dashed=True)[:, 0]
     assert x.min() == pytest.approx(FLIPS[1], abs=1e-12)
     marks = {line.get_label(): line for line in figure.axes[0].lines if line.get_marker() == "o"}
-    assert FLIPS[1] == pytest.approx(marks["flip"].get_xdata()[0], abs=1e-12)
+    for flip in FLIPS.values():
+        assert np.abs(marks["flip"].get_xdata() - flip).min() < 1e-12
     (legend,) = figure.legends
     texts = [text.get_text() for text in legend.get_texts()]
-    assert texts[:2] == ["exact orbit, $n = 1, 2$, stable", "exact orbit, $n = 1, 2$, unstable"]
+    assert texts[:2] == ["exact orbits, stable", "exact orbits, unstable"]
 
 
 def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
@@ -121,11 +130,36 @@ def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
     with computed(tmp_path, "record.phase=1.3", "oscillator.R=0.8") as dataset:
         figure = bifurcation(dataset, coordinate="poincare_v", exact=True)
         drawn = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
-        broken = [line for line in drawn if np.isnan(line.get_ydata()).any()]
-        assert broken
         for line in drawn:
-            steps = np.abs(np.diff(line.get_ydata()))
-            assert np.nanmax(steps) < 0.2
+            steps = np.abs(np.diff(line.get_ydata(), axis=0))
+            assert steps.max() < 0.5
+
+
+def test_the_branches_are_a_dataset_and_a_table(exact, tmp_path):
+    found = branches(exact, at={"R": 0.8})
+    assert found.sizes["impact"] == found["q"].max()
+    one = found.isel(point=found["branch"].values == 0)
+    for omega, v, phase, stable in zip(
+        one["omega"].values,
+        one["impact_v"].values[:, 0],
+        one["impact_phase"].values[:, 0],
+        one["stable"].values,
+        strict=True,
+    ):
+        closed = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=omega, f=1.0))
+        assert v == pytest.approx(closed.v, abs=1e-13)
+        assert np.cos(phase - closed.phase) == pytest.approx(1.0)
+        assert stable == closed.stable or abs(omega - FLIPS[1]) < 1e-12
+    flips = found["special_value"].values[found["kind"].values == "flip"]
+    for flip in FLIPS.values():
+        assert np.abs(flips - flip).min() < 1e-13
+    path = tmp_path / "branches.csv"
+    write_csv(path, found)
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == found.sizes["point"] + found.sizes["special"]
+    assert float(rows[0]["omega"]) == found["omega"].values[0]
+    assert float(rows[0]["impact_v"].split()[0]) == found["impact_v"].values[0, 0]
 
 
 def test_the_check_and_the_picture_refuse_what_has_no_exact_orbit(tmp_path):
@@ -140,4 +174,4 @@ def test_the_check_and_the_picture_refuse_what_has_no_exact_orbit(tmp_path):
 
 def test_where_no_point_is_on_a_branch_that_is_said(tmp_path):
     with computed(tmp_path, "oscillator.omega=[2.8, 2.85]", "oscillator.R=0.8") as dataset:
-        assert compare(dataset) == ["no point follows a stable one-impact orbit"]
+        assert compare(dataset)[0] == "no point follows a stable exact branch"

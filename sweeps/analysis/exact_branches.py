@@ -1,0 +1,317 @@
+"""The exact branches of the periodic motions along a line of computed points.
+
+Every periodic motion in the file is a seed: the orbit that it is on is found by Newton's method,
+and followed with all that its flips and grazes lead to (`vibroimpact.orbits.trees`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, listed, select
+from sweeps.errors import Refused
+from sweeps.store.variables import DIRECTION
+from vibroimpact.orbits.period_class import period_class
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.trees import Tree
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.status import Status
+
+#: Longer orbits are neither seeds nor followed, nor more branches than this.
+MOST_PERIODS, MOST_BRANCHES = 8, 60
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of computed points along one axis.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        A cut through an opened sweep, with `axis` as its only swept axis.
+    axis : str
+        A parameter of the oscillator.
+    oscillator : Oscillator
+        At the first point of the line.
+    phase : float
+        Of the section [rad].
+    """
+
+    dataset: xr.Dataset
+    axis: str
+    oscillator: Oscillator
+    phase: float
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset, axis: str) -> Line:
+        """Read what is fixed along a line from the configuration.
+
+        Raises
+        ------
+        Refused
+            If the orbits do not depend on `axis`.
+        """
+        names = [field.name for field in fields(Oscillator)]
+        if axis not in names:
+            raise Refused(f"the exact orbits do not depend on {axis}; draw it without them")
+        setting, first = Setting.of(dataset), dataset.isel({axis: 0})
+        oscillator = Oscillator(**{name: setting.value(name, first) for name in names})
+        return cls(dataset, axis, oscillator, setting.phase)
+
+    def at(self, value: float) -> Oscillator:
+        """Return the oscillator at a value of the axis."""
+        return replace(self.oscillator, **{self.axis: value})
+
+
+@dataclass(frozen=True)
+class Motions:
+    """The periodic motions of a line.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        Of the axis, increasing.
+    states : ndarray, shape (n, 2)
+        x and v at the last section.
+    m, q : ndarray of int, shape (n,)
+        Forcing periods and impacts per repetition; 0 where the motion does not repeat, or rests.
+    """
+
+    values: np.ndarray
+    states: np.ndarray
+    m: np.ndarray
+    q: np.ndarray
+
+    @classmethod
+    def of(cls, line: Line) -> Motions:
+        """Read them from the records of a line."""
+        names = ["status", "poincare_x", "poincare_v", "impacts_per_period", "rest_fraction"]
+        data = line.dataset[names].sortby(line.axis).load()
+        x, v = data["poincare_x"].values, data["poincare_v"].values
+        m, q = period_class(x, v, data["impacts_per_period"].values)
+        failed = np.isin(data["status"].values, [one for one in Status if one.failed])
+        unknown = failed | (data["rest_fraction"].values > 0.0)
+        states = np.stack([x[:, -1], v[:, -1]], axis=1)
+        return cls(data[line.axis].values, states, np.where(unknown, 0, m), np.where(unknown, 0, q))
+
+    def seeds(self) -> list[int]:
+        """Return the middle of every run of points of one class, the longest runs first."""
+        classes = self.m * (1 + int(self.q.max(initial=0))) + self.q
+        begins = np.flatnonzero(np.diff(classes, prepend=-1))
+        lengths = np.diff(begins, append=len(classes))
+        order = np.argsort(-lengths, kind="stable")
+        middles = (begins + lengths // 2)[order].tolist()
+        return [i for i in middles if 0 < self.m[i]]
+
+
+def grow(lines: Sequence[Line]) -> Tree:
+    """Follow all orbits that the periodic motions of lines are on.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        Of one oscillator and axis: the directions in which it was followed.
+
+    Returns
+    -------
+    Tree
+        What was given up is in its ``given_up``.
+    """
+    values = np.concatenate([line.dataset[line.axis].values for line in lines])
+    seeds = []
+    for line in lines:
+        motions = Motions.of(line)
+        for i in motions.seeds():
+            x, v = motions.states[i].tolist()
+            seeds.append(Seed(float(motions.values[i]), int(motions.m[i]), x, v))
+    first = lines[0]
+    low, high = float(values.min()), float(values.max())
+    return _grown(first.oscillator, first.axis, low, high, first.phase, tuple(seeds))
+
+
+class Seed(NamedTuple):
+    """A periodic motion: the value of the axis, its forcing periods, and its state."""
+
+    value: float
+    m: int
+    x: float
+    v: float
+
+
+@lru_cache(maxsize=8)
+def _grown(
+    osc: Oscillator, axis: str, low: float, high: float, phase: float, seeds: tuple[Seed, ...]
+) -> Tree:
+    """Grow a tree from all seeds, once for all that is shown of it."""
+    tree = Tree(axis, low, high, MOST_BRANCHES, MOST_PERIODS)
+    for seed in seeds:
+        if seed.m > MOST_PERIODS:
+            tree.given_up[f"motions of more than {MOST_PERIODS} periods"] += 1
+            continue
+        at = replace(osc, **{axis: seed.value})
+        try:
+            orbit = periodic_orbit(at, seed.x, seed.v, seed.m, phase)
+        except OrbitError as error:
+            tree.given_up[f"motions of which {error}"] += 1
+            continue
+        tree.grow(orbit)
+    return tree
+
+
+def told(tree: Tree) -> list[str]:
+    """Say in lines what was found, and what was given up."""
+    classes = sorted({(one.m, one.q) for one in tree.branches})
+    if not classes:
+        return ["no exact orbit is found"]
+    names = [f"{m}/{q}" for m, q in classes]
+    some = listed(names[:8]) + (", ..." if len(names) > 8 else "")
+    noun = "branch" if len(tree.branches) == 1 else "branches"
+    lines = [f"{len(tree.branches)} exact {noun} of {some}"]
+    if tree.given_up:
+        texts = [f"{count} {reason}" for reason, count in sorted(tree.given_up.items())]
+        lines.append(f"not followed: {'; '.join(texts)}")
+    return lines
+
+
+def coordinates(orbit: PeriodicOrbit, coordinate: str, phase: float) -> np.ndarray:
+    """Return what a diagram shows of an orbit, in time order.
+
+    Parameters
+    ----------
+    coordinate : str
+        One of ``poincare_x``, ``poincare_v``, ``impact_v`` and ``impact_phase``.
+    phase : float
+        Of the section [rad].
+
+    Returns
+    -------
+    ndarray, shape (m,) or (q,)
+    """
+    if coordinate == "impact_v":
+        return orbit.speeds
+    if coordinate == "impact_phase":
+        return orbit.phases % (2.0 * np.pi)
+    return orbit.sections(phase)[:, 0 if coordinate == "poincare_x" else 1]
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far the points that follow stable branches of one class are from these.
+
+    Attributes
+    ----------
+    m, q : int
+    values : ndarray, shape (k,)
+        Of the axis, where a computed point repeats so and there is a stable orbit.
+    sizes : ndarray, shape (k,)
+        The largest deviation in its record, in the unit of the coordinate.
+    settled : ndarray of bool, shape (k,)
+        Where the orbit's multipliers reduce a deviation to rounding within the transient.
+    """
+
+    m: int
+    q: int
+    values: np.ndarray
+    sizes: np.ndarray
+    settled: np.ndarray
+
+    def told(self, axis: str) -> str:
+        """Say it in one line."""
+        worst = int(np.argmax(self.sizes))
+        text = (
+            f"{self.m}/{self.q}: {len(self.sizes):,} points follow the stable branch; largest "
+            f"deviation {self.sizes[worst]:.1e} at {axis} = {self.values[worst]:g}"
+        )
+        if self.settled.all():
+            return text
+        if not self.settled.any():
+            return f"{text}; the transient has died out at none of them"
+        return (
+            f"{text}, and {self.sizes[self.settled].max():.1e} at the "
+            f"{np.count_nonzero(self.settled):,} where the transient has died out"
+        )
+
+
+def deviations(line: Line, tree: Tree, coordinate: str) -> Iterator[Deviation]:
+    """Compare computed points with the stable branches that they follow.
+
+    Yields
+    ------
+    Deviation
+        For every class of which there are points.
+    """
+    motions = Motions.of(line)
+    records = line.dataset[coordinate].sortby(line.axis).values
+    transient = int(line.dataset["section"].values[0]) - 1
+    for m, q in sorted({(one.m, one.q) for one in tree.branches if one.q}):
+        same = [one for one in tree.branches if (one.m, one.q) == (m, q)]
+        compared = []
+        for i in np.flatnonzero((motions.m == m) & (motions.q == q)).tolist():
+            value = float(motions.values[i])
+            orbits = [orbit for one in same for orbit in one.at(value) if orbit.stable]
+            sizes = [
+                _distance(records[i], coordinates(orbit, coordinate, line.phase), coordinate)
+                for orbit in orbits
+            ]
+            if sizes:
+                nearest = int(np.argmin(sizes))
+                decay = np.abs(orbits[nearest].multipliers).max() ** (transient / m)
+                compared.append((value, sizes[nearest], decay < np.finfo(float).eps))
+        if compared:
+            values, distances, settled = (np.array(row) for row in zip(*compared, strict=True))
+            yield Deviation(m, q, values, distances, settled)
+
+
+def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
+    """Return the largest distance of a record from an orbit that starts at any of its points."""
+    record = record[np.isfinite(record)]
+    starts = [np.resize(np.roll(orbit, -k), record.shape) for k in range(len(orbit))]
+    apart = np.abs(record - np.array(starts))
+    if coordinate == "impact_phase":
+        apart = np.minimum(apart, 2.0 * np.pi - apart)
+    return float(apart.max(axis=1, initial=0.0).min())
+
+
+def branches(dataset: xr.Dataset, axis: str | None = None, at: Cut | None = None) -> xr.Dataset:
+    """Follow the orbits of all periodic motions of a sweep along one axis.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axis : str, optional
+        A swept parameter of the oscillator, by default the longest axis.
+    at : mapping of str to float, optional
+        Values of the other swept axes; by default the first.
+
+    Returns
+    -------
+    Dataset
+        Along ``point``, branch after branch: the axis, ``branch`` (its number), ``stable``, and
+        ``impact_phase`` and ``impact_v`` (``point``, ``impact``), NaN beyond q. Along ``branch``:
+        ``m`` and ``q``. Along ``special``: ``kind``, ``special_value``, ``special_branch``,
+        ``special_m`` and ``special_q`` of the flips, folds, grazes and ends.
+        The attribute ``given_up`` says what was not followed.
+
+    Raises
+    ------
+    Refused
+        If there is no such axis, or the orbits do not depend on it.
+    """
+    (axis,) = chosen_axes(dataset, [axis] if axis else [], 1, "branch")
+    from sweeps.analysis.exact_tables import as_dataset
+
+    return as_dataset(grow(lines_of(dataset, axis, at)))
+
+
+def lines_of(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> list[Line]:
+    """Return a line of a sweep, once for each direction in which it was followed."""
+    line = select(dataset, at, free=[axis, DIRECTION])
+    ways = [line.sel({DIRECTION: way}) for way in directions(line)] or [line]
+    return [Line.of(way, axis) for way in ways]
