@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sweeps.analysis.distinct_attractors import attractors as attractors
     from sweeps.analysis.exact_branches import branches as branches
+    from sweeps.analysis.exact_curves import curves as curves
     from sweeps.config.loading import load_config as load_config
     from sweeps.config.sweep import SweepConfig as SweepConfig
     from sweeps.engine.run import run_sweep as run_sweep
@@ -19,6 +20,7 @@ _HOME = {
     "SweepConfig": "sweeps.config.sweep",
     "attractors": "sweeps.analysis.distinct_attractors",
     "branches": "sweeps.analysis.exact_branches",
+    "curves": "sweeps.analysis.exact_curves",
     "load_config": "sweeps.config.loading",
     "open_sweep": "sweeps.store.reader",
     "run_sweep": "sweeps.engine.run",

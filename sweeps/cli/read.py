@@ -6,7 +6,7 @@ As in ``cli.py``, what a command needs is imported inside it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,7 +97,8 @@ def plot(
         typer.Option(
             "--exact",
             help="Draw the exact branches of the periodic motions, stable and not, with their "
-            "bifurcations, and show how far the points are from them.",
+            "bifurcations, and show how far the points are from them; over a map, the curves of "
+            "these.",
         ),
     ] = False,
     csv: Annotated[
@@ -123,7 +124,7 @@ def plot(
         open_sweep(file).close()  # before any is drawn
     for file, figure in zip(files, figures, strict=True):
         with open_sweep(file, verify=False) as dataset, _named(file):
-            _plot(dataset, figure, kind, cuts, options, csv)
+            _plot(dataset, figure, kind, cuts, dict(options), csv)
 
 
 @contextmanager
@@ -140,26 +141,41 @@ def _plot(
     figure: Path,
     kind: str | None,
     cuts: Mapping[str, float | str],
-    options: Mapping[str, Any],
+    options: dict[str, Any],
     csv: Path | None,
 ) -> None:
     from sweeps.analysis.selection import on_grid
     from sweeps.plotting import plot
-    from sweeps.plotting.exact_branches import compare, write_exact
 
     cut = on_grid(dataset, cuts)
+    lines, write = _exact(dataset, kind, cut, options) if options["exact"] else ([], None)
     written = plot(dataset, figure, kind, cut, **options)
     _tell_moved(cuts, cut, "drawn")
-    if options["exact"]:
-        for line in compare(dataset, options["axes"], cut, options["coordinate"]):
-            say(line)
-    if csv is not None:
+    for line in lines:
+        say(line)
+    if csv is not None and write is not None:
         try:
-            write_exact(csv, dataset, options["axes"], cut)
+            write(csv)
         except OSError as error:
             raise Failed(error) from error
         say(csv)
     say(written)
+
+
+def _exact(
+    dataset: xr.Dataset, kind: str | None, cut: Cut, options: dict[str, Any]
+) -> tuple[list[str], Callable[[Path], None]]:
+    """Find the exact branches, or the curves of a map; return what to say, and to write a CSV."""
+    if kind == "map" or (kind is None and options["quantity"]):
+        from sweeps.analysis.exact_curves import find_curves, write_curves
+
+        search = options["exact"] = find_curves(dataset, options["axes"], cut)
+        return search.told(), lambda path: write_curves(path, search)
+    from sweeps.plotting.exact_branches import compare, write_exact
+
+    axes = options["axes"]
+    texts = compare(dataset, axes, cut, options["coordinate"])
+    return texts, lambda path: write_exact(path, dataset, axes, cut)
 
 
 def _tell_moved(asked: Cut, cut: Cut, verb: str) -> None:

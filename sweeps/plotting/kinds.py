@@ -34,7 +34,7 @@ KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(bifurcation, ("axes", "coordinate", "exact")),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate")),
     "basins": Kind(basins),
-    "map": Kind(parameter_map, ("axes", "quantity")),
+    "map": Kind(parameter_map, ("axes", "quantity", "exact")),
     "section": Kind(section),
     "impacts": Kind(impacts),
     "trajectory": Kind(trajectory),
@@ -66,8 +66,8 @@ def plot(
         default the first. Where an axis was followed up and down, ``direction`` picks one; by
         default a `bifurcation` shows both, the other pictures the first.
     **options
-        ``axes``, ``coordinate`` and ``exact`` of a `bifurcation`, ``axes`` and ``quantity`` of a
-        `parameter_map`; None, False or nothing leaves the choice to the picture.
+        ``axes``, ``coordinate`` and ``exact`` of a `bifurcation`, ``axes``, ``quantity`` and
+        ``exact`` of a `parameter_map`; None, False or nothing leaves the choice to the picture.
 
     Returns
     -------

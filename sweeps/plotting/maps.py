@@ -14,10 +14,12 @@ from matplotlib.colors import (
 )
 from matplotlib.figure import Figure
 
+from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
 from sweeps.analysis.motion import Motion, classify, frequent_periods
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
+from sweeps.analysis.selection import Cut, Setting, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting.cells import Cells, draw_cells, draw_kinds, failed_cells
+from sweeps.plotting.exact_curves import draw_curves
 from sweeps.plotting.labels import add_title, label, set_scale, tick_in_decades
 from sweeps.plotting.palette import (
     BLUE,
@@ -126,6 +128,7 @@ def parameter_map(
     axes: Sequence[str] = (),
     at: Cut | None = None,
     quantity: str | None = None,
+    exact: bool | CurveSearch = False,
 ) -> Figure:
     """Draw a quantity over two swept axes, one cell per point.
 
@@ -142,6 +145,8 @@ def parameter_map(
         Values of the other swept axes: the nearest of the grid is taken, by default the first.
     quantity : str, optional
         One of ``QUANTITIES``, by default the first that the file has.
+    exact : bool or CurveSearch
+        Whether to draw the curves of flips, folds and grazes over it; or these, found before.
 
     Returns
     -------
@@ -152,10 +157,7 @@ def parameter_map(
     Refused
         If the file has no such axes or quantity.
     """
-    chosen = chosen_axes(dataset, axes, 2, "map")
-    if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
-        chosen.reverse()
-    abscissa, ordinate = chosen
+    abscissa, ordinate = chosen = map_axes(dataset, axes)
     available = [name for name in QUANTITIES if name in dataset]
     if quantity is None:
         quantity = available[0]
@@ -171,6 +173,9 @@ def parameter_map(
     set_scale(panel.yaxis, cut[ordinate].values)
     panel.set_xlabel(label(dataset[abscissa]))
     panel.set_ylabel(label(dataset[ordinate]))
+    if exact:
+        search = find_curves(dataset, chosen, at) if exact is True else exact
+        draw_curves(panel, search)
     add_title(figure, Setting.of(dataset), cut, 66)
     return figure
 

@@ -24,7 +24,7 @@ _NAMES = [field.name for field in fields(Oscillator)]
 #: the walk is given up.
 _FIRST, LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: Points of a walk at the most; the turn of the tangent in one step (its cosine); iterations.
-MOST_POINTS, _LEAST_COSINE, _MOST_ITERATIONS = 4000, 0.985, 8
+MOST_POINTS, _LEAST_COSINE, _MOST_ITERATIONS = 1500, 0.985, 8
 #: Halvings to the last orbit of a walk.
 _HALVINGS = 52
 #: A speed below this, in units of the largest, counts as zero: a graze.
