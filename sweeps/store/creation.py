@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,9 @@ _LEDGER = "store/ledger"
 
 #: Values in one chunk of a compressed variable, at most.
 _CHUNK_VALUES = 1 << 17
-#: Bytes of chunks kept in memory while they are filled by blocks.
-_CACHE = 1 << 27
+#: Bytes of the chunks of a variable that HDF5 keeps in memory, and compresses when it closes the
+#: file: one chunk.
+_CACHE = 8 * _CHUNK_VALUES
 #: Bytes written between two calls of fsync, so that none keeps an interrupt waiting for long.
 _SYNC_BYTES = 1 << 26
 
@@ -75,28 +76,26 @@ def create(path: Path, layout: Layout) -> None:
 def pack(
     path: Path,
     layout: Layout,
-    read: Callable[[int], Mapping[str, np.ndarray]],
-    samples: Sequence[int],
+    rows: np.ndarray,
+    read: Callable[[str, tuple[slice, ...]], np.ndarray],
 ) -> None:
-    """Write a compressed file.
+    """Write a compressed file, chunk by chunk, so that an interrupt need not wait for more.
 
     Parameters
     ----------
     path : Path
         Of an empty file, or of none.
     layout : Layout
+    rows : ndarray of dtype ``ROW``, shape (blocks,)
+        Of the ledger, with the checksums of the blocks.
     read : callable
-        Returns the data of a block by its number, in the shape of the box.
-    samples : sequence of int
-        The samples of the longest trajectory of each block.
+        Returns the data of a part of a variable.
 
     Raises
     ------
     OSError, RuntimeError, ValueError
         As from `create`.
     """
-    rows = np.zeros(len(layout.blocks), ROW)
-    rows["state"], rows["samples"] = State.DONE, samples
     _reserve(path, layout.size)
     with h5py.File(path, "w", libver="earliest") as file:
         _describe(file, layout)
@@ -104,12 +103,11 @@ def pack(
             _add_variable(file, layout, name, **_filters(layout.shape_of(name)))
     _reserve(path, layout.size)  # what is not needed is given back when the file is closed
     with h5py.File(path, "r+", libver="earliest", rdcc_nbytes=_CACHE) as file:
-        for index, block in enumerate(layout.blocks):
-            check()
-            arrays = read(index)
-            for name, array in arrays.items():
-                file[name][block] = array
-            rows["crc"][index] = checksum(arrays.values())
+        for name in layout.variables:
+            dataset = file[name]
+            for part in dataset.iter_chunks() if dataset.chunks else [()]:
+                check()
+                dataset[part] = read(name, part)
     _add_ledger(path, layout)
     descriptor = os.open(path, os.O_RDWR)
     try:

@@ -23,7 +23,7 @@ from sweeps.store.blocks import BlockFile
 from sweeps.store.creation import create, pack
 from sweeps.store.insertion import merged
 from sweeps.store.layout import Layout
-from sweeps.store.ledger import State, checksum
+from sweeps.store.ledger import ROW, State, checksum
 from sweeps.store.output import check_output, reason
 from sweeps.store.reader import sweep_file
 from sweeps.store.replacing import remove_leftovers, replacing
@@ -231,8 +231,9 @@ class SweepWriter:
             def read(index: int) -> dict[str, np.ndarray]:
                 return merged(sweep, axis, layout.axes[axis][layout.blocks[index][0]], points)
 
-            samples = int(self._file.ledger.rows["samples"].max(initial=0))
-            self._replace(layout, read, dict.fromkeys(range(len(layout.blocks)), samples))
+            longest = int(self._file.ledger.rows["samples"].max(initial=0))
+            samples = dict.fromkeys(range(len(layout.blocks)), longest)
+            self._replace(lambda new: _copy(new, layout, read, samples))
 
     @property
     def refined(self) -> bool:
@@ -298,28 +299,25 @@ class SweepWriter:
                     raise Failed(f"{self._given} was damaged while it was written")
                 return _fitted(arrays, width)
 
-            samples = {i: int(rows["samples"][i]) for i in done.tolist()}
-            self._replace(layout, read, samples, compressed=compressed)
-
-    def _replace(
-        self,
-        layout: Layout,
-        read: Callable[[int], Mapping[str, np.ndarray]],
-        samples: Mapping[int, int],
-        *,
-        compressed: bool = False,
-    ) -> None:
-        """Replace the file by one with these blocks in it, each with its samples."""
-        with replacing(self._file.path) as new:
             if compressed:
-                pack(new, layout, read, list(samples.values()))
+                new_rows = np.zeros(len(rows), ROW)
+                new_rows["state"], new_rows["samples"] = State.DONE, rows["samples"]
+                for index in range(len(rows)):
+                    check()
+                    new_rows["crc"][index] = checksum(read(index).values())
+                self._replace(
+                    lambda new: pack(new, layout, new_rows, lambda name, cut: sweep.file[name][cut])
+                )
             else:
-                create(new, layout)
+                samples = {i: int(rows["samples"][i]) for i in done.tolist()}
+                self._replace(lambda new: _copy(new, layout, read, samples))
+
+    def _replace(self, write: Callable[[Path], None]) -> None:
+        """Replace the file by another one, which is written into an empty file."""
+        with replacing(self._file.path) as new:
+            write(new)
             file = BlockFile.opened(new)
             try:
-                for index in () if compressed else samples:
-                    check()
-                    file.write(index, read(index), samples[index], lasting=False)
                 file.ledger.summarize(State.PENDING, self._seconds())
                 os.fsync(file.descriptor)
             finally:
@@ -328,6 +326,23 @@ class SweepWriter:
         os.close(self._file.descriptor)
         self._file = BlockFile.opened(self._file.path)
         self._changed = True
+
+
+def _copy(
+    path: Path,
+    layout: Layout,
+    read: Callable[[int], Mapping[str, np.ndarray]],
+    samples: Mapping[int, int],
+) -> None:
+    """Create a file with these blocks in it, each with its samples."""
+    create(path, layout)
+    file = BlockFile.opened(path)
+    try:
+        for index in samples:
+            check()
+            file.write(index, read(index), samples[index], lasting=False)
+    finally:
+        os.close(file.descriptor)
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
