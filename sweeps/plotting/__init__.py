@@ -4,6 +4,15 @@
 `sweeps.bench`, only this room imports matplotlib.
 """
 
+from sweeps.errors import Refused
+
+try:
+    import matplotlib  # noqa: F401
+except ValueError as error:  # of MPLBACKEND, which no picture needs
+    raise Refused(
+        f"matplotlib cannot work with its settings: {error}; unset or correct MPLBACKEND"
+    ) from None
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

@@ -681,6 +681,14 @@ def test_odd_settings_of_numba_are_refused(setting, told):
     assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
 
 
+def test_odd_settings_of_matplotlib_are_refused():
+    done("run", "small.yaml", "--quiet")
+    result = process("plot", "small.h5", MPLBACKEND="nonsense")
+    assert result.returncode == 2 and not Path("small.png").exists()
+    assert "matplotlib cannot work with its settings: " in result.stderr
+    assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
+
+
 def test_an_encoding_that_lacks_a_character():
     result = process("run", "small.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
     assert result.returncode == 0, result.stderr
