@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import told
+from sweeps.analysis.exact_branches import grow, lines_of, told
+from sweeps.analysis.selection import Cut, swept_axes
+from sweeps.text import table
 from vibroimpact.orbits.trees import Tree
 
 
@@ -68,6 +70,34 @@ def exact_bifurcations(tree: Tree) -> list[Bifurcation]:
         if kind in ("flip", "fold", "graze") and new[:3] not in known:
             kept.append(new)
     return kept
+
+
+def describe(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> str:
+    """List the bifurcations on all branches of the motions along one line of a sweep.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axis : str
+    at : mapping of str to float, optional
+        Values of the other axes.
+
+    Returns
+    -------
+    str
+        A line each: the value to twelve digits, the kind, and m/q; empty where there are several
+        lines, or the axis is a start.
+    """
+    others = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
+    if others or axis in ("x0", "v0"):
+        return ""
+    tree = grow(lines_of(dataset, axis, at))
+    rows = [
+        [f"{axis} = {point.value:.12g}", point.kind, f"{point.m}/{point.q}"]
+        for point in exact_bifurcations(tree)
+    ]
+    return "\n".join(["", *told(tree), *([table(rows)] if rows else [])])
 
 
 def write_csv(path: Path, dataset: xr.Dataset) -> None:

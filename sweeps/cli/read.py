@@ -244,7 +244,10 @@ def info(
     file: SweepFile,
     bifurcations: Annotated[
         bool,
-        typer.Option("--bifurcations", help="List where the class of the motion changes instead."),
+        typer.Option(
+            "--bifurcations",
+            help="List where the class of the motion changes, and the exact bifurcations, instead.",
+        ),
     ] = False,
     axis: Annotated[
         str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
@@ -276,12 +279,14 @@ def info(
 
 
 def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Path | None) -> None:
-    from sweeps.analysis import bifurcations
+    from sweeps.analysis import bifurcations, exact_tables
     from sweeps.analysis.selection import on_grid
 
     along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
     _tell_moved(cuts, on_grid(dataset, cuts), "listed")
     say(bifurcations.describe(along, items))
+    if text := exact_tables.describe(dataset, along, cuts):
+        say(text)
     if csv is not None:
         try:
             bifurcations.write_csv(csv, along, items)

@@ -102,8 +102,7 @@ def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> Tree:
     for kind, marker in _MARKERS.items():
         x, y = [], []
         for branch in tree.branches:
-            # Where nothing is stable, the markers would hide the lines.
-            for point in branch.special if branch.stable.any() else ():
+            for point in branch.special if _is_wide(branch, tree) else ():
                 if point.kind == kind:
                     shown = coordinates(point.orbit, coordinate, phase)
                     x += [point.value] * len(shown)
@@ -113,6 +112,12 @@ def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> Tree:
             points.set(color=look["color"], markerfacecolor="white", markersize=3.5, zorder=5)
             points.set_markeredgewidth(0.7)
     return tree
+
+
+def _is_wide(branch: Branch, tree: Tree) -> bool:
+    """Whether a branch is stable over a hundredth of the axis: marks of others hide the lines."""
+    ends = branch.values[branch.stable]
+    return bool(ends.size and np.ptp(ends) > 0.01 * (tree.high - tree.low))
 
 
 def _draw_branch(
@@ -156,7 +161,7 @@ def _ordinates(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
 def _breaks(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
     """Return a number for each step, -1 where an impact passes the section: a jump."""
     steps = len(branch.values) - 1
-    if coordinate == "impact_v" or not branch.q:
+    if coordinate in ("impact_v", "poincare_x") or not branch.q:
         return np.zeros(steps, int)
     begin = 0.0 if coordinate == "impact_phase" else phase
     turns = np.floor((branch.phases - begin) / (2.0 * np.pi))

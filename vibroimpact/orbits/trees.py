@@ -42,6 +42,7 @@ class Tree:
     Attributes
     ----------
     parameter : str
+    low, high : float
     branches : list of Branch
     given_up : Counter
         What was not followed, in words, and how often.
@@ -55,7 +56,7 @@ class Tree:
         most_branches: int = 100,
         most_periods: int = 64,
     ) -> None:
-        self.parameter = parameter
+        self.parameter, self.low, self.high = parameter, low, high
         self._range = parameter, low, high
         self._most_branches, self._most_periods = most_branches, most_periods
         self.branches: list[Branch] = []
