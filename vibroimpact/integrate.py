@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.lanes.kernel import run_blocks
+from vibroimpact.lanes.kernel import Extent, Run, lanes_per_block, run_blocks
 from vibroimpact.lanes.tally import SUMS, Tally
-from vibroimpact.lanes.workspace import LANES
 from vibroimpact.status import Status
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
@@ -154,14 +153,16 @@ def integrate(
     )
     tally.sums["slowest_impact"] = np.inf
     tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
-    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
+    threads = threads or ALL_THREADS
+    lanes = lanes_per_block(rule, n, threads)
     # A thread without lanes of its own costs time to start, more than a few lanes take.
-    threads = min(threads or ALL_THREADS, max(1, -(-n // LANES)))
-    run_blocks(
-        threads, points, rule, code, lead, grid, transient, periods, lyapunov, tally, interrupt
-    )
+    threads = min(threads, max(1, -(-n // lanes)))
+    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
+    extent = Extent(rule, code, transient, periods, lyapunov, lanes)
+    run = Run(points, extent, lead, grid, tally, np.zeros(1, np.int64), interrupt)
+    run_blocks(threads, run)
     results = _results(points, periods, tally)
     if not lyapunov:
         del results["lyapunov"]

@@ -57,9 +57,8 @@ def jit(
     function: Callable | None = None,
     *,
     inline: bool = False,
-    leaf: bool = False,
-    dissolve: bool = False,
-    internal: bool = False,
+    forced_inline: bool = False,
+    refcounts: bool = True,
 ) -> Any:
     """Compile `function` with the options of this project, cached on disk.
 
@@ -71,25 +70,26 @@ def jit(
         Merge into the caller before compiling. LLVM optimises everything below a function
         again at each level of calls; for helpers with one caller this saves a fifth of the
         compile time, and the hot loop is a fifth faster.
-    leaf : bool
-        Leave out numba's reference counts: for functions that only look into arrays that their
-        caller holds. An impact costs half as much without them.
-    dissolve : bool
+    forced_inline : bool
         Let LLVM merge it into the caller: a loop around a call is not vectorised.
-    internal : bool
-        Leave out the wrapper for Python, which takes as long to compile as a small function. To
-        call such a function from Python ends the process.
+    refcounts : bool
+        Count references to arrays. Functions that only look into arrays that their caller holds
+        can do without: an impact costs half as much.
     """
     if function is None:
-        return lambda f: jit(f, inline=inline, leaf=leaf, dissolve=dissolve, internal=internal)
+        return lambda f: jit(
+            f,
+            inline=inline,
+            forced_inline=forced_inline,
+            refcounts=refcounts,
+        )
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,  # so that several threads compute, and a main thread hears signals
         "inline": "always" if inline else "never",
-        "_nrt": not leaf,
-        "forceinline": dissolve,
+        "_nrt": refcounts,
+        "forceinline": forced_inline,
         "no_cfunc_wrapper": True,
-        "no_cpython_wrapper": internal,
     }
     dispatcher: Any = numba.njit(function, **options)
     dispatcher._cache = CompiledCode(function, _cache_folder())

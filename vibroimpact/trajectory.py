@@ -12,7 +12,7 @@ from vibroimpact.integrate import resolve
 from vibroimpact.jit import is_set, jit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
-from vibroimpact.step.one_step import advance, prepare
+from vibroimpact.step.one_step import advance, from_state, prepare, to_state
 from vibroimpact.step.phases import THETA, lead_in, one_period, sine_at_start
 from vibroimpact.step.rules import EXACT, PLAIN
 from vibroimpact.step.stop import (
@@ -96,29 +96,37 @@ def _put_start(log, t, pt, resting):
 
 
 @jit
-def _approach(rule, integrator, lead, grid, transient, pt, scratch, interrupt):
-    """Run from the start to the start of the record: state, whether at rest, and status."""
+def _approach(method, steps, transient, pt, scratch, interrupt):
+    """Run from the start to the start of the record: the state there, and the status."""
+    lead, grid = steps
     x, v, resting = start(pt, sine_at_start(lead, grid))
-    resting = resting and rule != PLAIN
-    status = 0
+    state, status = to_state(method[0], x, v, resting and method[0] != PLAIN, pt), 0
     for k in range(-1, transient):
         if is_set(interrupt):
             break
-        steps = lead if k < 0 else grid
-        prepared = prepare(integrator, steps, pt)
-        for n in range(steps.table.shape[1]):
-            x, v, resting, _, _, outcome, _ = advance(
-                rule, integrator, prepared, x, v, resting, steps, n, pt, scratch
-            )
+        phases = lead if k < 0 else grid
+        prepared = prepare(method[1], phases, pt)
+        for n in range(phases.count):
+            state, _, outcome = advance(method, prepared, state, phases, n, pt, scratch)
             status = max(status, outcome)
-    return x, v, resting, status
+        if k >= 0:
+            x, v = from_state(method[0], state, pt)
+            state = to_state(method[0], x, v, state[2], pt)
+    return state, status
 
 
 @jit
-def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log, interrupt):
+def _trace(pt, method, steps, transient, periods, every, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
     Once `interrupt` is set the run ends within a forcing period, with the status ``PENDING``.
+
+    Parameters
+    ----------
+    method : (int, int)
+        The codes of rule and integrator.
+    steps : (Phases, Phases)
+        The steps before the first period, and those of a period.
 
     Returns
     -------
@@ -126,29 +134,28 @@ def _trace(pt, rule, integrator, lead, grid, transient, periods, every, log, int
         Rows the log needs; those beyond its length are lost.
     status : int
     """
-    scratch = new_scratch()
-    x, v, resting, status = _approach(
-        rule, integrator, lead, grid, transient, pt, scratch, interrupt
-    )
-    size, T = grid.table.shape[1], grid.step / pt.omega
-    prepared = prepare(integrator, grid, pt)
+    scratch, (lead, grid) = new_scratch(), steps
+    state, status = _approach(method, steps, transient, pt, scratch, interrupt)
+    size, T = grid.count, grid.step / pt.omega
+    prepared = prepare(method[1], grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
-    if transient == 0 and lead.table.shape[1] == 0:
-        rows = _put_start(log, t, pt, resting)
+    if transient == 0 and lead.count == 0:
+        rows = _put_start(log, t, pt, state[2])
     else:
-        rows = _put(log, 0, REST if resting else _STATE, t, x, v)
+        x, v = from_state(method[0], state, pt)
+        rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
     for k in range(transient, transient + periods):
         if is_set(interrupt):
             return 0, _PENDING
         for n in range(size):
             last = n + 1 == size
-            theta_T = 2.0 * math.pi + grid.table[THETA, 0] if last else grid.table[THETA, n + 1]
-            t_T = (2.0 * math.pi * k + theta_T) / pt.omega
-            x, v, resting, n_events, _, outcome, _ = advance(
-                rule, integrator, prepared, x, v, resting, grid, n, pt, scratch
-            )
+            t_T = (2.0 * math.pi * k + grid.table[THETA, n + 1]) / pt.omega
+            state, n_events, outcome = advance(method, prepared, state, grid, n, pt, scratch)
             status = max(status, outcome)
             rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
+            x, v = from_state(method[0], state, pt)
+            if last:
+                state = to_state(method[0], x, v, state[2], pt)
             if ((k - transient) * size + n + 1) % every == 0:
                 in_log = 0 < rows <= log.shape[0]
                 if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
@@ -189,13 +196,13 @@ def trace(
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
     rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
-    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
+    steps = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):  # ends: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
         rows, status = _trace(
-            points[0], rule, code, lead, grid, transient, periods, every, log, interrupt
+            points[0], (rule, code), steps, transient, periods, every, log, interrupt
         )
     log = log[:rows]
     if status == Status.PENDING:

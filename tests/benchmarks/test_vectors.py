@@ -8,13 +8,12 @@ import pytest
 
 from limits import cpu_features
 from vibroimpact import Oscillator
-from vibroimpact.integrate import default_steps
-from vibroimpact.lanes.kernel import advance
+from vibroimpact.lanes.exact import carry_columns, glide_lanes, mend_columns, new_block
+from vibroimpact.lanes.kernel import Lanes, advance
 from vibroimpact.lanes.plain import advance_plain
 from vibroimpact.lanes.reduced_step import shorten_steps, take_remainders
 from vibroimpact.lanes.tally import SUMS, Tally
 from vibroimpact.lanes.workspace import LANES, SIZE, STRIDE
-from vibroimpact.step.flight import TERMS
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.phases import one_period
 from vibroimpact.step.rules import IMPACT_RULES
@@ -48,20 +47,25 @@ def packed(loop, arguments):
     return len(re.findall(packed_instructions(), "\n".join(anew.inspect_asm().values())))
 
 
-@pytest.mark.parametrize("rule", ["plain", "exact"])
-def test_the_hot_loop_is_packed_and_fused(rule):
+def test_the_hot_loops_are_packed_and_fused():
+    """Of plain stepping, of the strides of the other rules, and of gliding with exact impacts."""
     points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), LANES)
-    grid = one_period(0.0, default_steps(points, rule))
+    grid = one_period(0.0, 100)
     tally = Tally(np.empty((LANES, 1, 2)), np.empty((LANES, 1, 2)), np.zeros(LANES, SUMS))
     w = np.zeros(SIZE)
-    if rule == "plain":
-        loop, arguments = advance_plain, (w, 0, LANES, grid, False, tally)
-    else:
-        codes = IMPACT_RULES[rule].code, INTEGRATORS["exact"].code
-        taylor, scratch = np.zeros((LANES, 4, TERMS)), new_scratch()
-        loop = advance
-        arguments = (w, taylor, 0, points, *codes, grid, False, False, tally, scratch)
-    assert packed(loop, arguments) >= FUSED
+    assert packed(advance_plain, (w, LANES, grid, False, tally)) >= FUSED
+    method = IMPACT_RULES["cubic"].code, INTEGRATORS["rk4"].code
+    block = Lanes(w, new_scratch(), points, method, tally)
+    assert packed(advance, (block, grid, False)) >= FUSED
+    exact = new_block()
+    assert packed(glide_lanes, (exact.w, exact.met, 64, grid, 0)) >= 10
+
+
+def test_exact_impacts_side_by_side_are_packed_and_fused():
+    """The series of a flight, its root, and the response to the impulse; of tangent vectors two."""
+    w = new_block().w
+    assert packed(mend_columns, (w, (0.0, 1.0, 0.5, 0.8), 0.5)) >= 130
+    assert packed(carry_columns, (w, (0.0, 1.0), 0.5)) >= 70
 
 
 def test_impacts_side_by_side_are_packed_and_fused():

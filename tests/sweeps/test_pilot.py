@@ -237,7 +237,7 @@ def test_the_configuration_round_trips_before_and_after_the_choice(load):
     assert load_config("again.yaml").to_yaml() == config.to_yaml()
     assert load("rest", "null").method.accuracy is None
     chosen = config.with_method(MethodConfig(integrator="rk4", impact="cubic"))
-    assert (config.steps, chosen.steps) == (33, 100)  # 2 pi (1.2 / 0.5 + 1) / 0.65, the default
+    assert (config.steps, chosen.steps) == (17, 100)  # 2 pi (1.2 / 0.5 + 1) / 1.31, the default
     method = {"integrator": "rk4", "impact": "cubic", "steps_per_period": 100}
     method["allow_unstable"] = False
     assert yaml.safe_load(chosen.to_yaml())["method"] == method

@@ -24,8 +24,8 @@ def small(monkeypatch):
 def test_the_share_follows_from_rate_steps_and_peak(small):
     measured = speed.measure(quick=True)
     (exact,) = measured.speeds.values()
-    assert exact.steps == 25
-    assert exact.share == pytest.approx(exact.periods[1] * 25 * 8 / measured.peak)
+    assert exact.steps == 12
+    assert exact.share == pytest.approx(exact.periods[1] * 12 * 8 / measured.peak)
     assert 0.0 < exact.share < 1.0
 
 

@@ -14,10 +14,11 @@ from vibroimpact.integrate import integrate
 from vibroimpact.lanes.tally import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
-from vibroimpact.step.exact import Lane, guard, steps_needed
-from vibroimpact.step.flight import TERMS, fill_rows
+from vibroimpact.step.exact import steps_needed
+from vibroimpact.step.flow import Equation, Flow, equation_of, flow_of
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.rules import IMPACT_RULES, mend
+from vibroimpact.step.one_step import take_exact_step
+from vibroimpact.step.rules import EXACT, IMPACT_RULES, mend
 from vibroimpact.step.stop import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
 from vibroimpact.trajectory import trace
 
@@ -35,26 +36,28 @@ LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-
 
 
 @numba.njit(error_model="numpy")
-def take_steps(rule, integrator, states, points, rows, consistent, scratch, ring, sums):
+def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
     """Mend one step from each state: nothing about it is right but that its fields are floats."""
     most = 0
     for k in range(states.shape[0]):
         x, v, x_T, v_T, theta, s, c, step = states[k]
-        pt = points[k]
-        lane = Lane(rows[k], x_T, v_T, theta)
-        if consistent:
-            T = step / pt.omega
-            fill_rows(rows[k], T, pt)
-            along_x, along_v, along_f = guard(T, pt)
-            lane = Lane(rows[k], along_x, along_v, along_f)
-        result = mend(
-            rule, integrator, x, v, x_T, v_T, k % 2 == 0, theta, s, c, step, pt, lane, scratch
-        )
-        for j in range(result[3]):
+        pt, r, start, at = points[k], rows[k], (x, v, k % 2 == 0), (theta, s, c)
+        if method[0] == EXACT:
+            eq = Equation(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7])
+            flow = Flow(
+                r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16], r[17], r[18], r[19]
+            )
+            if consistent:
+                eq = equation_of(pt, step)
+                flow = flow_of(eq, step, scratch.coefficients)
+            n = take_exact_step(eq, flow, start, at, (x_T, v_T), step, pt, scratch)[3]
+        else:
+            n = mend(method[0], method[1], start, (x_T, v_T), at, step, pt, scratch)[3]
+        for j in range(n):
             if scratch.events[j, KIND] == IMPACT:
                 phase = theta + pt.omega * scratch.events[j, TIME]
                 list_impact(ring, sums[0], phase, scratch.events[j, SPEED])
-        most = max(most, result[3])
+        most = max(most, n)
     return most
 
 
@@ -72,8 +75,8 @@ def fuzz_bits(rng, integrator, rule, scratch):
     """Take a batch of steps on random bits."""
     points = random_floats(rng, (BATCH, len(PARAMETERS))).copy().view(POINT)[:, 0]
     most = take_steps(
-        IMPACT_RULES[rule].code, INTEGRATORS[integrator].code, random_floats(rng, (BATCH, 8)),
-        points, random_floats(rng, (BATCH, 4, TERMS)), bool(rng.random() < 0.7), scratch,
+        (IMPACT_RULES[rule].code, INTEGRATORS[integrator].code), random_floats(rng, (BATCH, 8)),
+        points, random_floats(rng, (BATCH, 20)), bool(rng.random() < 0.7), scratch,
         np.empty((4, 2)), np.zeros(1, SUMS),
     )  # fmt: skip
     assert 0 <= most <= EVENTS_SHAPE[0]
@@ -133,6 +136,8 @@ def fuzz_run(rng, integrator, rule):
         with np.errstate(over="ignore"):
             before, after = np.hypot(points["v0"], p * points["x0"]), np.hypot(v, p * x)
             allowed = before * (1.0 + 1e-12) + SMALLEST_NORMAL * (1.0 + p + points["omega"])
+            # The state is x - clearance, with its roundings.
+            allowed += 1e-13 * p * np.abs(points["clearance"])
         assert (after <= allowed)[free].all(), points[free & ~(after <= allowed)]
     i = int(rng.integers(points.size))
     log, status = trace(points[i : i + 1], **method)

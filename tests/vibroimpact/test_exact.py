@@ -10,7 +10,7 @@ import pytest
 from vibroimpact import Oscillator, Status, simulate
 from vibroimpact.integrate import default_steps, integrate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.exact import time_to_rest
+from vibroimpact.step.bounces import time_to_rest
 
 PERIOD = 2.0 * math.pi
 GRAZES = ["graze_first_exact30", "graze_first_minus", "graze_first_minus6", "graze_first_plus6"]

@@ -1,17 +1,12 @@
-"""A flight as a polynomial: its rows, its first root, and the bound of the guard."""
+"""A flight as a polynomial: its first root."""
 
 import math
 
 import mpmath as mp
-import naive
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator
-from vibroimpact.integrate import default_steps
-from vibroimpact.step.exact import guard, reach
-from vibroimpact.step.flight import LONGEST_STEP, TERMS, expand, fill_rows, first_crossing
-from vibroimpact.step.flight import value_and_slope as evaluate
+from vibroimpact.step.flight import TERMS, first_crossing
 
 NONE = -1.0
 
@@ -152,56 +147,3 @@ def test_inflections():
         assert u == pytest.approx(at + 5e-7 ** (1 / 3), abs=1e-10)
     wave = np.polynomial.Chebyshev.basis(11).convert(kind=np.polynomial.Polynomial).coef
     assert crossing(wave - padded([1.01])[: wave.size])[0] == NONE
-
-
-# --- the rows of a flight ---
-
-
-@pytest.mark.parametrize(
-    ("h", "omega", "p"), [(0.0, 1.0, 1.0), (1.0, 0.3, 1.0), (2.0, 20.0, 1.0), (0.1, 0.05, 3.0)]
-)
-def test_the_rows_are_the_flow_to_rounding(h, omega, p):
-    """At the longest step, against 40 digits: position and velocity."""
-    pt = Oscillator(h=h, R=0.5, omega=omega, f=1.3, p=p).at()[0]
-    T = LONGEST_STEP / (2 * h + p + omega)
-    rows, c = np.empty((4, TERMS)), np.empty(TERMS)
-    fill_rows(rows, T, pt)
-    osc = naive.oscillator(h, 0.5, omega, 1.3, p)
-    for x, v, theta in ((-0.4, 0.9, 0.3), (-1.0, 0.0, 4.0), (-2.0, -3.0, 5.5)):
-        s, k = math.sin(theta), math.cos(theta)
-        expand(rows, x, v, s, k, 0.25, c)
-        for u in (0.1, 0.5, 0.9, 1.0):
-            value, slope = evaluate(c, 0, u)
-            true = naive.flow(osc, x, v, s, k, u * T)
-            assert value + 0.25 == pytest.approx(true[0], abs=1e-15)
-            assert slope / T == pytest.approx(true[1], abs=4e-15)
-
-
-# --- the guard ---
-
-
-def test_the_bound_of_the_guard_is_a_bound():
-    """1500 random steps: x stays below the reach, and the closed flow above the chord too."""
-    rng = np.random.default_rng(4)
-    tightest = math.inf
-    for _ in range(1500):
-        h, omega = rng.choice([0.0, rng.uniform(0, 2)]), 0.05 * 400.0 ** rng.random()
-        osc = Oscillator(h=h, R=0.5, omega=omega, f=rng.uniform(0, 3), p=rng.uniform(0.3, 3))
-        pt = osc.at()[0]
-        n = default_steps(osc.at(), "exact") * int(rng.choice([1, 1, 2, 7]))
-        T = osc.forcing_period / n
-        x, v, theta = *rng.normal(0, 1, 2) * 10.0 ** rng.uniform(-3, 1, 2), rng.uniform(0, 7)
-        rows, c = np.empty((4, TERMS)), np.empty(TERMS)
-        fill_rows(rows, T, pt)
-        expand(rows, x, v, math.sin(theta), math.cos(theta), 0.0, c)
-        u = np.linspace(0.0, 1.0, 101)
-        flight = np.polynomial.Polynomial(c)
-        xs = flight(u)
-        bound = reach(x, v, xs[-1], *guard(T, pt))
-        assert (xs <= bound + 1e-15 * np.abs(xs).max()).all()
-        height = bound - max(x, xs[-1])
-        curvature = np.abs(flight.deriv(2)(u)).max() / 8
-        assert curvature <= height * (1 + 1e-12) + 1e-16 * abs(x)
-        if curvature > 0.0:
-            tightest = min(tightest, height / curvature)
-    assert tightest < 2.0

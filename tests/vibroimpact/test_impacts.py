@@ -61,7 +61,7 @@ def run(pt, rule, integrator, x, v, theta, T, resting=False):
     s, c = math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, T, pt)
     x, v, resting, n, rested, status = reduced_step(
-        rule, chosen.code, x, v, *end, resting, theta, s, c, T, pt, scratch
+        (rule, chosen.code), (x, v, resting), end, (theta, s, c), T, pt, scratch
     )
     return x, v, resting, scratch.events[:n], rested, status
 
@@ -70,7 +70,7 @@ def flight(rule, integrator, x, v, theta, span, pt):
     """One flight of at most `span`: time, state, and whether it ended on the stop."""
     chosen, s, c = INTEGRATORS[integrator], math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, span, pt)
-    return fly(rule, chosen.code, x, v, s, c, *end, span, pt, new_scratch().coefficients)[:4]
+    return fly((rule, chosen.code), (x, v, s, c), end, span, pt, new_scratch().coefficients)[:4]
 
 
 def to_rest(v, theta, left, T, pt):

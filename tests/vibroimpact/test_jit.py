@@ -16,7 +16,7 @@ import vibroimpact
 from vibroimpact.lanes.workspace import LANES, LEVEL, SIZE, X, glide_step
 w = np.ones(SIZE)
 w[LEVEL : LEVEL + LANES] = np.inf
-glide_step(w, np.array([[0.0], [0.25], [0.5]]), 0, False)
+glide_step(w, np.array([[0.0], [0.25], [0.5]]), 0)
 print(vibroimpact.__file__)
 print(w[X])
 print(sum(glide_step.stats.cache_hits.values()), sum(glide_step.stats.cache_misses.values()))

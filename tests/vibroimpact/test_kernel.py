@@ -12,6 +12,7 @@ from vibroimpact import Oscillator, Status, simulate
 from vibroimpact.integrate import default_steps, integrate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.flight import LONGEST_STEP
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 from vibroimpact.trajectory import trace, trajectories
@@ -384,7 +385,7 @@ def test_what_the_exact_rule_needs_is_said():
     with pytest.raises(ValueError, match="impact 'exact' needs the integrator 'exact', not 'rk4'"):
         integrate(one(), integrator="rk4")
     points = np.concatenate([one(omega=2.3), one(omega=0.3), one(h=0.0, omega=5.0)])
-    least = math.ceil(PERIOD * (1.2 / 0.3 + 1) / 0.65)
+    least = math.ceil(PERIOD * (1.2 / 0.3 + 1) / LONGEST_STEP)
     assert default_steps(points, "exact") == least
     with pytest.raises(ValueError, match=f"steps_per_period must be >= {least} .* not {least - 1}"):
         integrate(points, steps_per_period=least - 1)

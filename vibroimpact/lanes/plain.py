@@ -26,7 +26,7 @@ from vibroimpact.step.phases import COS, SIN, THETA
 _NON_FINITE = int(Status.NON_FINITE)
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def plain_step(w, i, x, v, s, c, place, recording):
     """Take lane `i` from (x, v) over a step with the rule (2)-(5): selects instead of branches.
 
@@ -46,11 +46,11 @@ def plain_step(w, i, x, v, s, c, place, recording):
     return w[CLEARANCE + i] if impact else x_T, -w[RESTITUTION + i] * v_T if impact else v_T
 
 
-@jit(leaf=True, internal=True)
-def advance_plain(w, first, n_points, grid, recording, tally):
+@jit(refcounts=False)
+def advance_plain(w, n_points, grid, recording, tally):
     """Steps with the rule (2)-(5), four at a time, so that the maps stay in registers."""
     widest_vectors()
-    size, table = grid.table.shape[1], grid.table
+    size, table = grid.count, grid.table
     whole = size // STRIDE * STRIDE
     for n in range(0, whole, STRIDE):
         s0, s1, s2, s3 = table[SIN, n], table[SIN, n + 1], table[SIN, n + 2], table[SIN, n + 3]
@@ -61,17 +61,17 @@ def advance_plain(w, first, n_points, grid, recording, tally):
             x, v = plain_step(w, i, x, v, s2, c2, i + SPEEDS + 2 * LANES, recording)
             w[X + i], w[V + i] = plain_step(w, i, x, v, s3, c3, i + SPEEDS + 3 * LANES, recording)
         if recording:
-            list_plain_impacts(w, first, n_points, n, n + STRIDE, grid, tally.impacts)
+            list_plain_impacts(w, n_points, n, n + STRIDE, grid, tally.impacts)
     for n in range(whole, size):
         s0, c0 = table[SIN, n], table[COS, n]
         for i in range(LANES):
             w[X + i], w[V + i] = plain_step(w, i, w[X + i], w[V + i], s0, c0, i + SPEEDS, recording)
         if recording:
-            list_plain_impacts(w, first, n_points, n, n + 1, grid, tally.impacts)
+            list_plain_impacts(w, n_points, n, n + 1, grid, tally.impacts)
 
 
-@jit(leaf=True, internal=True)
-def list_plain_impacts(w, first, n_points, n, end, grid, rings):
+@jit(refcounts=False)
+def list_plain_impacts(w, n_points, n, end, grid, rings):
     """Put the impacts of the steps from `n` to before `end` into the rings of their lanes."""
     capacity = rings.shape[1]
     if capacity == 0:
@@ -82,16 +82,16 @@ def list_plain_impacts(w, first, n_points, n, end, grid, rings):
                 if w[SPEEDS + j * LANES + i] < math.inf:
                     slot = int(w[LISTED + i]) % capacity
                     at = grid.table[THETA, n + j] + grid.step
-                    rings[first + i, slot, 0] = at - 2.0 * math.pi if at >= 2.0 * math.pi else at
-                    rings[first + i, slot, 1] = w[SPEEDS + j * LANES + i]
+                    rings[i, slot, 0] = at - 2.0 * math.pi if at >= 2.0 * math.pi else at
+                    rings[i, slot, 1] = w[SPEEDS + j * LANES + i]
                     w[LISTED + i] += 1.0
 
 
 @jit(inline=True)
-def sum_up_plain(w, first, n_points, tally):
+def sum_up_plain(w, n_points, tally):
     """Put what the lanes have summed up into the tally."""
     for i in range(n_points):
-        sums = tally.sums[first + i]
+        sums = tally.sums[i]
         sums.impacts = int(w[IMPACTS + i])
         sums.slowest_impact = w[SLOWEST + i]
         sums.max_penetration = w[HIGHEST + i] - w[CLEARANCE + i]

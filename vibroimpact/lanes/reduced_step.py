@@ -65,25 +65,25 @@ def parameters_of(w, j):
     )
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def gather(w, columns, points, table, n):
     """Fill the columns: each lane goes on from step `n` to the one that may take it to its stop."""
     for j in range(columns):
         i = int(w[MET + j])
         x, v, safe, k = w[X + i], w[V + i], True, n
         for q in range(n, n + STRIDE - 1):
-            x_T, v_T, further = glide(w, i, x, v, table[SIN, q], table[COS, q], False)
+            x_T, v_T, further = glide(w, i, x, v, table[SIN, q], table[COS, q])
             safe &= further
             x, v, k = select(safe, x_T, x), select(safe, v_T, v), k + safe
         s, c, pt = table[SIN, k], table[COS, k], points[i]
-        w[X_T + j], w[V_T + j], _ = glide(w, i, x, v, s, c, False)
+        w[X_T + j], w[V_T + j], _ = glide(w, i, x, v, s, c)
         w[STEP + j], w[THETA_0 + j], w[S_0 + j], w[C_0 + j] = k, table[THETA, k], s, c
         w[X_0 + j], w[V_0 + j] = x, v
         w[OF_H + j], w[OF_R + j], w[OF_OMEGA + j] = pt.h, pt.R, pt.omega
         w[OF_F + j], w[OF_P + j], w[OF_CLEARANCE + j] = pt.f, pt.p, pt.clearance
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def shorten_steps(w, columns, step):
     """Take the columns to their impacts, eqs (6)-(9)."""
     widest_vectors()
@@ -110,7 +110,7 @@ def land(w, j, x, v):
     w[ONCE + j] = select(x < w[OF_CLEARANCE + j], w[ONCE + j], 0.0)
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def take_remainders(w, columns, integrator, points):
     """Take the columns from their rebounds to the ends of the steps.
 
@@ -137,8 +137,8 @@ def take_remainders(w, columns, integrator, points):
             land(w, j, x_T, v_T)
 
 
-@jit(leaf=True, internal=True)
-def mend_side_by_side(w, met, first, points, integrator, grid, n, recording, tally):
+@jit(refcounts=False)
+def mend_side_by_side(w, met, points, integrator, grid, n, recording, tally):
     """Take the `met` lanes of row MET over the stride from step `n`.
 
     Returns how many of them are left in it, not moved, because theirs is not a single impact.
@@ -151,14 +151,14 @@ def mend_side_by_side(w, met, first, points, integrator, grid, n, recording, tal
         i = int(w[MET + j])
         x, v, once = w[X_T + j], w[V_T + j], w[ONCE + j] > 0.0
         for q in range(n + 1, n + STRIDE):
-            x_T, v_T, safe = glide(w, i, x, v, grid.table[SIN, q], grid.table[COS, q], False)
+            x_T, v_T, safe = glide(w, i, x, v, grid.table[SIN, q], grid.table[COS, q])
             later = q > w[STEP + j]
             x, v, once = select(later, x_T, x), select(later, v_T, v), once & (safe | (not later))
         if once:
             w[X + i], w[V + i] = x, v
             if recording:
                 phase = w[THETA_0 + j] + points[i].omega * w[T_R + j]
-                list_impact(tally.impacts[first + i], tally.sums[first + i], phase, w[V_TR + j])
+                list_impact(tally.impacts[i], tally.sums[i], phase, w[V_TR + j])
         else:
             w[MET + left] = i
             left += 1

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
+from vibroimpact.status import Status
 from vibroimpact.step.stop import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
 
 #: What is summed up over the recorded periods of a point, beside its last status.
@@ -24,6 +25,9 @@ SUMS = np.dtype(
         ("status", np.int64),
     ]
 )
+
+_UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
+_PENDING = int(Status.PENDING)
 
 
 class Tally(NamedTuple):
@@ -56,7 +60,7 @@ def list_impact(ring, sums, phase, speed):
 
 
 @jit(inline=True)
-def record_step(events, n, x_T, rested, grazes, theta, pt, row, tally):
+def record_step(events, n, x_T, rested, theta, pt, row, tally):
     """Add the events of one mended step to the tally of the lane in that row."""
     sums = tally.sums[row]
     depth = x_T - pt.clearance
@@ -69,8 +73,17 @@ def record_step(events, n, x_T, rested, grazes, theta, pt, row, tally):
         elif kind == REST:
             sums.chatters += 1
     sums.rested += rested
-    sums.near_grazes += grazes
     sums.max_penetration = max(sums.max_penetration, depth)
+
+
+@jit(inline=True)
+def record_section(x, v, row, k, tally):
+    """Store the state of a point as section `k`, NaN where it overflowed."""
+    finite = math.isfinite(x) and math.isfinite(v)
+    tally.sections[row, k, 0] = x if finite else math.nan
+    tally.sections[row, k, 1] = v if finite else math.nan
+    if not finite and tally.sums[row].status < _UNRESOLVED:
+        tally.sums[row].status = _NON_FINITE
 
 
 @jit(inline=True)
@@ -83,7 +96,7 @@ def reverse(ring, lo, hi):
         lo += 1
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def put_in_order(ring, count):
     """Unroll a ring that received `count` impacts into time order."""
     size = ring.shape[0]
@@ -92,3 +105,18 @@ def put_in_order(ring, count):
         reverse(ring, 0, oldest)
         reverse(ring, oldest, size)
         reverse(ring, 0, size)
+
+
+@jit(inline=True)
+def rows_of(tally, lo, hi):
+    """Return a tally of the points from `lo` to before `hi`."""
+    return Tally(tally.sections[lo:hi], tally.impacts[lo:hi], tally.sums[lo:hi])
+
+
+@jit(refcounts=False)
+def close_records(tally, given_up):
+    """Put the impacts of every point in order; points that were given up are ``PENDING``."""
+    for i in range(tally.sums.size):
+        put_in_order(tally.impacts[i], tally.sums[i].impacts)
+        if given_up:
+            tally.sums[i].status = _PENDING

@@ -13,13 +13,10 @@ import math
 import numpy as np
 
 from vibroimpact.jit import bit, jit, lowest_bit, select
-from vibroimpact.step.exact import guard, reach
-from vibroimpact.step.flight import fill_rows
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.phases import COS, SIN
-from vibroimpact.step.rules import EXACT, PLAIN
+from vibroimpact.step.rules import PLAIN
 from vibroimpact.step.stop import start
-from vibroimpact.step.tangents import glide_tangent
 
 #: Points per block; no more than an integer has bits.
 LANES = 32
@@ -32,16 +29,10 @@ STRIDE = 4
     # The state, the affine map, and the stop. A lane at rest watches a stop at -inf, so that it is
     # looked at in every stride.
     X, V, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION,
-    # 1 where the lane has taken the stride, 0 where it may meet its stop in it.
-    SAFE,
     # The phase before which a lane at rest is not released.
     WAKE,
-    # For the rule ``exact``: the guard.
-    ALONG_X, ALONG_V, ALONG_F,
     # With the rule ``plain``: what is summed up.
     IMPACTS, LISTED, SLOWEST, HIGHEST,
-    # Two tangent vectors, four rows.
-    TANGENTS, _, _, _,
     # Which lanes may meet their stops in a stride, side by side.
     MET,
     # With the rule ``reduced-step``, of each of these: the parameters of eq. (1); the step in which
@@ -50,19 +41,19 @@ STRIDE = 4
     STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T, T_R, V_TR, S_TR, C_TR, LEFT, ONCE,
     # With the rule ``plain``: the speeds of the impacts of a stride.
     SPEEDS,
-) = range(0, 48 * LANES, LANES)  # fmt: skip
+) = range(0, 40 * LANES, LANES)  # fmt: skip
 SIZE = SPEEDS + STRIDE * LANES
 
 
 @jit
-def new_workspace():
-    """Return the workspace of a block, shape (SIZE,).
+def aligned(size):
+    """Return an array of so many floats, not set.
 
     It begins at a line of the cache: a vector of 512 bits across two lines is read twice.
     """
-    memory = np.empty(SIZE + 7)
+    memory = np.empty(size + 7)
     skipped = -(memory.ctypes.data // 8) % 8
-    return memory[skipped : skipped + SIZE]
+    return memory[skipped : skipped + size]
 
 
 @jit(inline=True)
@@ -76,44 +67,36 @@ def set_start(w, points, rule, s):
         w[WAKE + i] = -math.inf
         w[IMPACTS + i] = w[LISTED + i] = 0.0
         w[SLOWEST + i], w[HIGHEST + i] = math.inf, pt.clearance
-        for k in range(4):
-            w[TANGENTS + k * LANES + i] = 1.0 if k == 0 or k == 3 else 0.0
 
 
 @jit(inline=True)
-def set_maps(w, taylor, points, rule, integrator, grid):
-    """Give every lane the affine map of one step of `grid`, and its Taylor rows and guard."""
+def set_maps(w, points, integrator, grid):
+    """Give every lane the affine map of one step of `grid`."""
     for i in range(LANES):
         pt = points[min(i, points.size - 1)]
         T = grid.step / pt.omega
         rows = affine_map(integrator, T, pt)
         for k in range(8):
             w[XX + k * LANES + i] = rows[k]
-        if rule == EXACT:
-            fill_rows(taylor[i], T, pt)
-            w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i] = guard(T, pt)
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def map_of(w, i):
     """Return the two rows of the affine map of lane `i`."""
     to_x = w[XX + i], w[XV + i], w[XS + i], w[XC + i]
     return to_x, (w[VX + i], w[VV + i], w[VS + i], w[VC + i])
 
 
-@jit(leaf=True, internal=True)
-def glide(w, i, x, v, s, c, guarded):
+@jit(refcounts=False)
+def glide(w, i, x, v, s, c):
     """Take lane `i` from (x, v) over a step; return also if it surely has not met its stop."""
     to_x, to_v = map_of(w, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
-    safe = x_T < w[LEVEL + i]  # a NaN is not
-    if guarded:
-        safe &= reach(x, v, x_T, w[ALONG_X + i], w[ALONG_V + i], w[ALONG_F + i]) < w[LEVEL + i]
-    return x_T, v_T, safe
+    return x_T, v_T, x_T < w[LEVEL + i]  # a NaN is not
 
 
 @jit(inline=True)
-def glide_stride(w, table, n, guarded):
+def glide_stride(w, table, n):
     """Take every lane from step `n` over a stride, but those that may meet their stops in it.
 
     Returns the bits of these.
@@ -122,41 +105,26 @@ def glide_stride(w, table, n, guarded):
     c0, c1, c2, c3 = table[COS, n], table[COS, n + 1], table[COS, n + 2], table[COS, n + 3]
     met = 0
     for i in range(LANES):
-        x, v, safe = glide(w, i, w[X + i], w[V + i], s0, c0, guarded)
-        x, v, safe_1 = glide(w, i, x, v, s1, c1, guarded)
-        x, v, safe_2 = glide(w, i, x, v, s2, c2, guarded)
-        x, v, safe_3 = glide(w, i, x, v, s3, c3, guarded)
+        x, v, safe = glide(w, i, w[X + i], w[V + i], s0, c0)
+        x, v, safe_1 = glide(w, i, x, v, s1, c1)
+        x, v, safe_2 = glide(w, i, x, v, s2, c2)
+        x, v, safe_3 = glide(w, i, x, v, s3, c3)
         safe &= safe_1 & safe_2 & safe_3
         w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
-        w[SAFE + i] = select(safe, 1.0, 0.0)
         met |= bit(not safe, i)
     return met
 
 
 @jit(inline=True)
-def glide_step(w, table, n, guarded):
+def glide_step(w, table, n):
     """As ``glide_stride`` over the one step `n`."""
     s, c = table[SIN, n], table[COS, n]
     met = 0
     for i in range(LANES):
-        x, v, safe = glide(w, i, w[X + i], w[V + i], s, c, guarded)
+        x, v, safe = glide(w, i, w[X + i], w[V + i], s, c)
         w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
-        w[SAFE + i] = select(safe, 1.0, 0.0)
         met |= bit(not safe, i)
     return met
-
-
-@jit(inline=True)
-def glide_tangents(w, steps):
-    """Take the tangent vectors over that many steps, where the lane has taken them."""
-    for i in range(LANES):
-        to_x, to_v = map_of(w, i)
-        taken = w[SAFE + i] > 0.0
-        for k in range(TANGENTS + i, TANGENTS + 4 * LANES + i, 2 * LANES):
-            x, v = w[k], w[k + LANES]
-            for _ in range(steps):
-                x, v = glide_tangent(x, v, to_x, to_v)
-            w[k], w[k + LANES] = select(taken, x, w[k]), select(taken, v, w[k + LANES])
 
 
 @jit(inline=True)

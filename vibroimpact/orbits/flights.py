@@ -35,10 +35,10 @@ from vibroimpact.step.flight import (
     LONGEST_STEP,
     TERMS,
     expand,
-    fill_rows,
     first_crossing,
     value_and_slope,
 )
+from vibroimpact.step.flow import Equation, equation_of, impulse
 from vibroimpact.step.trigonometry import sin_cos
 
 #: A flight counts as below the stop where it passes it by less than so many roundings.
@@ -59,11 +59,12 @@ class Parameters(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """The step of a flight: how many there are, how long, and its Taylor rows."""
+    """The step of a flight: how many there are, how long, as a phase too, and its equation."""
 
     n: int
     T: float
-    rows: np.ndarray
+    step: float
+    eq: Equation
 
 
 @jit
@@ -73,25 +74,24 @@ def parameters(values):
 
 
 @jit
-def _divide(tau, pt, rows):
-    """Divide a flight into steps; fill the Taylor rows of one."""
+def _divide(tau, pt):
+    """Divide a flight into steps."""
     n = max(1.0, math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
-    fill_rows(rows, tau / n, pt)
-    return Flight(int(n), tau / n, rows)
+    T = tau / n
+    return Flight(int(n), T, pt.omega * T, equation_of(pt, pt.omega * T))
 
 
 @jit
 def _land(flight, theta, v, pt, coefficients, M):
     """Follow a flight from an impact; return x - stop and x' at its end, and set M."""
     y, u, T = 0.0, -pt.R * v, flight.T
-    xx, dxx = value_and_slope(flight.rows[0], 0, 1.0)
-    xv, dxv = value_and_slope(flight.rows[1], 0, 1.0)
-    vx, vv = dxx / T, dxv / T
+    eq = flight.eq
+    of_y, vv = impulse(eq.of_w, eq.of_y, flight.step)
+    xx, xv, vx = vv - eq.of_w * of_y, of_y / pt.omega, eq.of_y * of_y * pt.omega
     M[0, 0], M[0, 1], M[1, 0], M[1, 1] = 1.0, 0.0, 0.0, 1.0
     for k in range(flight.n):
         s, c = sin_cos(theta + pt.omega * T * k)
-        expand(flight.rows, y + pt.clearance, u, s, c, pt.clearance, coefficients)
-        coefficients[0] = y
+        expand(eq, y, u / pt.omega, s, c, flight.step, coefficients)
         y, slope = value_and_slope(coefficients, 0, 1.0)
         u = slope / T
         for j in range(2):
@@ -125,7 +125,7 @@ def residuals(values, m, speed, X, F, A, B):
     """
     pt = parameters(values)
     q = F.shape[0]
-    rows, coefficients, M = np.empty((4, TERMS)), np.empty(TERMS), np.empty((2, 2))
+    coefficients, M = np.empty(TERMS), np.empty((2, 2))
     length = speed / pt.omega
     for i in range(q):
         theta, v = X[2 * i], X[2 * i + 1] * speed
@@ -135,7 +135,7 @@ def residuals(values, m, speed, X, F, A, B):
         tau = (end - theta) / pt.omega
         if not 0.0 < tau < _LONGEST / (2.0 * pt.h + pt.p + pt.omega):
             return False
-        y, u = _land(_divide(tau, pt, rows), theta, v, pt, coefficients, M)
+        y, u = _land(_divide(tau, pt), theta, v, pt, coefficients, M)
         push = -pt.p * pt.p * pt.clearance
         launched = 2.0 * pt.h * pt.R * v + push - pt.f * sin_cos(theta)[0]
         landed = -2.0 * pt.h * u - pt.p * pt.p * y + push - pt.f * sin_cos(end)[0]
@@ -165,16 +165,15 @@ def first_pass(values, m, speed, X, q):
         Where it meets the stop; that of its launch where it cannot leave the stop.
     """
     pt = parameters(values)
-    rows, c = np.empty((4, TERMS)), np.empty(TERMS)
+    c = np.empty(TERMS)
     for i in range(q):
         end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
-        flight = _divide((end - X[2 * i]) / pt.omega, pt, rows)
+        flight = _divide((end - X[2 * i]) / pt.omega, pt)
         y, u = 0.0, -pt.R * X[2 * i + 1] * speed
         for k in range(flight.n):
             theta = X[2 * i] + pt.omega * flight.T * k
             s, cosine = sin_cos(theta)
-            expand(flight.rows, y + pt.clearance, u, s, cosine, pt.clearance, c)
-            c[0] = y
+            expand(flight.eq, y, u / pt.omega, s, cosine, flight.step, c)
             y, slope = value_and_slope(c, 0, 1.0)
             zeros = 0
             if k == 0:
@@ -207,7 +206,7 @@ def state_after(values, theta, v, tau):
     if not tau > 0.0:
         y, u = 0.0, -pt.R * v
     else:
-        flight = _divide(tau, pt, np.empty((4, TERMS)))
+        flight = _divide(tau, pt)
         y, u = _land(flight, theta, v, pt, np.empty(TERMS), np.empty((2, 2)))
     s = sin_cos(theta + pt.omega * tau)[0]
     return y, u, -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s

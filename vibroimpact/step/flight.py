@@ -1,12 +1,11 @@
 """One flight between impacts as a polynomial, and the first time it meets the stop.
 
-Over one step the exact solution of eq. (1) is its Taylor series about the step's start,
+Over one step the exact solution of eq. (1) is its Taylor series about the step's start, here in the
+units of ``flow.py``,
 
-    x(u) = sum_k c_k u^k,    u = t / T in [0, 1],
+    y(u) = sum_k c_k u^k,    u = (theta - theta_0) / step in [0, 1].
 
-and each c_k is a fixed linear combination of x, v, sin theta, cos theta there: four rows of
-coefficients per parameter point, filled once. With (2h + p + omega) T <= ``LONGEST_STEP`` what
-the series leaves out is below rounding.
+With (2h + p + omega) T <= ``LONGEST_STEP`` what the series leaves out is below rounding.
 
 A polynomial is searched for its first root as a whole, not sampled: an interval on which the
 second derivative is proved to keep its sign has at most one maximum, and so every touch is seen,
@@ -20,11 +19,11 @@ import math
 
 from vibroimpact.jit import fma, jit
 
-#: Number of Taylor coefficients: two vectors of eight.
-TERMS = 16
-#: Largest (2h + p + omega) T: the first term left out is below 0.65^16 / 16! = 5e-17 in x, and
-#: 16 times that in its slope.
-LONGEST_STEP = 0.65
+#: Number of Taylor coefficients.
+TERMS = 22
+#: Largest (2h + p + omega) T: the first term left out is below 1.31^22 / 22! = 4e-19 in y, and
+#: 22 times that in its slope.
+LONGEST_STEP = 1.31
 
 #: The smallest normal number. A flight none of whose coefficients reaches it has no digits.
 SMALLEST_NORMAL = 2.0**-1022
@@ -38,34 +37,21 @@ _MOST_INTERVALS = 2**19 + 20
 _NO_TURN = -math.inf
 
 
-@jit(leaf=True)
-def fill_rows(rows, T, pt):
-    """Fill the Taylor rows of x for a unit x, v, sin theta, cos theta, in powers of u = t / T.
+@jit(refcounts=False)
+def expand(eq, y, w, s, c, step, coefficients):
+    """Set the Taylor coefficients of y(u) for the flight from (y, w) at phase (s, c).
 
-    From eq. (1): (k+1)(k+2) c_{k+2} = -2h T (k+1) c_{k+1} - p^2 T^2 c_k - f T^2 s_k, with the
-    rows s, c of sin and cos themselves: (k+1) s_{k+1} = omega T c_k, (k+1) c_{k+1} = -omega T s_k.
+    Differentiating (P): y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
     """
-    for q in range(4):
-        row = rows[q]
-        row[0] = 1.0 if q == 0 else 0.0
-        row[1] = T if q == 1 else 0.0
-        s = 1.0 if q == 2 else 0.0
-        c = 1.0 if q == 3 else 0.0
-        for k in range(TERMS - 2):
-            pull = 2.0 * pt.h * T * (k + 1) * row[k + 1] + T * T * (pt.p * pt.p * row[k] + pt.f * s)
-            row[k + 2] = -pull / ((k + 1) * (k + 2))
-            s, c = pt.omega * T * c / (k + 1), -pt.omega * T * s / (k + 1)
+    weight, constant = 1.0, eq.of_1
+    for k in range(coefficients.size):
+        coefficients[k] = y * weight
+        y, w = w, fma(eq.of_w, w, fma(eq.of_y, y, fma(eq.of_sin, s, constant)))
+        s, c, constant = c, -s, 0.0
+        weight *= step / (k + 1)
 
 
-@jit(leaf=True)
-def expand(rows, x, v, s, c, stop, coefficients):
-    """Set the coefficients of x(u) - stop for the flight from (x, v) at phase (s, c)."""
-    for k in range(rows.shape[1]):  # a constant would be unrolled, not vectorised
-        coefficients[k] = rows[0, k] * x + rows[1, k] * v + (rows[2, k] * s + rows[3, k] * c)
-    coefficients[0] = x - stop
-
-
-@jit(leaf=True)
+@jit(refcounts=False)
 def value_and_slope(c, m, u):
     """Return sum_k c[m + k] u^k and its derivative.
 
@@ -86,34 +72,6 @@ def value_and_slope(c, m, u):
         p, q, dp, dq = q, p, dq, dp
     # Now q holds the even powers and p the odd ones.
     return fma(u, p, q), fma(2.0 * u, fma(u, dp, dq), p)
-
-
-@jit(leaf=True, internal=True)
-def expansion(c, u):
-    """Return sum_k c[k] u^k over all ``TERMS``, and its first two derivatives.
-
-    Horner's scheme in u^4 on every fourth coefficient: short chains of fused operations, because
-    their latency is what an impact costs.
-    """
-    uu = u * u
-    u4 = uu * uu
-    p, q, r, s = c[12], c[13], c[14], c[15]
-    dp, dq, dr, ds = 13.0 * c[13], 14.0 * c[14], 15.0 * c[15], 0.0
-    ddp, ddq, ddr, dds = 182.0 * c[14], 210.0 * c[15], 0.0, 0.0
-    for k in range(8, -1, -4):
-        p, q = fma(p, u4, c[k]), fma(q, u4, c[k + 1])
-        r, s = fma(r, u4, c[k + 2]), fma(s, u4, c[k + 3])
-        dp, dq = fma(dp, u4, (k + 1) * c[k + 1]), fma(dq, u4, (k + 2) * c[k + 2])
-        dr, ds = fma(dr, u4, (k + 3) * c[k + 3]), fma(ds, u4, (k + 4) * c[k + 4])
-        ddp = fma(ddp, u4, (k + 2) * (k + 1) * c[k + 2])
-        ddq = fma(ddq, u4, (k + 3) * (k + 2) * c[k + 3])
-        ddr = fma(ddr, u4, (k + 4) * (k + 3) * c[k + 4])
-        dds = fma(dds, u4, (k + 5) * (k + 4) * c[k + 5])
-    return (
-        fma(uu, fma(u, s, r), fma(u, q, p)),
-        fma(uu, fma(u, ds, dr), fma(u, dq, dp)),
-        fma(uu, fma(u, dds, ddr), fma(u, ddq, ddp)),
-    )
 
 
 @jit(inline=True)
@@ -151,7 +109,7 @@ def _first_guess(low, value_low, slope_low, high, value, slope):
     return low + (high - low) * (t + bend)
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def _root(c, m, low, high, u):
     """The one root in (low, high) of a polynomial that rises through it.
 
@@ -173,7 +131,7 @@ def _root(c, m, low, high, u):
     return u
 
 
-@jit(leaf=True, internal=True)
+@jit(refcounts=False)
 def _turning_point(c, m, low, high):
     """Where the slope of a polynomial falls through zero between `low` and `high`."""
     for _ in range(60):
@@ -196,7 +154,7 @@ def _turning_point(c, m, low, high):
     return 0.5 * (low + high)
 
 
-@jit(leaf=True)
+@jit(refcounts=False)
 def first_crossing(c, m, end):
     """The first u in (0, end] at which a flight meets the stop.
 
@@ -243,38 +201,3 @@ def first_crossing(c, m, end):
         width = 2.0 * (b - a)
         a, value_a, slope_a = b, value, slope
     return math.nan, turn
-
-
-@jit(leaf=True, internal=True)
-def rising_root(c, value, slope):
-    """The first crossing of a flight known to rise from u = 0 to u = 1, and its slope there.
-
-    Halley's method; where it leaves the bracket, ``_root``.
-
-    Parameters
-    ----------
-    value, slope : float
-        x - stop and its derivative at u = 1.
-
-    Returns
-    -------
-    u, slope : float
-        -1 and 0 if the flight does not cross.
-    """
-    if not value > 0.0:
-        return -1.0, 0.0
-    u = _first_guess(0.0, c[0], c[1], 1.0, value, slope)
-    for _ in range(3):
-        if not 0.0 < u < 1.0:
-            break
-        y, dy, ddy = expansion(c, u)
-        inverse = 1.0 / dy
-        newton = -y * inverse
-        change = newton - 0.5 * newton * newton * (ddy * inverse)
-        u += change
-        # The next change would be its cube; the slope's next term is its square. An overflow is
-        # not taken for a root.
-        if abs(change) <= 1e-8 * min(u, 1.0):
-            return u, fma(ddy, change, dy)
-    u = _root(c, 0, 0.0, 1.0, u)
-    return u, value_and_slope(c, 0, u)[1]

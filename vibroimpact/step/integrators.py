@@ -34,7 +34,7 @@ def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
     return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
 
 
-@jit(dissolve=True)
+@jit(forced_inline=True)
 def euler(x, v, s, c, T, pt):
     """Euler's explicit method, order 1.
 
@@ -50,7 +50,7 @@ def euler_limit(zeta: np.ndarray) -> np.ndarray:
     return -2.0 * eigenvalue.real / np.abs(eigenvalue) ** 2
 
 
-@jit(dissolve=True)
+@jit(forced_inline=True)
 def semi_implicit_euler(x, v, s, c, T, pt):
     """Symplectic Euler: the new velocity moves the displacement, order 1.
 
@@ -66,7 +66,7 @@ def semi_implicit_euler_limit(zeta: np.ndarray) -> np.ndarray:
     return 2.0 / (zeta + np.hypot(zeta, 1.0))
 
 
-@jit(dissolve=True)
+@jit(forced_inline=True)
 def verlet(x, v, s, c, T, pt):
     """The central difference method, order 2.
 
@@ -84,7 +84,7 @@ def verlet_limit(zeta: np.ndarray) -> np.ndarray:
     return np.full_like(zeta, 2.0)
 
 
-@jit(dissolve=True)
+@jit(forced_inline=True)
 def newmark(x, v, s, c, T, pt):
     """Newmark's constant average acceleration (beta = 1/4, gamma = 1/2), order 2.
 
@@ -100,7 +100,7 @@ def newmark(x, v, s, c, T, pt):
     return x_half + 0.25 * T * T * a_T, v_half + 0.5 * T * a_T
 
 
-@jit(dissolve=True)
+@jit(forced_inline=True)
 def rk4(x, v, s, c, T, pt):
     """The classical Runge-Kutta method, order 4.
 

@@ -1,56 +1,141 @@
-"""One step of one orbit on the common grid: what every lane and every single orbit goes through."""
+"""One step of one orbit on the common grid: what every lane and every single orbit goes through.
+
+The state of an orbit between steps is (x, v, resting), with the rule ``exact`` (y, w, resting) in
+the units of ``flow.py``. Where a period ends it is rounded to (x, v), so that a run that starts
+from a recorded section continues the one before to the last bit.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.step.exact import Lane, guard, reach
-from vibroimpact.step.flight import TERMS, fill_rows
+from vibroimpact.step.exact import exact_step, log_impact
+from vibroimpact.step.flight import TERMS
+from vibroimpact.step.flow import Equation, Flow, enter, equation_of, flow_of, glide, leave
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.phases import COS, SIN, THETA
 from vibroimpact.step.rules import EXACT, mend
+from vibroimpact.step.single_impact import ONLY, single_impact
 
 
-@jit(inline=True)
-def take_step(rule, integrator, to_x, to_v, x, v, resting, theta, s, c, step, pt, lane, scratch):
-    """Advance a state by its affine map, and mend the step where it may have met the stop.
+class Prepared(NamedTuple):
+    """What a point needs for steps of one length.
 
-    Parameters
+    Attributes
     ----------
-    to_x, to_v : tuple of 4 floats
-        The rows of the map.
-
-    Returns
-    -------
-    As from ``impacts.mend``; status 0 and no events for a step that needs no mending.
+    to_x, to_v : 4 floats
+        The rows of the affine map of the integrator.
+    eq : Equation
+    flow : Flow
+        What the rule ``exact`` needs.
     """
-    x_T = apply_map(to_x, x, v, s, c)
-    v_T = apply_map(to_v, x, v, s, c)
-    highest = x_T
-    if rule == EXACT:
-        highest = reach(x, v, x_T, lane.along_x, lane.along_v, lane.along_f)
-    if resting or not highest < pt.clearance:
-        return mend(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch)
-    return x_T, v_T, False, 0, 0.0, 0, 0
+
+    to_x: tuple[float, float, float, float]
+    to_v: tuple[float, float, float, float]
+    eq: Equation
+    flow: Flow
 
 
 @jit
 def prepare(integrator, steps, pt):
-    """Return the affine map of a step, and the Taylor rows and guard of the rule ``exact``."""
-    T = steps.step / pt.omega
-    rows = np.empty((4, TERMS))
-    fill_rows(rows, T, pt)
-    along_x, along_v, along_f = guard(T, pt)
-    m = affine_map(integrator, T, pt)
-    return (m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), Lane(rows, along_x, along_v, along_f)
+    """Return what is needed of a point for steps of that length."""
+    m = affine_map(integrator, steps.step / pt.omega, pt)
+    eq = equation_of(pt, steps.step)
+    flow = flow_of(eq, steps.step, np.empty(TERMS))
+    return Prepared((m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), eq, flow)
+
+
+@jit(inline=True)
+def to_state(rule, x, v, resting, pt):
+    """Return the state of an orbit at (x, v)."""
+    if rule == EXACT:
+        x, v = enter(x, v, pt)
+    return x, v, resting
+
+
+@jit(inline=True)
+def from_state(rule, state, pt):
+    """Return (x, v) of the state of an orbit."""
+    x, v, _ = state
+    if rule == EXACT:
+        x, v = leave(x, v, pt)
+    return x, v
+
+
+@jit(inline=True)
+def take_step(method, rows, state, at, step, pt, scratch):
+    """Advance a state by its affine map, and mend the step where it met the stop.
+
+    Parameters
+    ----------
+    method : (int, int)
+        The codes of an impact rule other than ``exact``, and of the integrator.
+    rows : two tuples of 4 floats
+        The rows of the map.
+    state : (float, float, bool)
+    at : (float, float, float)
+        Phase at the start of the step, its sine and its cosine.
+
+    Returns
+    -------
+    As from ``rules.mend``; status 0 and no events for a step that needs no mending.
+    """
+    (x, v, resting), (_, s, c), (to_x, to_v) = state, at, rows
+    x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
+    if resting or not x_T < pt.clearance:
+        return mend(method[0], method[1], state, (x_T, v_T), at, step, pt, scratch)
+    return x_T, v_T, False, 0, 0.0, 0
 
 
 @jit
-def advance(rule, integrator, prepared, x, v, resting, steps, n, pt, scratch):
-    """Step `n` of a run of steps; returns as ``take_step`` does."""
-    to_x, to_v, lane = prepared
-    theta, s, c = steps.table[THETA, n], steps.table[SIN, n], steps.table[COS, n]
-    return take_step(
-        rule, integrator, to_x, to_v, x, v, resting, theta, s, c, steps.step, pt, lane, scratch
-    )
+def take_exact_step(eq, flow, state, at, end_wave, step, pt, scratch):
+    """Take a step with the rule ``exact``, as ``lanes/exact.py`` does with many side by side.
+
+    Parameters
+    ----------
+    at : (float, float, float)
+        Phase at the start of the step, its sine and its cosine.
+    end_wave : (float, float)
+        Sine and cosine of the phase at its end.
+
+    Returns
+    -------
+    As from ``exact.exact_step``.
+    """
+    (y, w, _), (_, s, c) = state, at
+    y_T, w_T, high = glide(flow, y, w, s, c, step / 3.0)
+    if high < 0.0:
+        return y_T, w_T, False, 0, 0.0, 0, 0
+    waves = s, c, end_wave[0], end_wave[1]
+    impact = single_impact(eq, (y, w), (y_T, w_T), waves, step, 1)
+    if impact[4] == ONLY:
+        n = log_impact(scratch.events, impact, pt)
+        return impact[0], impact[1], False, n, 0.0, 0, 0
+    return exact_step(eq, pt, state, (y_T, w_T), impact, at, step, scratch)
+
+
+@jit
+def advance(method, prepared, state, steps, n, pt, scratch):
+    """Take step `n` of a run of steps.
+
+    Returns
+    -------
+    state : (float, float, bool)
+    n : int
+        Number of events in ``scratch``.
+    status : int
+    """
+    table = steps.table
+    at = table[THETA, n], table[SIN, n], table[COS, n]
+    if method[0] == EXACT:
+        end_wave = table[SIN, n + 1], table[COS, n + 1]
+        y, w, resting, n_events, _, status, _ = take_exact_step(
+            prepared.eq, prepared.flow, state, at, end_wave, steps.step, pt, scratch
+        )
+        return (y, w, resting), n_events, status
+    rows = prepared.to_x, prepared.to_v
+    x, v, resting, n_events, _, status = take_step(method, rows, state, at, steps.step, pt, scratch)
+    return (x, v, resting), n_events, status

@@ -18,20 +18,24 @@ class Phases(NamedTuple):
 
     Attributes
     ----------
-    table : ndarray, shape (3, n)
-        theta = omega t at the start of each step, its sine and its cosine.
+    table : ndarray, shape (3, count + 1)
+        theta = omega t at the start of each step, and at the end of the last one, its sine and its
+        cosine.
     step : float
         omega T.
+    count : int
+        Number of steps.
     """
 
     table: np.ndarray
     step: float
+    count: int
 
 
-def _phases(start: float, span: float, n: int) -> Phases:
-    step = span / max(n, 1)
-    theta = start + span * np.arange(n) / max(n, 1)
-    return Phases(np.stack([theta, np.sin(theta), np.cos(theta)]), step)
+def _phases(start: float, span: float, count: int) -> Phases:
+    theta = start + span * np.arange(count + 1) / max(count, 1)
+    table = np.stack([theta, np.sin(theta), np.cos(theta)])
+    return Phases(table, span / max(count, 1), count)
 
 
 def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> Phases:
@@ -47,11 +51,13 @@ def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> Ph
 
 def one_period(phase: float, steps_per_period: int) -> Phases:
     """Return the steps of one forcing period from the section's `phase`."""
-    return _phases(phase, 2.0 * math.pi, steps_per_period)
+    phases = _phases(phase, 2.0 * math.pi, steps_per_period)
+    phases.table[SIN:, -1] = phases.table[SIN:, 0]  # where the next period begins
+    return phases
 
 
 @jit
 def sine_at_start(lead: Phases, grid: Phases) -> float:
     """Return the sine of the phase at which a lead-in and the periods after it begin."""
-    first = lead if lead.table.shape[1] > 0 else grid
+    first = lead if lead.count > 0 else grid
     return first.table[SIN, 0]

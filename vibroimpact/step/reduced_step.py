@@ -94,11 +94,12 @@ def linear_impact_after_launch(v, x_T, v_T, T, clearance):
 
 
 @jit(inline=True)
-def cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients):
+def cubic_impact(integrator, launch, end, T, pt, coefficients):
     """Time of the impact on the cubic Hermite interpolant of a step, and the speed there.
 
     The speed is that of a step of that length; 0 where the interpolant does not cross.
     """
+    (x, v, s, c), (x_T, v_T) = launch, end
     rise = x_T - x
     coefficients[0] = x - pt.clearance
     coefficients[1] = T * v
@@ -110,8 +111,17 @@ def cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients):
 
 
 @jit(inline=True)
-def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
-    """Advance until the first impact, or for at most `span`, where the state would be (x_T, v_T).
+def fly(method, launch, end, span, pt, coefficients):
+    """Advance until the first impact, or for at most `span`.
+
+    Parameters
+    ----------
+    method : (int, int)
+        The codes of rule and integrator.
+    launch : 4 floats
+        x, v, and the sine and cosine of the phase there.
+    end : (float, float)
+        x, v after `span`.
 
     Returns
     -------
@@ -121,6 +131,7 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
     cuts : int
         How often the span was cut.
     """
+    (rule, integrator), (x, v, s, c), (x_T, v_T) = method, launch, end
     launched = x == pt.clearance
     T = span
     halvings = 0
@@ -135,7 +146,7 @@ def fly(rule, integrator, x, v, s, c, x_T, v_T, span, pt, coefficients):
         if not (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf:
             return T, math.nan, math.nan, False, cuts
         if rule == CUBIC:
-            T_r, v_Tr = cubic_impact(integrator, x, v, s, c, x_T, v_T, T, pt, coefficients)
+            T_r, v_Tr = cubic_impact(integrator, launch, (x_T, v_T), T, pt, coefficients)
         elif launched:
             T_r, v_Tr = linear_impact_after_launch(v, x_T, v_T, T, pt.clearance)
         else:
@@ -196,11 +207,9 @@ def time_to_rest(v, theta, s, left, T, pt):
     return remaining if remaining <= min(left, time_to_release(theta, pt)) else math.inf
 
 
-@jit(leaf=True)
-def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, scratch):
-    """One step of length `T` from phase `theta`, shortened at every impact in it.
-
-    (x_T, v_T) is its undisturbed end.
+@jit(refcounts=False)
+def reduced_step(method, start, end, at, T, pt, scratch):
+    """One step of length `T`, shortened at every impact in it; arguments as for ``rules.mend``.
 
     Returns
     -------
@@ -215,6 +224,7 @@ def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, 
     status : int
     """
     events, coefficients = scratch
+    (_, integrator), (x, v, resting), (x_T, v_T), (theta, s, c) = method, start, end, at
     tau = 0.0
     n = 0
     rested = 0.0
@@ -235,7 +245,8 @@ def reduced_step(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, 
         if not undisturbed:
             x_T, v_T = step(integrator, x, v, s, c, T - tau, pt)
         undisturbed = False
-        dt, x, v, hit, more = fly(rule, integrator, x, v, s, c, x_T, v_T, T - tau, pt, coefficients)
+        launch = x, v, s, c
+        dt, x, v, hit, more = fly(method, launch, (x_T, v_T), T - tau, pt, coefficients)
         cuts += more
         if not hit:
             if dt == T - tau:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from vibroimpact.jit import jit
 from vibroimpact.status import Status
-from vibroimpact.step.exact import exact_step
 from vibroimpact.step.reduced_step import CUBIC, REDUCED_STEP, plain, reduced_step
 
 PLAIN, EXACT = 0, 3
@@ -48,21 +47,19 @@ IMPACT_RULES: Mapping[str, ImpactRule] = {
 
 
 @jit(inline=True)
-def mend(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch):
-    """Apply an impact rule to one step that met the stop.
+def mend(rule, integrator, start, end, at, step, pt, scratch):
+    """Apply an impact rule other than ``exact`` to one step that met the stop.
 
     Parameters
     ----------
-    x, v, x_T, v_T : float
-        State at the start of the step, and at its undisturbed end.
-    resting : bool
-        Whether the mass is at rest on the stop at the start.
-    theta, s, c : float
+    start : (float, float, bool)
+        x, v at the start of the step, and whether the mass is at rest on the stop there.
+    end : (float, float)
+        x, v at its undisturbed end.
+    at : (float, float, float)
         omega t at the start, its sine and its cosine.
     step : float
         omega T.
-    lane : Lane
-        What the rule ``exact`` needs of this parameter point and step.
     scratch : Scratch
         Receives the events.
 
@@ -76,16 +73,9 @@ def mend(rule, integrator, x, v, x_T, v_T, resting, theta, s, c, step, pt, lane,
     rested : float
         Time spent at rest.
     status : int
-    grazes : int
-        Number of near grazes; 0 for the rules that do not look for them.
     """
     T = step / pt.omega
-    if rule == EXACT:
-        return exact_step(x, v, x_T, v_T, resting, theta, s, c, step, pt, lane, scratch)
     if rule == PLAIN:
-        x, v, n = plain(x_T, v_T, T, pt, scratch)
-        return x, v, False, n, 0.0, _COMPUTED, 0
-    x, v, resting, n, rested, status = reduced_step(
-        rule, integrator, x, v, x_T, v_T, resting, theta, s, c, T, pt, scratch
-    )
-    return x, v, resting, n, rested, status, 0
+        x, v, n = plain(end[0], end[1], T, pt, scratch)
+        return x, v, False, n, 0.0, _COMPUTED
+    return reduced_step((rule, integrator), start, end, at, T, pt, scratch)

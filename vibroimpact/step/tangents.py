@@ -16,61 +16,80 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import fma, jit
-from vibroimpact.step.flight import value_and_slope
-from vibroimpact.step.stop import IMPACT, KIND, SPEED, TIME, pressing
+from vibroimpact.step.flow import impulse
+from vibroimpact.step.stop import IMPACT, KIND, SPEED, TIME
 from vibroimpact.step.trigonometry import sin_cos
 
 
-@jit(leaf=True, internal=True)
-def _fly(tangents, dt, T, rows):
-    """Carry two tangent vectors, (x, v) after (x, v), over a flight of length `dt` <= `T`."""
-    xx, vx = value_and_slope(rows[0], 0, dt / T)
-    xv, vv = value_and_slope(rows[1], 0, dt / T)
-    for k in range(0, 4, 2):
-        x, v = tangents[k], tangents[k + 1]
-        tangents[k] = xx * x + xv * v
-        tangents[k + 1] = (vx * x + vv * v) / T
+@jit(inline=True)
+def glide_tangents(flow, pair):
+    """Carry two tangent vectors (y, w) over a step without impacts."""
+    ay, aw, by, bw = pair
+    return (
+        ay + fma(flow.yy, ay, flow.yw * aw), aw + fma(flow.wy, ay, flow.ww * aw),
+        by + fma(flow.yy, by, flow.yw * bw), bw + fma(flow.wy, by, flow.ww * bw),
+    )  # fmt: skip
 
 
 @jit(inline=True)
-def glide_tangent(x, v, to_x, to_v):
-    """Carry one tangent vector over a step without impacts, by the affine map of the step."""
-    return fma(to_x[0], x, to_x[1] * v), fma(to_v[0], x, to_v[1] * v)
+def fly_tangents(eq, pair, dt):
+    """Carry two tangent vectors over a flight of length `dt`, of at most a step."""
+    ay, aw, by, bw = pair
+    of_y, of_w = impulse(eq.of_w, eq.of_y, dt)
+    yy, wy = fma(-eq.of_w, of_y, of_w), eq.of_y * of_y
+    return (
+        fma(yy, ay, of_y * aw), fma(wy, ay, of_w * aw),
+        fma(yy, by, of_y * bw), fma(wy, by, of_w * bw),
+    )  # fmt: skip
 
 
-@jit(leaf=True, internal=True)
-def carry_tangents(tangents, to_x, to_v, events, n, theta, T, rows, pt):
-    """Carry two tangent vectors through a step with `n` events."""
+@jit(inline=True)
+def turn_tangents(eq, pair, w_i, s):
+    """Carry two tangent vectors through an impact at `w_i`, where the phase has the sine `s`."""
+    ay, aw, by, bw = pair
+    # a graze stretches without bound
+    turn = (1.0 + eq.R) * fma(eq.of_sin, s, eq.of_1) / max(w_i, 1e-150)
+    return (-eq.R * ay, fma(turn, ay, -eq.R * aw), -eq.R * by, fma(turn, by, -eq.R * bw))
+
+
+@jit(inline=True)
+def tangents_through_impact(eq, pair, u, w_i, wave, step):
+    """Carry two tangent vectors through a step with one impact, after the time `u`.
+
+    `wave` is sine and cosine of the phase at the start of the step.
+    """
+    sin, cos = sin_cos(u)
+    pair = fly_tangents(eq, pair, u)
+    pair = turn_tangents(eq, pair, w_i, wave[0] * cos + wave[1] * sin)
+    return fly_tangents(eq, pair, step - u)
+
+
+@jit(refcounts=False)
+def carry_tangents(prepared, pair, events, n, theta, step, omega):
+    """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`."""
+    eq, flow = prepared
     if n == 0:
-        tangents[0], tangents[1] = glide_tangent(tangents[0], tangents[1], to_x, to_v)
-        tangents[2], tangents[3] = glide_tangent(tangents[2], tangents[3], to_x, to_v)
-        return
+        return glide_tangents(flow, pair)
     at = 0.0
     for k in range(n):
-        _fly(tangents, events[k, TIME] - at, T, rows)
-        at = events[k, TIME]
+        u = events[k, TIME] * omega
+        pair, at = fly_tangents(eq, pair, max(u - at, 0.0)), u
         if events[k, KIND] == IMPACT:
-            speed = max(events[k, SPEED], 1e-150)  # a graze stretches without bound
-            turn = (1.0 + pt.R) * pressing(sin_cos(theta + pt.omega * at)[0], pt) / speed
-            for j in range(0, 4, 2):
-                x, v = tangents[j], tangents[j + 1]
-                tangents[j] = -pt.R * x
-                tangents[j + 1] = turn * x - pt.R * v
+            pair = turn_tangents(eq, pair, events[k, SPEED] / omega, sin_cos(theta + at)[0])
         else:
-            for j in range(4):
-                tangents[j] = 0.0
-    _fly(tangents, T - at, T, rows)
+            pair = 0.0, 0.0, 0.0, 0.0
+    return fly_tangents(eq, pair, max(step - at, 0.0))
 
 
-@jit(leaf=True)
-def orthonormalise(tangents):
-    """Orthonormalise two tangent vectors in place; return the logarithms of their lengths."""
-    ax, av, bx, bv = tangents[0], tangents[1], tangents[2], tangents[3]
+@jit(refcounts=False)
+def orthonormalise(pair):
+    """Orthonormalise two tangent vectors; return them, and the logarithms of their lengths."""
+    ax, av, bx, bv = pair
     a = math.hypot(ax, av)
     if a == 0.0:
-        return -math.inf, -math.inf
+        return pair, -math.inf, -math.inf
     ax, av = ax / a, av / a
     area = ax * bv - av * bx  # the second vector is orthogonal to the first: that much is left
-    tangents[0], tangents[1] = ax, av
-    tangents[2], tangents[3] = (-av, ax) if area >= 0.0 else (av, -ax)
-    return math.log(a), math.log(abs(area)) if area != 0.0 else -math.inf
+    second = (-av, ax) if area >= 0.0 else (av, -ax)
+    growth = math.log(abs(area)) if area != 0.0 else -math.inf
+    return (ax, av, second[0], second[1]), math.log(a), growth

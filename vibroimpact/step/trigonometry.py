@@ -12,7 +12,7 @@ from vibroimpact.jit import fma, jit
 _QUARTER, _QUARTER_REST = 1.5707963267948966, 6.123233995736766e-17
 
 
-@jit(leaf=True)
+@jit(refcounts=False)
 def sin_cos(angle):
     """Return sine and cosine of an angle of at most a few thousand radians, to rounding.
 

@@ -1,0 +1,174 @@
+"""Rebounds that are back on the stop soon, one after the other, and the sum of a chatter.
+
+- A rebound that is back within half a step: its root is divided out, the rest of the series is
+  solved by Halley's method, and the Bernstein coefficients of ``flow.py`` prove it the first.
+- Of a train of short bounces each takes the reversion of its series, and Newton's method once.
+
+**Chatter.** Let a be the acceleration that presses the mass at rest, epsilon = v / a after a
+rebound at speed v, and beta = a' / a = -f omega cos(omega t) / a. Expanding one flight and one
+impact in epsilon: the flight takes 2 epsilon (1 - 2/3 (beta + h) epsilon), and the next epsilon is
+R epsilon (1 - 4/3 (beta + h) epsilon). Summed to the end, with eta = epsilon / (1 - R):
+
+    time to rest = 2 eta - 4/3 (beta + h) eta^2 + O(eta^3).
+
+The sum replaces the flights once eta is so small that the term left out is below rounding. With
+R near 1 that takes more bounces than can be followed, and at R = 1 there is no end to them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from vibroimpact.jit import fma, jit
+from vibroimpact.status import Status
+from vibroimpact.step.single_impact import all_terms, series
+from vibroimpact.step.stop import pressing, time_to_release
+from vibroimpact.step.trigonometry import sin_cos
+
+#: The tail of a chatter is summed where eta times the rates of the system is below this: the
+#: third-order term left out, relative to the first, is its square.
+SHORTEST_TAIL = 1e-5
+#: Above this R a chatter takes too many bounces to follow, or does not end at all. Bounces whose
+#: epsilon times the rates of the system is below ``SHORTEST_BOUNCE`` are then taken for rest, and
+#: the point is not certified: Status.SETTLED.
+ENDLESS = 0.999
+SHORTEST_BOUNCE = 1e-3
+#: A bounce is short where its length times the rates of the system is below this: of its series
+#: six terms are enough. Below ``_SHORTEST`` those of its reversion are.
+_SHORT, _SHORTEST = 0.03, 1e-3
+
+_CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
+
+
+class Launch(NamedTuple):
+    """The start of a flight: its state, and the sine and cosine of the phase there."""
+
+    y: float
+    w: float
+    s: float
+    c: float
+
+
+@jit(inline=True)
+def is_first(w, w_i, t, E, step):
+    """Whether a flight from the stop at w < 0 that is back after `t` was not back before."""
+    n = t / step
+    n *= n
+    return (w_i > 0.0) & (fma(E, n * n, (w - w_i) * t * (1.0 / 3.0)) < 0.0)
+
+
+@jit(refcounts=False)
+def bounce(eq, launch, E, left, step):
+    """Find the end of a rebound that is back within half a step.
+
+    Returns
+    -------
+    t, w_i : float
+        Its length, and w at its end; -1 and 0 where that is not proved.
+    """
+    w = launch.w
+    k = series(eq, 0.0, w, launch.s, launch.c)
+    rest = (
+        w, k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15],
+        k[16], 0.0,
+    )  # fmt: skip
+    longest = min(left, 0.5 * step)
+    t = -w / k[2]
+    bent = 4.0 * t * k[3] / k[2]
+    if not (w < 0.0 and k[2] > 0.0 and bent > -1.0):
+        return -1.0, 0.0
+    t *= 2.0 / (1.0 + math.sqrt(1.0 + bent))
+    for _ in range(6):
+        if not 0.0 < t < longest:
+            break
+        g, d, e = all_terms(rest, t)
+        newton = g / d
+        change = fma(newton * newton, e / d, newton)
+        t -= change
+        if abs(change) <= 1e-6 * t:  # the next change would be its cube, the slope's its square
+            w_i = t * fma(-2.0 * e, change, d)
+            if t < longest and is_first(w, w_i, t, E, step):
+                return t, w_i
+            break
+    return -1.0, 0.0
+
+
+@jit(refcounts=False)
+def short_bounce(eq, launch, rates):
+    """Find the end of a short rebound, by the reversion of the series of its flight.
+
+    Returns
+    -------
+    t, w_i : float
+        Its length, and w at its end; -1 and 0 where it is not short.
+    """
+    w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
+    a, b = eq.of_w, eq.of_y
+    d2 = fma(a, w, fs + eq.of_1)
+    d3 = fma(a, d2, fma(b, w, fc))
+    inverse = 1.0 / d2
+    tau = -2.0 * w * inverse
+    x = tau * fma(abs(d3), inverse, rates)
+    xx = tau * tau * abs(eq.of_sin) * inverse
+    if not (d2 > 0.0 and x < _SHORT and xx < _SHORT * _SHORT):
+        return -1.0, 0.0
+    d4 = fma(a, d3, fma(b, d2, -fs))
+    d5 = fma(a, d4, fma(b, d3, -fc))
+    d6 = fma(a, d5, fma(b, d4, fs))
+    d7 = fma(a, d6, fma(b, d5, fc))
+    # y = d2 / 2 t (t - tau + k1 t^2 + k2 t^3 + ...)
+    k1, k2, k3 = d3 * inverse / 3.0, d4 * inverse / 12.0, d5 * inverse / 60.0
+    k4, kk = d6 * inverse / 360.0, k1 * k1
+    c3, c4 = 2.0 * kk - k2, 5.0 * k1 * (k2 - kk) - k3
+    c5 = kk * (14.0 * kk - 21.0 * k2) + 6.0 * k1 * k3 + 3.0 * k2 * k2 - k4
+    t = tau * fma(tau, fma(tau, fma(tau, fma(tau, c5, c4), c3), -k1), 1.0)
+    if x > _SHORTEST or xx > _SHORTEST * _SHORTEST:
+        k5 = d7 * inverse / 2520.0
+        g = fma(t, fma(t, fma(t, fma(t, fma(t, fma(t, k5, k4), k3), k2), k1), 1.0), -tau)
+        slope = fma(
+            t, fma(t, fma(t, fma(t, fma(t, 6.0 * k5, 5.0 * k4), 4.0 * k3), 3.0 * k2), 2.0 * k1), 1.0
+        )
+        t -= g / slope
+    w_i = fma(
+        t, fma(t, fma(t, fma(t, fma(t, d7 / 720.0, d6 / 120.0), d5 / 24.0), d4 / 6.0), 0.5 * d3), d2
+    )
+    return t, fma(t, w_i, w)
+
+
+@jit(inline=True)
+def wave_after(s, c, dt, theta):
+    """Return sine and cosine of the phase `theta`, which is `dt` after that of (s, c)."""
+    if dt >= _SHORT:
+        return sin_cos(theta)
+    z = dt * dt
+    sin = dt * fma(z, fma(z, fma(z, -1.0 / 5040.0, 1.0 / 120.0), -1.0 / 6.0), 1.0)
+    cos = fma(z, fma(z, fma(z, -1.0 / 720.0, 1.0 / 24.0), -0.5), 1.0)
+    return fma(s, cos, c * sin), fma(c, cos, -s * sin)
+
+
+@jit
+def time_to_rest(v, theta, s, c, left, pt):
+    """Return the time until the chatter after a rebound at speed `v` is complete, and the status.
+
+    It begins at phase `theta`, with sine `s` and cosine `c`. The time is inf where the chatter is
+    not complete within the time `left`, or its sum is not yet exact. Where R is so near to 1 that
+    it would take very many bounces, it is 0 once they are short, and the status says so.
+    """
+    a = pressing(s, pt)
+    if not a > 0.0:
+        return math.inf, _CERTIFIED
+    if v == 0.0:
+        return 0.0, _CERTIFIED
+    beta = -pt.f * pt.omega * c / a
+    # The rates of the system, a'' / a = f omega^2 sin(omega t) / a among them.
+    rates = abs(beta) + pt.h + pt.p + pt.omega * (1.0 + math.sqrt(pt.f / a))
+    shortness = rates * v / a
+    if pt.R > ENDLESS and shortness < SHORTEST_BOUNCE:
+        return 0.0, _SETTLED
+    if not shortness < SHORTEST_TAIL * (1.0 - pt.R):
+        return math.inf, _CERTIFIED
+    eta = v / a / (1.0 - pt.R)
+    tail = 2.0 * eta - 4.0 / 3.0 * (beta + pt.h) * eta * eta
+    complete = tail <= min(left, time_to_release(theta, pt))
+    return tail if complete else math.inf, _CERTIFIED
