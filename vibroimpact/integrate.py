@@ -129,7 +129,9 @@ def integrate(
         ``poincare_x``, ``poincare_v`` : (n, periods), state at the end of each recorded period;
         ``impact_phase``, ``impact_v`` : (n, impacts), omega t mod 2 pi [rad] and speed before
         the last impacts, in time order, NaN where there were fewer; ``impacts_per_period``,
-        ``slowest_impact`` (speed before it, NaN without an impact), ``max_penetration``,
+        ``slowest_impact``, ``fastest_impact`` (speeds before them, NaN without an impact),
+        ``impulse`` on the stop, (1 + R) sum v, and ``energy_lost`` at impacts,
+        (1 - R^2) / 2 sum v^2, both per forcing period and unit of mass, ``max_penetration``,
         ``rest_fraction``, ``chatters`` (complete ones), ``near_grazes``, ``status`` : (n,), over
         the recorded periods. Where ``status`` is a failure the numbers are NaN, and the counts
         0. With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first; -inf
@@ -181,6 +183,8 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
     failed = (sums["status"] >= Status.UNRESOLVED) | pending
     no_impact = sums["impacts"] == 0
+    R = points["R"]
+    lost = 0.5 * (1.0 - R) * (1.0 + R) * sums["squared_speeds"]
     growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
     return {
         "poincare_x": sections[:, :, 0],
@@ -189,6 +193,9 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
         "impact_v": tally.impacts[:, :, 1],
         "impacts_per_period": np.where(failed, np.nan, sums["impacts"] / periods),
         "slowest_impact": np.where(failed | no_impact, np.nan, sums["slowest_impact"]),
+        "fastest_impact": np.where(failed | no_impact, np.nan, sums["fastest_impact"]),
+        "impulse": np.where(failed, np.nan, (1.0 + R) * sums["speeds"] / periods),
+        "energy_lost": np.where(failed, np.nan, lost / periods),
         "max_penetration": np.where(failed, np.nan, sums["max_penetration"]),
         "rest_fraction": np.where(failed, np.nan, share),
         "chatters": np.where(failed, 0, sums["chatters"]),

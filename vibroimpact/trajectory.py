@@ -106,7 +106,7 @@ def _approach(method, steps, transient, pt, scratch, interrupt):
             break
         phases = lead if k < 0 else grid
         prepared = prepare(method[1], phases, pt)
-        for n in range(phases.count):
+        for n in range(phases.size):
             state, _, outcome = advance(method, prepared, state, phases, n, pt, scratch)
             status = max(status, outcome)
         if k >= 0:
@@ -136,10 +136,10 @@ def _trace(pt, method, steps, transient, periods, every, log, interrupt):
     """
     scratch, (lead, grid) = new_scratch(), steps
     state, status = _approach(method, steps, transient, pt, scratch, interrupt)
-    size, T = grid.count, grid.step / pt.omega
+    size, T = grid.size, grid.step / pt.omega
     prepared = prepare(method[1], grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
-    if transient == 0 and lead.count == 0:
+    if transient == 0 and lead.size == 0:
         rows = _put_start(log, t, pt, state[2])
     else:
         x, v = from_state(method[0], state, pt)

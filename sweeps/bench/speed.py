@@ -151,7 +151,7 @@ def measure(quick: bool = False, progress: bool = False) -> Measured:
     return Measured(float(peak), speeds)
 
 
-@jit(leaf=True)
+@jit(refcounts=False)
 def _multiply_adds(sums: np.ndarray, times: int) -> None:
     """Do nothing but fused multiply-adds; each sum waits only for its own."""
     widest_vectors()  # type: ignore[call-arg]  # numba gives the context

@@ -55,6 +55,18 @@ VARIABLES: Mapping[str, Variable] = {
     "slowest_impact": Variable(
         None, "length/time", "speed before the slowest impact", r"\dot{x}^{-}_\mathrm{min}"
     ),
+    "fastest_impact": Variable(
+        None, "length/time", "speed before the fastest impact", r"\dot{x}^{-}_\mathrm{max}"
+    ),
+    "impulse": Variable(
+        None, "length/time", "impulse on the stop per forcing period and mass", r"J"
+    ),
+    "energy_lost": Variable(
+        None,
+        "length^2/time^2",
+        "energy lost at impacts per forcing period and mass",
+        r"E_\mathrm{i}",
+    ),
     "max_penetration": Variable(None, "length", "deepest penetration", r"\delta_\mathrm{max}"),
     "rest_fraction": Variable(None, "1", "fraction of time at rest", r"\tau_\mathrm{rest}"),
     "chatters": Variable(None, "1", "complete chatters", r"n_\mathrm{c}", "int64"),

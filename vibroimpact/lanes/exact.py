@@ -302,7 +302,7 @@ def take_carefully(block, j, points, grid, n, recording, carrying, tally):
 @jit(refcounts=False)
 def advance(block, points, grid, recording, carrying, tally):
     """Take a block over the steps of `grid`, step by step."""
-    w, count = block.w, grid.count
+    w, count = block.w, grid.size
     for n in range(count):
         listed = glide_lanes(w, block.met, points.size, grid, n)
         if carrying:

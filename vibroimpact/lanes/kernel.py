@@ -149,8 +149,8 @@ def advance(block, steps, recording):
     """Take a block over `steps`, stride by stride, and over the rest of them singly."""
     widest_vectors()
     w, points, (rule, integrator) = block.w, block.points, block.method
-    strides = steps.count // STRIDE
-    for k in range(strides + steps.count % STRIDE):
+    strides = steps.size // STRIDE
+    for k in range(strides + steps.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1
         if span == 1:

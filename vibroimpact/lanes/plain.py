@@ -50,7 +50,7 @@ def plain_step(w, i, x, v, s, c, place, recording):
 def advance_plain(w, n_points, grid, recording, tally):
     """Steps with the rule (2)-(5), four at a time, so that the maps stay in registers."""
     widest_vectors()
-    size, table = grid.count, grid.table
+    size, table = grid.size, grid.table
     whole = size // STRIDE * STRIDE
     for n in range(0, whole, STRIDE):
         s0, s1, s2, s3 = table[SIN, n], table[SIN, n + 1], table[SIN, n + 2], table[SIN, n + 3]
@@ -61,29 +61,34 @@ def advance_plain(w, n_points, grid, recording, tally):
             x, v = plain_step(w, i, x, v, s2, c2, i + SPEEDS + 2 * LANES, recording)
             w[X + i], w[V + i] = plain_step(w, i, x, v, s3, c3, i + SPEEDS + 3 * LANES, recording)
         if recording:
-            list_plain_impacts(w, n_points, n, n + STRIDE, grid, tally.impacts)
+            list_plain_impacts(w, n_points, n, n + STRIDE, grid, tally)
     for n in range(whole, size):
         s0, c0 = table[SIN, n], table[COS, n]
         for i in range(LANES):
             w[X + i], w[V + i] = plain_step(w, i, w[X + i], w[V + i], s0, c0, i + SPEEDS, recording)
         if recording:
-            list_plain_impacts(w, n_points, n, n + 1, grid, tally.impacts)
+            list_plain_impacts(w, n_points, n, n + 1, grid, tally)
 
 
 @jit(refcounts=False)
-def list_plain_impacts(w, n_points, n, end, grid, rings):
-    """Put the impacts of the steps from `n` to before `end` into the rings of their lanes."""
+def list_plain_impacts(w, n_points, n, end, grid, tally):
+    """Put the impacts of the steps from `n` to before `end` into the tally of their lanes."""
+    rings = tally.impacts
     capacity = rings.shape[1]
-    if capacity == 0:
-        return
     for i in range(n_points):
         if w[IMPACTS + i] > w[LISTED + i]:
+            sums = tally.sums[i]
             for j in range(end - n):
-                if w[SPEEDS + j * LANES + i] < math.inf:
-                    slot = int(w[LISTED + i]) % capacity
-                    at = grid.table[THETA, n + j] + grid.step
-                    rings[i, slot, 0] = at - 2.0 * math.pi if at >= 2.0 * math.pi else at
-                    rings[i, slot, 1] = w[SPEEDS + j * LANES + i]
+                speed = w[SPEEDS + j * LANES + i]
+                if speed < math.inf:
+                    if capacity > 0:
+                        slot = int(w[LISTED + i]) % capacity
+                        at = grid.table[THETA, n + j] + grid.step
+                        at -= 2.0 * math.pi if at >= 2.0 * math.pi else 0.0
+                        rings[i, slot, 0], rings[i, slot, 1] = at, speed
+                    sums.fastest_impact = max(sums.fastest_impact, speed)
+                    sums.speeds += speed
+                    sums.squared_speeds += speed * speed
                     w[LISTED + i] += 1.0
 
 

@@ -16,6 +16,9 @@ SUMS = np.dtype(
     [
         ("impacts", np.int64),
         ("slowest_impact", float),
+        ("fastest_impact", float),
+        ("speeds", float),  # the sum of the speeds before the impacts, and of their squares
+        ("squared_speeds", float),
         ("max_penetration", float),
         ("rested", float),
         ("chatters", np.int64),
@@ -56,6 +59,9 @@ def list_impact(ring, sums, phase, speed):
             phase -= 2.0 * math.pi if phase >= 2.0 * math.pi else 0.0
         ring[slot, 0], ring[slot, 1] = phase, speed
     sums.slowest_impact = min(sums.slowest_impact, speed)
+    sums.fastest_impact = max(sums.fastest_impact, speed)
+    sums.speeds += speed
+    sums.squared_speeds += speed * speed
     sums.impacts += 1
 
 

@@ -21,6 +21,8 @@ SCALED = (
     "trajectory_x",
     "trajectory_v",
     "slowest_impact",
+    "fastest_impact",
+    "impulse",
     "max_penetration",
 )
 
@@ -65,4 +67,6 @@ def computed_once(
     for name, values in results.items():
         if name in SCALED:
             values *= points["f"].reshape(-1, *(1,) * (values.ndim - 1))
+        elif name == "energy_lost":
+            values *= points["f"] ** 2
     return results

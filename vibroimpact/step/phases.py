@@ -18,21 +18,21 @@ class Phases(NamedTuple):
 
     Attributes
     ----------
-    table : ndarray, shape (3, count + 1)
+    table : ndarray, shape (3, size + 1)
         theta = omega t at the start of each step, and at the end of the last one, its sine and its
         cosine.
     step : float
         omega T.
-    count : int
+    size : int
         Number of steps.
     """
 
     table: np.ndarray
     step: float
-    count: int
+    size: int
 
 
-def _phases(start: float, span: float, count: int) -> Phases:
+def _phases(start: float, span: float, size: int) -> Phases:
     theta = start + span * np.arange(count + 1) / max(count, 1)
     table = np.stack([theta, np.sin(theta), np.cos(theta)])
     return Phases(table, span / max(count, 1), count)
@@ -59,5 +59,5 @@ def one_period(phase: float, steps_per_period: int) -> Phases:
 @jit
 def sine_at_start(lead: Phases, grid: Phases) -> float:
     """Return the sine of the phase at which a lead-in and the periods after it begin."""
-    first = lead if lead.count > 0 else grid
+    first = lead if lead.size > 0 else grid
     return first.table[SIN, 0]

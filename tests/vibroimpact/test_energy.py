@@ -1,0 +1,90 @@
+"""Impulse and energy at impacts: against logs of impacts, and the energy balance of orbits."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
+from vibroimpact.orbits.one_impact_branches import sections
+
+METHODS = [("exact", "exact"), ("rk4", "cubic"), ("newmark", "reduced-step"), ("newmark", "plain")]
+
+
+def totals(results):
+    return [float(results[name][0]) for name in ("fastest_impact", "impulse", "energy_lost")]
+
+
+@pytest.mark.parametrize(("integrator", "impact"), METHODS)
+@pytest.mark.parametrize("R", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("periods", [1, 7])
+def test_they_are_summed_over_the_impacts_of_the_record(integrator, impact, R, periods):
+    osc = Oscillator(h=0.5, R=R, omega=1.3, f=1.0)
+    method = {"integrator": integrator, "impact": impact, "steps_per_period": 100}
+    results = integrate(osc.at(-0.5, 0.0), transient=3, periods=periods, impacts=400, **method)
+    run = simulate(osc, 3 + periods, x0=-0.5, **method)
+    v = run.impact_v[run.impact_t > 3 * 2.0 * math.pi / 1.3]
+    assert results["impacts_per_period"][0] * periods == len(v) > 0
+    expected = [v.max(), (1.0 + R) * v.sum() / periods, (1.0 - R**2) / 2 * (v @ v) / periods]
+    np.testing.assert_allclose(totals(results), expected, rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize(("integrator", "impact"), METHODS)
+def test_without_an_impact_nothing_is_lost(integrator, impact):
+    osc = Oscillator(h=0.1, R=0.5, omega=2.0, f=1.0, clearance=10.0)
+    results = integrate(
+        osc.at(), integrator=integrator, impact=impact, steps_per_period=100, periods=5
+    )
+    assert np.isnan(results["fastest_impact"][0])
+    assert (results["impulse"][0], results["energy_lost"][0]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("h", "R", "omega", "n", "clearance"),
+    [
+        (0.05, 0.7, 2.3, 1, 0.0),
+        (0.05, 0.6, 2.2, 1, 0.0),
+        (0.1, 0.5, 2.0, 1, 0.0),
+        (0.02, 0.8, 4.1, 2, 0.0),
+        (0.5, 1.0, 2.0, 1, 0.0),
+        (0.0, 0.5, 2.0, 1, 0.0),
+        (0.1, 0.8, 2.6, 2, 0.6),
+    ],
+)
+def test_the_energy_balance_of_a_periodic_orbit(h, R, omega, n, clearance):
+    """Work of the force = 2 h integral x'^2 + loss at the impact, to rounding.
+
+    The flight is written down in closed form here, and integrated by Gauss and Legendre's rule.
+    """
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    orbit = one_impact_orbit(osc, n)
+    assert orbit.stable
+    gain = -1.0 / (1.0 - omega**2 + 2j * h * omega)  # x_p = Im(gain exp(i omega t))
+    root = math.sqrt(1.0 - h * h)
+    t0, T = orbit.phase / omega, 2.0 * math.pi * n / omega
+    steady = gain * np.exp(1j * omega * t0)
+    a = clearance - steady.imag
+    b = (-R * orbit.v - (1j * omega * steady).imag + h * a) / root
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    tau, weights = 0.5 * T * (nodes + 1.0), 0.5 * T * weights
+    decay, c, s = np.exp(-h * tau), np.cos(root * tau), np.sin(root * tau)
+    v = (1j * omega * gain * np.exp(1j * omega * (t0 + tau))).imag
+    v += decay * ((root * b - h * a) * c - (root * a + h * b) * s)
+    work = weights @ (-np.sin(omega * (t0 + tau)) * v) / n
+    damped = 2.0 * h * (weights @ v**2) / n
+    x0, v0 = sections(osc, orbit, 0.0)[0]
+    results = integrate(osc.at(min(x0, clearance), v0), transient=0, periods=20 * n)
+    assert results["impacts_per_period"][0] == 1.0 / n
+    lost = results["energy_lost"][0]
+    assert work == pytest.approx(damped + lost, rel=1e-11)
+    assert results["impulse"][0] == pytest.approx((1.0 + R) * orbit.v / n, rel=1e-11)
+    assert results["fastest_impact"][0] == pytest.approx(orbit.v, rel=1e-11)
+
+
+def test_they_scale_with_the_force():
+    """The impulse by f, the energy by f^2; a power of two to the last bit."""
+    runs = [
+        integrate(Oscillator(h=0.1, R=0.5, omega=2.8, f=f).at(), periods=10) for f in (1.0, 8.0)
+    ]
+    small, large = map(totals, runs)
+    assert large == [8.0 * small[0], 8.0 * small[1], 64.0 * small[2]]
