@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
-from vibroimpact.orbits.one_impact_branches import sections
+from vibroimpact.orbits.periodic import solved
 
 METHODS = [("exact", "exact"), ("rk4", "cubic"), ("newmark", "reduced-step"), ("newmark", "plain")]
 
@@ -72,7 +72,7 @@ def test_the_energy_balance_of_a_periodic_orbit(h, R, omega, n, clearance):
     v += decay * ((root * b - h * a) * c - (root * a + h * b) * s)
     work = weights @ (-np.sin(omega * (t0 + tau)) * v) / n
     damped = 2.0 * h * (weights @ v**2) / n
-    x0, v0 = sections(osc, orbit, 0.0)[0]
+    x0, v0 = solved(osc, n, np.array([orbit.phase]), np.array([orbit.v])).sections()[0]
     results = integrate(osc.at(min(x0, clearance), v0), transient=0, periods=20 * n)
     assert results["impacts_per_period"][0] == 1.0 / n
     lost = results["energy_lost"][0]

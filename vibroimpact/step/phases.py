@@ -32,7 +32,7 @@ class Phases(NamedTuple):
     size: int
 
 
-def _phases(start: float, span: float, size: int) -> Phases:
+def _phases(start: float, span: float, count: int) -> Phases:
     theta = start + span * np.arange(count + 1) / max(count, 1)
     table = np.stack([theta, np.sin(theta), np.cos(theta)])
     return Phases(table, span / max(count, 1), count)
