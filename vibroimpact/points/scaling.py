@@ -25,6 +25,8 @@ SCALED = (
     "impulse",
     "max_penetration",
 )
+#: Those with a unit of length squared.
+SCALED_SQUARED = ("energy_lost",)
 
 
 def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> bool:
@@ -67,6 +69,6 @@ def computed_once(
     for name, values in results.items():
         if name in SCALED:
             values *= points["f"].reshape(-1, *(1,) * (values.ndim - 1))
-        elif name == "energy_lost":
+        elif name in SCALED_SQUARED:
             values *= points["f"] ** 2
     return results
