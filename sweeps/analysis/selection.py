@@ -33,6 +33,8 @@ class Setting:
     method : mapping of str to object
     phase : float
         Of the section [rad].
+    record : mapping of str to object
+        What was recorded, and after how many periods.
     follow : mapping of str to str
         The axis that was followed and the direction; empty if none was.
     """
@@ -41,6 +43,7 @@ class Setting:
     fixed: Mapping[str, Any]
     method: Mapping[str, Any]
     phase: float
+    record: Mapping[str, Any]
     follow: Mapping[str, str]
 
     @classmethod
@@ -49,9 +52,11 @@ class Setting:
         configuration = _parsed(dataset.attrs["configuration"])
         defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
         fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
-        phase = float(configuration["record"].get("phase", 0.0))
+        record = configuration["record"]
+        phase = float(record.get("phase", 0.0))
         follow = configuration.get("follow") or {}
-        return cls(str(dataset.attrs["name"]), fixed, configuration["method"], phase, follow)
+        name = str(dataset.attrs["name"])
+        return cls(name, fixed, configuration["method"], phase, record, follow)
 
     def value(self, name: str, point: xr.Dataset) -> float:
         """Return a parameter's value at a point of the sweep."""

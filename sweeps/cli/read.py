@@ -6,6 +6,8 @@ As in ``cli.py``, what a command needs is imported inside it.
 from __future__ import annotations
 
 import os
+import shlex
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sweeps.cli.options import check_csv
+from sweeps.cli.options import check_csv, inches, limits
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 
@@ -105,6 +107,33 @@ def plot(
         Path | None,
         typer.Option("--csv", metavar="FILE", help="With --exact: write what is drawn to it."),
     ] = None,
+    below: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A scalar of the file, as lyapunov, in a panel below a bifurcation diagram; "
+            "repeatable.",
+        ),
+    ] = None,
+    periods: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Of a trajectory: compute N periods from the last state stored."
+        ),
+    ] = None,
+    width: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
+    ] = None,
+    title: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Instead of that of the sweep; may be empty.")
+    ] = None,
+    xlim: Annotated[
+        str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")
+    ] = None,
+    ylim: Annotated[
+        str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
+    ] = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.store import open_sweep
@@ -113,18 +142,28 @@ def plot(
     check_csv(csv)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
+    page = {
+        "width": None if width is None else inches(width),
+        "title": title,
+        "xlim": None if xlim is None else limits("--xlim", xlim),
+        "ylim": None if ylim is None else limits("--ylim", ylim),
+    }
+    if periods is not None and periods < 1:
+        raise Refused(f"--periods {periods} is not allowed; expected: an integer >= 1")
     options = {
         "axes": tuple(axis or ()),
         "coordinate": coordinate,
         "quantity": quantity,
         "exact": exact,
+        "below": tuple(below or ()),
+        "periods": periods,
     }
     figures = targets(files, output, [file.parent / f"{file.stem}.png" for file in files])
     for file in files:
         open_sweep(file).close()  # before any is drawn
     for file, figure in zip(files, figures, strict=True):
         with open_sweep(file, verify=False) as dataset, _named(file):
-            _plot(dataset, figure, kind, cuts, dict(options), csv)
+            _plot(dataset, figure, kind, cuts, dict(options), page, csv)
 
 
 @contextmanager
@@ -142,15 +181,23 @@ def _plot(
     kind: str | None,
     cuts: Mapping[str, float | str],
     options: dict[str, Any],
+    page: Mapping[str, Any],
     csv: Path | None,
 ) -> None:
     from sweeps.analysis.selection import on_grid
-    from sweeps.plotting import plot
+    from sweeps.plotting import Page, plot
+    from sweeps.plotting.kinds import default_kind, silent_cuts
 
     cut = on_grid(dataset, cuts)
+    chosen = {name: value for name, value in options.items() if value not in (None, False, ())}
+    kind = default_kind(dataset, cut, **chosen) if kind is None else kind
     lines, write = _exact(dataset, kind, cut, options) if options["exact"] else ([], None)
-    written = plot(dataset, figure, kind, cut, **options)
+    command = shlex.join(["vibroimpact", *sys.argv[1:]])
+    written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **options)
     _tell_moved(cuts, cut, "drawn")
+    for name, value in silent_cuts(dataset, kind, cut, options["axes"]).items():
+        shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
+        say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
     if csv is not None and write is not None:

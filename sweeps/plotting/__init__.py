@@ -20,15 +20,17 @@ if TYPE_CHECKING:
     from sweeps.plotting.attractor_pictures import attractor_diagram as attractor_diagram
     from sweeps.plotting.attractor_pictures import basins as basins
     from sweeps.plotting.bifurcation_diagram import bifurcation as bifurcation
+    from sweeps.plotting.canvas import Page as Page
     from sweeps.plotting.kinds import KINDS as KINDS
     from sweeps.plotting.kinds import plot as plot
     from sweeps.plotting.maps import parameter_map as parameter_map
     from sweeps.plotting.point import impacts as impacts
     from sweeps.plotting.point import section as section
-    from sweeps.plotting.point import trajectory as trajectory
+    from sweeps.plotting.trajectory_picture import trajectory as trajectory
 
 _HOME = {
     "KINDS": "kinds",
+    "Page": "canvas",
     "attractor_diagram": "attractor_pictures",
     "basins": "attractor_pictures",
     "bifurcation": "bifurcation_diagram",
@@ -36,7 +38,7 @@ _HOME = {
     "parameter_map": "maps",
     "plot": "kinds",
     "section": "point",
-    "trajectory": "point",
+    "trajectory": "trajectory_picture",
 }
 __all__ = list(_HOME)
 

@@ -15,14 +15,18 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.errors import Refused
+from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_kinds, failed_cells
-from sweeps.plotting.labels import add_title, label, set_scale
-from sweeps.plotting.lines import choose_coordinate
+from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale
+from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
 
 
-def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
+@in_style
+def basins(
+    dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
+) -> Figure:
     """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
 
     Parameters
@@ -31,10 +35,14 @@ def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
         From `sweeps.open_sweep`.
     at : mapping of str to float, optional
         Values of the swept parameters: the nearest of the grid is taken, by default the first.
+    page : Page, optional
+    ax : Axes, optional
+        The panel to draw into, by default that of a new figure.
 
     Returns
     -------
     Figure
+        That of `ax`, or the new one.
 
     Raises
     ------
@@ -50,24 +58,27 @@ def basins(dataset: xr.Dataset, *, at: Cut | None = None) -> Figure:
     kinds = [
         Cells(_describe(row), _colour(row), reached == row.number) for row in rows(starts, result)
     ]
-    figure = Figure(figsize=(4.5, 4.6), layout="constrained")
-    panel = figure.add_subplot()
+    panel = new_panel(ax, page, 4.5, 4.4)
     title_end = ",\nspeed before each impact; share of the starts"
-    draw_kinds(figure, starts, [*kinds, *failed_cells(starts["status"].values)], title_end)
+    draw_kinds(panel, starts, [*kinds, *failed_cells(starts["status"].values)], title_end)
     set_scale(panel.xaxis, starts["x0"].values)
     set_scale(panel.yaxis, starts["v0"].values)
     panel.set_xlabel(label(dataset["x0"]))
-    panel.set_ylabel(label(dataset["v0"]))
-    add_title(figure, Setting.of(dataset), starts, 66)
-    return figure
+    label_ordinate(panel, dataset["v0"])
+    page.set_limits(panel)
+    add_title(panel, page, Setting.of(dataset), starts)
+    return figure_of(panel)
 
 
+@in_style
 def attractor_diagram(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
     at: Cut | None = None,
     coordinate: str | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw every attractor that the starts find over one swept parameter, in a colour for each.
 
@@ -85,10 +96,14 @@ def attractor_diagram(
         first.
     coordinate : str, optional
         As for `sweeps.plotting.bifurcation`.
+    page : Page, optional
+    ax : Axes, optional
+        The panel to draw into, by default that of a new figure.
 
     Returns
     -------
     Figure
+        That of `ax`, or the new one.
 
     Raises
     ------
@@ -109,30 +124,19 @@ def attractor_diagram(
         raise Refused("there is nothing to draw: no point has a result")
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
-    figure = Figure(layout="constrained")
-    panel = figure.add_subplot()
+    panel = new_panel(ax, page, 5.0, 3.5)
     set_scale(panel.xaxis, values)
     _draw_rows(panel, line, table, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     panel.set_xlabel(label(dataset[axis]))
-    panel.set_ylabel(label(dataset[coordinate]))
+    label_ordinate(panel, dataset[coordinate])
+    page.set_limits(panel)
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
-    _add_legend(figure, panel, status.shape[1])
-    add_title(figure, Setting.of(dataset), line, 76)
-    return figure
-
-
-def _add_legend(figure: Figure, panel: Axes, starts: int) -> None:
-    """Put the legend below the panel, and make the figure as much higher."""
-    lines = -(-len(panel.get_legend_handles_labels()[0]) // 2)
-    figure.set_size_inches(5.0, 3.6 + 0.16 * lines)
-    counted = "1 start" if starts == 1 else f"{starts:,} starts"
-    legend = figure.legend(
-        loc="outside lower center", ncols=2, frameon=False, handlelength=1.0,
-        title=f"{CLASSES_TITLE}\n{counted} at each value", title_fontsize=8.0,
-    )  # fmt: skip
-    legend.get_title().set_multialignment("center")
+    starts = "1 start" if status.shape[1] == 1 else f"{status.shape[1]:,} starts"
+    add_legend(panel, title=f"{CLASSES_TITLE}\n{starts} at each value", handlelength=1.0)
+    add_title(panel, page, Setting.of(dataset), line)
+    return figure_of(panel)
 
 
 def _draw_rows(
@@ -145,7 +149,7 @@ def _draw_rows(
             record[: -row.m] = np.nan if row.m else record[: -row.m]
     finite = values[np.isfinite(values)]
     if not len(finite):
-        raise Refused(f"there is nothing to draw: no point has a {coordinate}")
+        refuse_empty(line, coordinate)
     widen_if_constant(panel.set_ylim, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
     series: dict[tuple[bool, int, str], list[int]] = {}

@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.exact_branches import lines_of
 from sweeps.analysis.selection import Cut, Setting
-from sweeps.errors import Refused
+from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panels
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
 from sweeps.plotting.exact_branches import draw_branches
-from sweeps.plotting.labels import add_title, label, set_scale
-from sweeps.plotting.lines import select_line, split_directions
+from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale
+from sweeps.plotting.lines import refuse_empty, select_line, split_directions
 from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.scalar_panels import check_scalars, draw_scalar
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -25,6 +26,7 @@ from vibroimpact.status import Status
 DENSITY_FROM = 2_000_000
 
 
+@in_style
 def bifurcation(
     dataset: xr.Dataset,
     *,
@@ -32,6 +34,9 @@ def bifurcation(
     at: Cut | None = None,
     coordinate: str | None = None,
     exact: bool = False,
+    below: Sequence[str] = (),
+    page: Page = PAGE,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw a coordinate of the section or of the impacts over one swept axis.
 
@@ -50,26 +55,32 @@ def bifurcation(
         One of ``sweeps.plotting.lines.COORDINATES``, by default the first that the file has.
     exact : bool
         Whether to draw the exact branches of the periodic motions over the points.
+    below : sequence of str, optional
+        Scalars of the file, as ``lyapunov``, each in a panel below the diagram.
+    page : Page, optional
+    ax : Axes, optional
+        The panel to draw into, by default that of a new figure.
 
     Returns
     -------
     Figure
+        That of `ax`, or the new one.
 
     Raises
     ------
     Refused
-        If the file has no such axis or coordinate, or nothing to draw.
+        If the file has no such axis, coordinate or scalar, or nothing to draw.
     """
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    check_scalars(dataset, list(below))
     values = line[axis].values
     branches = split_directions(line)
     records = [_record(branch, coordinate) for branch in branches]
     low, high = value_range(records)
     if low > high:
-        raise Refused(f"there is nothing to draw: no point has a {coordinate}")
+        refuse_empty(line, coordinate)
     orbits = lines_of(dataset, axis, at) if exact else []
-    figure = Figure(figsize=(5.0, 3.5), layout="constrained")
-    panel = figure.add_subplot()
+    panel, *lower = new_panels(ax, page, 5.0, [3.5] + [1.15] * len(below))
     set_scale(panel.xaxis, values)
     dense = sum(record.size for record in records) > DENSITY_FROM
     if dense:
@@ -81,18 +92,21 @@ def bifurcation(
         _name_directions(panel, axis, dense)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
-    panel.set_xlabel(label(dataset[axis]))
-    panel.set_ylabel(label(dataset[coordinate]))
     widen_if_constant(panel.set_ylim, low, high)
+    page.set_limits(panel)
     if orbits:
         draw_branches(panel, orbits, coordinate)
     mark_status(panel, values, line["status"].values)
-    _add_legend(figure, panel, exact)
-    add_title(figure, Setting.of(dataset), line, 76)
+    for scalar_panel, name in zip(lower, below, strict=True):
+        draw_scalar(scalar_panel, axis, branches, name)
+    label_ordinate(panel, dataset[coordinate])
+    [panel, *lower][-1].set_xlabel(label(dataset[axis]))
+    add_legend(panel)
+    add_title(panel, page, Setting.of(dataset), line)
     if dense:
-        add_density_bar(figure, panel, len(records))
-        draw_density(figure, panel, values, records)
-    return figure
+        add_density_bar(panel, len(records))
+        draw_density(panel, values, records)
+    return figure_of(panel)
 
 
 def _record(branch: xr.Dataset, coordinate: str) -> Record:
@@ -117,11 +131,3 @@ def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
         panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
     if dense:
         panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
-
-
-def _add_legend(figure: Figure, panel: Axes, exact: bool) -> None:
-    """Put the legend below the panel, in one column where a status needs a long text."""
-    _, texts = panel.get_legend_handles_labels()
-    if texts:
-        columns = 2 if exact else len(texts) if max(map(len, texts)) < 40 else 1
-        figure.legend(loc="outside lower center", ncols=columns, frameon=False)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap, ListedColormap, Normalize
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from sweeps.plotting.canvas import add_legend
 from sweeps.plotting.labels import log_spaced
 from sweeps.plotting.palette import STATUS_COLOURS
 from vibroimpact.status import Status
@@ -75,17 +74,17 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
 
 
 def draw_cells(
-    figure: Figure,
+    panel: Axes,
     cut: xr.Dataset,
     values: np.ma.MaskedArray,
     norm: Normalize,
     colours: str | Colormap,
 ) -> QuadMesh:
-    """Draw one cell per point into the first panel, except where `values` are masked.
+    """Draw one cell per point, except where `values` are masked.
 
     Parameters
     ----------
-    figure : Figure
+    panel : Axes
     cut : Dataset
         Its ``status`` has the ordinate and the abscissa as dimensions, both increasing.
     values : masked array, shape of ``status``
@@ -94,20 +93,17 @@ def draw_cells(
     """
     y, x = (cut[str(name)].values for name in cut["status"].dims)
     edges = [cell_edges(values, log_spaced(values)) for values in (x, y)]
-    panel = figure.axes[0]
     mesh = panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
     panel.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
     return mesh
 
 
-def draw_kinds(
-    figure: Figure, cut: xr.Dataset, kinds: Sequence[Cells], title_end: str = ""
-) -> None:
+def draw_kinds(panel: Axes, cut: xr.Dataset, kinds: Sequence[Cells], title_end: str = "") -> None:
     """Draw the cells of each kind, and a legend of the kinds that are in view.
 
     Parameters
     ----------
-    figure : Figure
+    panel : Axes
     cut : Dataset
         As for `draw_cells`.
     kinds : sequence of Cells
@@ -121,37 +117,22 @@ def draw_kinds(
     if kinds:
         colours = ListedColormap([kind.colour for kind in kinds])
         norm = Normalize(-0.5, len(kinds) - 0.5)
-        draw_cells(figure, cut, np.ma.masked_equal(index, -1), norm, colours)
+        draw_cells(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
     handles = [
         Patch(facecolor=kind.colour, edgecolor="black", linewidth=0.4, label=kind.label)
         for kind in kinds
     ]
     pending = cut["status"].values == Status.PENDING
     if pending.any():
-        figure.axes[0].patch.set(**_PENDING)
+        panel.patch.set(**_PENDING)
         handles.append(Patch(label=_pending_label(pending)))
         handles[-1].set(**_PENDING)
-    if handles:
-        legend = figure.legend(
-            handles=handles, loc="outside lower center", ncols=_columns(handles), frameon=False,
-            handlelength=1.2, columnspacing=1.2, title=_title(kinds, title_end), title_fontsize=8.0,
-        )  # fmt: skip
-        legend.get_title().set_multialignment("center")
+    title = _title(kinds, title_end)
+    add_legend(panel, handles, title, handlelength=1.2)
 
 
 def _pending_label(pending: np.ndarray) -> str:
     return f"not computed yet ({np.count_nonzero(pending):,} of {pending.size:,})"
-
-
-def _columns(handles: Sequence[Patch]) -> int:
-    """Return how many columns of labels, each filled from the top, fit beside each other."""
-    lengths = [len(re.sub(r"[\\$_]|mbda|prox", "", str(patch.get_label()))) for patch in handles]
-    for columns in (4, 3, 2):
-        rows = math.ceil(len(lengths) / columns)
-        widths = [max(lengths[i : i + rows]) + 4 for i in range(0, len(lengths), rows)]
-        if sum(widths) <= 76:
-            return columns
-    return 1
 
 
 def _title(kinds: Sequence[Cells], title_end: str) -> str | None:

@@ -10,11 +10,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
-from matplotlib.figure import Figure
 
+from sweeps.plotting.canvas import figure_of
 from sweeps.plotting.cells import cell_edges
 from sweeps.plotting.palette import BLUE, BOTH_COLOUR, DIRECTION_COLOURS
-from sweeps.plotting.style import DPI
+from sweeps.plotting.style import dots_per_inch
 
 # All ramps start well away from white, so that a pixel met once is seen. Those of two directions
 # end at full colours: darker colours look the same where the motion is periodic.
@@ -80,42 +80,43 @@ def value_range(records: Sequence[Record]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def add_density_bar(figure: Figure, panel: Axes, directions: int) -> None:
+def add_density_bar(panel: Axes, directions: int) -> None:
     """Put the colour bar of a density beside a panel.
 
     The ramps of two directions and of both have the same scale; the bar shows that of both.
     """
     ramp = _ONE_RAMP if directions == 1 else _DIRECTION_RAMPS[2]
-    bar = figure.colorbar(ScalarMappable(_NORM, ramp), ax=panel, pad=0.01, aspect=40)
+    bar = figure_of(panel).colorbar(ScalarMappable(_NORM, ramp), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")
 
 
-def draw_density(
-    figure: Figure, panel: Axes, values: np.ndarray, records: Sequence[Record]
-) -> None:
+def draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
     """Draw the share of each column's points that fall into each of its pixels.
 
-    Call it last: the pixels are those of the finished panel at ``DPI``. A column is one value of
+    Call it last: the pixels are those of the finished panel in a PNG. A column is one value of
     the axis, or one pixel where there are more values than pixels. Of two directions, a pixel has
     the colour of the direction that meets it, or that of both.
 
     Parameters
     ----------
-    figure : Figure
     panel : Axes
     values : ndarray, shape (n,)
         Along the axis.
     records : sequence of Record
         One for each direction.
     """
+    figure, dpi = figure_of(panel), dots_per_inch()
     figure.draw_without_rendering()  # lays the figure out
     box = panel.get_window_extent()
-    columns, rows = (round(size * DPI / figure.dpi) for size in (box.width, box.height))
+    columns, rows = (round(size * dpi / figure.dpi) for size in (box.width, box.height))
     low, high = panel.get_ylim()
     log = panel.get_xscale() == "log"
-    x_edges = cell_edges(np.sort(values), log)
-    if len(values) > columns:
-        x_edges = (np.geomspace if log else np.linspace)(values.min(), values.max(), columns + 1)
+    left, right = sorted(panel.get_xlim())
+    in_view = np.sort(values[(values >= left) & (values <= right)])
+    in_view = in_view if len(in_view) > 1 else np.sort(values)
+    x_edges = cell_edges(in_view, log)
+    if len(in_view) > columns:
+        x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
     y_edges = np.linspace(low, high, rows + 1)
     shares = [_column_shares(record, values, x_edges, y_edges) for record in records]
     if len(shares) == 2:
@@ -134,10 +135,14 @@ def _column_shares(
     """Return the share of each column's points in each of its pixels, shape (columns, rows)."""
     low, high, rows = y_edges[0], y_edges[-1], len(y_edges) - 1
     counts = np.zeros((len(x_edges) - 1, rows))
-    column = np.clip(np.searchsorted(x_edges, values, side="right") - 1, 0, len(counts) - 1)
+    column = np.searchsorted(x_edges, values, side="right") - 1
+    column[values == x_edges[-1]] = len(counts) - 1
+    in_view = (column >= 0) & (column < len(counts))
     for indices, y in record.parts():
+        indices, y = indices[in_view[indices]], y[in_view[indices]]
         finite = np.isfinite(y)
-        row = ((y[finite] - low) * (rows / (high - low))).astype(np.int64)
-        flat = np.repeat(column[indices], finite.sum(axis=1)) * rows + row
+        row = np.floor((y[finite] - low) * (rows / (high - low))).astype(np.int64)
+        seen = (row >= 0) & (row < rows)
+        flat = (np.repeat(column[indices], finite.sum(axis=1)) * rows + row)[seen]
         counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
     return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

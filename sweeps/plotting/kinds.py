@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,15 +11,19 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.selection import Cut, listed, swept_axes
 from sweeps.analysis.table import parameter_axes
 from sweeps.errors import Refused
 from sweeps.plotting.attractor_pictures import attractor_diagram, basins
 from sweeps.plotting.bifurcation_diagram import bifurcation
+from sweeps.plotting.canvas import PAGE, Page
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.point import impacts, section, trajectory
-from sweeps.plotting.saving import check_picture, save
-from sweeps.plotting.style import STYLE
+from sweeps.plotting.point import impacts, section
+from sweeps.plotting.saving import Description, check_picture, save
+from sweeps.plotting.style import user_style
+from sweeps.plotting.trajectory_picture import trajectory
+from sweeps.store import DIRECTION
 
 
 class Kind(NamedTuple):
@@ -31,13 +35,13 @@ class Kind(NamedTuple):
 
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
-    "bifurcation": Kind(bifurcation, ("axes", "coordinate", "exact")),
+    "bifurcation": Kind(bifurcation, ("axes", "coordinate", "exact", "below")),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate")),
     "basins": Kind(basins),
     "map": Kind(parameter_map, ("axes", "quantity", "exact")),
     "section": Kind(section),
     "impacts": Kind(impacts),
-    "trajectory": Kind(trajectory),
+    "trajectory": Kind(trajectory, ("periods",)),
 }
 
 
@@ -46,9 +50,14 @@ def plot(
     output: str | Path,
     kind: str | None = None,
     at: Cut | None = None,
+    *,
+    page: Page = PAGE,
+    command: str = "",
     **options: Any,
 ) -> Path:
     """Draw one picture of an opened sweep into a file.
+
+    Its metadata have the version, the numerics and the configuration of the sweep.
 
     Parameters
     ----------
@@ -57,17 +66,19 @@ def plot(
     output : str or Path
         The picture; its ending is one of ``sweeps.plotting.saving.FORMATS``.
     kind : str, optional
-        One of ``KINDS``. By default ``map`` if a `quantity` is given; otherwise, where x0 or v0
-        was swept, the period recorded, and no start chosen by the options, ``basins`` if nothing
-        else was swept and ``attractors`` if a parameter was; otherwise ``bifurcation`` where an
-        axis was swept, ``trajectory`` if there is one, and ``section``.
+        One of ``KINDS``, by default that of `default_kind`.
     at : mapping of str to float, optional
         Values of the swept axes that are not drawn: the nearest of the grid is taken, and by
         default the first. Where an axis was followed up and down, ``direction`` picks one; by
         default a `bifurcation` shows both, the other pictures the first.
+    page : Page, optional
+        Width, title and limits.
+    command : str
+        For the metadata: the command that draws it.
     **options
-        ``axes``, ``coordinate`` and ``exact`` of a `bifurcation`, ``axes``, ``quantity`` and
-        ``exact`` of a `parameter_map`; None, False or nothing leaves the choice to the picture.
+        ``axes``, ``coordinate``, ``exact`` and ``below`` of a `bifurcation`, ``axes``,
+        ``quantity`` and ``exact`` of a `parameter_map`, ``periods`` of a `trajectory`; None, False
+        or nothing leaves the choice to the picture.
 
     Returns
     -------
@@ -85,27 +96,79 @@ def plot(
         raise Refused(f"the picture {output} would replace the data; give -o another file")
     check_picture(output)
     options = {name: value for name, value in options.items() if value not in (None, False, ())}
-    if kind is None:
-        kind = "map" if "quantity" in options else _default_kind(dataset, at or {}, options)
+    kind = default_kind(dataset, at, **options) if kind is None else kind
     if kind not in KINDS:
         raise Refused(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
     for option in options:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if kind not in kinds:
             raise Refused(f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}")
-    with mpl.rc_context(STYLE):
-        save(KINDS[kind].draw(dataset, at=at, **options), output)
+    with mpl.rc_context(user_style()):
+        figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
+        save(figure, output, Description.of(dataset, command))
     return output
 
 
-def _default_kind(dataset: xr.Dataset, at: Cut, options: Mapping[str, Any]) -> str:
-    starts = {"x0", "v0"} & set(swept_axes(dataset))
-    chosen = starts & {*at, *options.get("axes", ())} or "exact" in options
-    if starts and not chosen and "period" in dataset:
+def default_kind(dataset: xr.Dataset, at: Cut | None = None, **options: Any) -> str:
+    """Return the kind of picture that shows most of a sweep.
+
+    Parameters
+    ----------
+    dataset, at, **options
+        As for `plot`, those of the options that are given.
+
+    Returns
+    -------
+    str
+        ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, where x0
+        or v0 was swept, the period recorded, and no start chosen by the options, ``basins`` if
+        nothing else was swept and ``attractors`` if a parameter was. Otherwise, where two
+        parameters were swept, the period recorded, and none of the two chosen, ``map``. Otherwise
+        ``bifurcation`` where an axis was swept, ``trajectory`` if there is one, and ``section``.
+    """
+    for option, kind in (("quantity", "map"), ("periods", "trajectory")):
+        if option in options:
+            return kind
+    axes = swept_axes(dataset)
+    chosen = {*(at or {}), *options.get("axes", ())} - {DIRECTION}
+    starts = {"x0", "v0"} & set(axes)
+    if starts and not starts & chosen and "exact" not in options and "period" in dataset:
         if parameter_axes(dataset):
             return "attractors"
         if len(starts) == 2 and not options:
             return "basins"
-    if swept_axes(dataset):
+    if len(axes) == 2 and "period" in dataset and not starts and not chosen and not options:
+        return "map"
+    if axes:
         return "bifurcation"
     return "trajectory" if "trajectory_x" in dataset else "section"
+
+
+def silent_cuts(
+    dataset: xr.Dataset, kind: str, at: Cut | None = None, axes: Sequence[str] = ()
+) -> dict[str, float | str]:
+    """Return where a picture cuts swept axes that the request does not fix: at their first value.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    kind : str
+        One of ``KINDS``.
+    at, axes
+        As for `plot`.
+
+    Returns
+    -------
+    dict of str to float or str
+        By the name of the axis, or ``direction``.
+    """
+    names = [str(name) for name in dataset["status"].dims]
+    shown = {"bifurcation": 1, "attractors": 1, "map": 2}.get(kind, 0)
+    free = {"bifurcation": {DIRECTION}, "attractors": STARTS, "basins": {"x0", "v0"}}.get(kind, ())
+    left = [name for name in names if name not in {*free, *(at or {}), *axes}]
+    longest = sorted(
+        (name for name in left if name != DIRECTION), key=lambda name: -dataset.sizes[name]
+    )
+    drawn = longest[: max(0, shown - len(axes))]
+    return {name: dataset[name].values[0].item() for name in left if name not in drawn}

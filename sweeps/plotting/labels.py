@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-import re
 from textwrap import fill
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
+from sweeps.plotting.canvas import Page, Picture, figure_of, printed_length
 from sweeps.store import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
+#: In a narrower figure an ordinate has its label in two lines [inch].
+_NARROW = 4.2
+
 
 def label(variable: xr.DataArray, gap: str = " ") -> str:
-    """Write the meaning, symbol and unit of a variable, the first two with `gap` between them."""
+    """Write the meaning of a variable and, after `gap`, its symbol and unit."""
     attributes = variable.attrs
     units = attributes["units"]
     unit = "" if units == "1" else f" [{units.replace('^2', '$^2$')}]"
     return f"{attributes['long_name']}{gap}${attributes['symbol']}${unit}"
+
+
+def label_ordinate(panel: Axes, variable: xr.DataArray) -> None:
+    """Label the ordinate of a panel, in two lines where the picture is narrow."""
+    narrow = isinstance(figure := figure_of(panel), Picture) and figure.get_figwidth() < _NARROW
+    panel.set_ylabel(label(variable, "\n" if narrow else " "))
 
 
 def log_spaced(values: np.ndarray) -> bool:
@@ -48,35 +57,55 @@ def tick_in_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def add_title(figure: Figure, setting: Setting, drawn: xr.Dataset, width: int) -> None:
-    """Put the sweep's name, the fixed parameters and the method above the panels.
+def add_title(
+    panel: Axes, page: Page, setting: Setting, drawn: xr.Dataset, record: str | None = None
+) -> None:
+    """Put the sweep's name, the fixed parameters and what was recorded above a `Picture`.
+
+    A panel of another figure has no title, unless the page has one.
 
     Parameters
     ----------
-    figure : Figure
+    panel : Axes
+    page : Page
     setting : Setting
     drawn : Dataset
-        What the figure shows of the sweep.
-    width : int
-        Letters of a line.
+        What the picture shows of the sweep.
+    record : str, optional
+        What was recorded, by default phase, transient and periods.
     """
-    parameters = [
-        f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
-        for name in PARAMETERS
-        if name not in drawn.dims
-    ]
-    if setting.follow:
-        parameters.append(_followed(setting, drawn))
-    method = setting.method
-    words = (
-        f"integrator {method['integrator']}, impact rule {method['impact']}, "
-        f"{method['steps_per_period']} steps per period"
-    )
-    if not drawn["status"].dims:
-        status = Status(int(drawn["status"]))
-        words += f"\n{fill(status.meaning, width)}" if is_remarkable(status) else ""
-    name = fill(setting.name, width).replace("$", r"\$")
-    figure.suptitle(f"{name}\n{_joined(parameters, width)}\n{words}", fontsize=8.5)
+    figure = figure_of(panel)
+    if not isinstance(figure, Picture):
+        if page.title is not None:
+            panel.set_title(page.title)
+        return
+    width = figure.letters("figure.titlesize")
+    if page.title is not None:
+        text = "\n".join(fill(line, width) for line in page.title.split("\n"))
+    else:
+        parameters = [
+            f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
+            for name in PARAMETERS
+            if name not in drawn.dims
+        ]
+        if setting.follow:
+            parameters.append(_followed(setting, drawn))
+        lines = [fill(setting.name, width).replace("$", r"\$"), _joined(parameters, width)]
+        lines.append(fill(record or _recorded(setting), width))
+        if not drawn["status"].dims:
+            status = Status(int(drawn["status"]))
+            lines += [fill(status.meaning, width)] if is_remarkable(status) else []
+        text = "\n".join(lines)
+    if text:
+        figure.make_room(text.count("\n") - 2)
+        figure.suptitle(text)
+
+
+def _recorded(setting: Setting) -> str:
+    """Say where in a period the section is, and which periods were recorded."""
+    record = setting.record
+    transient, periods = record.get("transient", 0), record.get("periods", 0)
+    return f"phase {setting.phase:.6g} rad, transient {transient:,}, record {periods:,} periods"
 
 
 def _followed(setting: Setting, drawn: xr.Dataset) -> str:
@@ -91,7 +120,7 @@ def _joined(formulas: list[str], width: int) -> str:
     lines: list[list[str]] = [[]]
     used = 0
     for formula in formulas:
-        printed = len(re.sub(r"\\\w+|_", "", formula))
+        printed = printed_length(formula) + 2
         if used + printed > width:
             lines.append([])
             used = 0

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NoReturn
 
+import numpy as np
 import xarray as xr
 
 from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
 from sweeps.errors import Refused
-from sweeps.store import DIRECTION
+from sweeps.store import DIRECTION, VARIABLES
+from vibroimpact.status import Status
 
 #: What a bifurcation diagram can show over the swept axis.
 COORDINATES = ("poincare_x", "poincare_v", "impact_v", "impact_phase")
@@ -46,12 +49,48 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
         If the file has no such coordinate.
     """
     available = [name for name in COORDINATES if name in dataset]
+    choice = f"choose from: {listed(available) or 'none'}"
     if coordinate is None:
         coordinate = next(iter(available), COORDINATES[0])
+    if coordinate in scalars(dataset):
+        raise Refused(
+            f"{coordinate} is no coordinate of the motion; {choice}; --below {coordinate} draws "
+            "it in a panel below the diagram"
+        )
     if coordinate not in available:
-        name = coordinate or repr(coordinate)
-        raise Refused(f"the file has no {name} to draw; it has {listed(available) or 'none'}")
+        if coordinate in dataset:
+            raise Refused(f"{coordinate} is no coordinate of the motion; {choice}")
+        raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
     return coordinate
+
+
+def scalars(dataset: xr.Dataset) -> list[str]:
+    """Name the variables that have a number, or the exponents, at every point."""
+    return [
+        name
+        for name, variable in VARIABLES.items()
+        if name in dataset and variable.record in (None, "exponent") and name != "status"
+    ]
+
+
+def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
+    """Say why a line has no value of a coordinate.
+
+    Raises
+    ------
+    Refused
+    """
+    outcomes, counts = np.unique(line["status"].values, return_counts=True)
+    if any(not Status(outcome).failed for outcome in outcomes.tolist()):
+        raise Refused(
+            f"there is nothing to draw: no impact was recorded, so no point has {coordinate}; "
+            "--coordinate poincare_x shows the motion"
+        )
+    reasons = [
+        f"{Status(outcome).meaning} ({count:,})"
+        for outcome, count in zip(outcomes.tolist(), counts, strict=True)
+    ]
+    raise Refused(f"there is nothing to draw, no point has a result: {listed(reasons)}")
 
 
 def split_directions(line: xr.Dataset) -> list[xr.Dataset]:

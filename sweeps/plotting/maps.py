@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.colors import (
     Colormap,
     LinearSegmentedColormap,
@@ -18,9 +19,10 @@ from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
 from sweeps.analysis.motion import Motion, classify, frequent_periods
 from sweeps.analysis.selection import Cut, Setting, listed, select
 from sweeps.errors import Refused
+from sweeps.plotting.canvas import PAGE, Page, figure_of, in_style, new_panel
 from sweeps.plotting.cells import Cells, draw_cells, draw_kinds, failed_cells
 from sweeps.plotting.exact_curves import draw_curves
-from sweeps.plotting.labels import add_title, label, set_scale, tick_in_decades
+from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale, tick_in_decades
 from sweeps.plotting.palette import (
     BLUE,
     MOTIONS,
@@ -39,7 +41,7 @@ _SIGNED = LinearSegmentedColormap.from_list(
 )
 
 
-def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def period_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour the kinds of motion; the most frequent classes have a colour each."""
     if "period" not in cut:
         raise Refused(
@@ -62,7 +64,7 @@ def period_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     return kinds
 
 
-def status_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def status_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour what became of the points."""
     status = cut["status"].values
     return [
@@ -71,7 +73,7 @@ def status_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     ]
 
 
-def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def lyapunov_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour the larger Lyapunov exponent by sign and size, on a scale that is centred on 0."""
     larger = cut["lyapunov"].isel(exponent=0).values
     finite = larger[np.isfinite(larger)]
@@ -79,39 +81,39 @@ def lyapunov_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
     limit = max(-low, high, 1e-12)
     norm = Normalize(-limit, limit)
     name = label(cut["lyapunov"]).replace(r"\lambda", r"\lambda_1").replace("Lyap", "larger Lyap")
-    _draw_values(figure, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
+    _draw_values(panel, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
     return [Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]
 
 
-def rest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def rest_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour the fraction of time at rest."""
     fraction = cut["rest_fraction"].values
     rests = np.ma.masked_where(~(fraction > 0.0), fraction)
     norm = Normalize(0.0, float(rests.max()) if rests.count() else 1.0)
-    _draw_values(figure, cut, rests, norm, _LOW_IS_DARK, label(cut["rest_fraction"]))
+    _draw_values(panel, cut, rests, norm, _LOW_IS_DARK, label(cut["rest_fraction"]))
     return [Cells("no rest", WHITE, fraction == 0.0)]
 
 
-def impacts_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def impacts_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour the impacts per period; where the mass rests they are no property of the motion."""
     rests = cut["rest_fraction"].values > 0.0
-    return _draw_log(figure, cut, "impacts_per_period", "no impact", rests)
+    return _draw_log(panel, cut, "impacts_per_period", "no impact", rests)
 
 
-def slowest_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def slowest_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour the speed of the slowest impact, dark at a graze; a chatter has no slowest."""
     rests = cut["rest_fraction"].values > 0.0
-    return _draw_log(figure, cut, "slowest_impact", "no impact", rests)
+    return _draw_log(panel, cut, "slowest_impact", "no impact", rests)
 
 
-def penetration_map(figure: Figure, cut: xr.Dataset) -> list[Cells]:
+def penetration_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour the deepest penetration."""
     no_rests = np.zeros(cut["status"].shape, dtype=bool)
-    return _draw_log(figure, cut, "max_penetration", "none", no_rests)
+    return _draw_log(panel, cut, "max_penetration", "none", no_rests)
 
 
 #: What a map can show: variables of the file.
-QUANTITIES: Mapping[str, Callable[[Figure, xr.Dataset], list[Cells]]] = {
+QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
     "period": period_map,
     "impacts_per_period": impacts_map,
     "lyapunov": lyapunov_map,
@@ -122,6 +124,7 @@ QUANTITIES: Mapping[str, Callable[[Figure, xr.Dataset], list[Cells]]] = {
 }
 
 
+@in_style
 def parameter_map(
     dataset: xr.Dataset,
     *,
@@ -129,6 +132,8 @@ def parameter_map(
     at: Cut | None = None,
     quantity: str | None = None,
     exact: bool | CurveSearch = False,
+    page: Page = PAGE,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw a quantity over two swept axes, one cell per point.
 
@@ -147,10 +152,14 @@ def parameter_map(
         One of ``QUANTITIES``, by default the first that the file has.
     exact : bool or CurveSearch
         Whether to draw the curves of flips, folds and grazes over it; or these, found before.
+    page : Page, optional
+    ax : Axes, optional
+        The panel to draw into, by default that of a new figure.
 
     Returns
     -------
     Figure
+        That of `ax`, or the new one.
 
     Raises
     ------
@@ -162,26 +171,28 @@ def parameter_map(
     if quantity is None:
         quantity = available[0]
     if quantity not in available:
-        name = quantity or repr(quantity)
-        raise Refused(f"the file has no {name} to draw; it has {listed(available)}")
+        name, choice = quantity or repr(quantity), f"choose from: {listed(available)}"
+        if quantity in dataset:
+            raise Refused(f"a map does not show {name}; {choice}")
+        raise Refused(f"the file has no {name} to draw; {choice}")
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
-    figure = Figure(figsize=(4.5, 4.4), layout="constrained")
-    panel = figure.add_subplot()
-    kinds = QUANTITIES[quantity](figure, cut)
-    draw_kinds(figure, cut, [*kinds, *failed_cells(cut["status"].values)])
+    panel = new_panel(ax, page, 4.5, 4.4)
+    kinds = QUANTITIES[quantity](panel, cut)
+    draw_kinds(panel, cut, [*kinds, *failed_cells(cut["status"].values)])
     set_scale(panel.xaxis, cut[abscissa].values)
     set_scale(panel.yaxis, cut[ordinate].values)
     panel.set_xlabel(label(dataset[abscissa]))
-    panel.set_ylabel(label(dataset[ordinate]))
+    label_ordinate(panel, dataset[ordinate])
     if exact:
         search = find_curves(dataset, chosen, at) if exact is True else exact
         draw_curves(panel, search)
-    add_title(figure, Setting.of(dataset), cut, 66)
-    return figure
+    page.set_limits(panel)
+    add_title(panel, page, Setting.of(dataset), cut)
+    return figure_of(panel)
 
 
 def _draw_log(
-    figure: Figure, cut: xr.Dataset, name: str, zero_label: str, rests: np.ndarray
+    panel: Axes, cut: xr.Dataset, name: str, zero_label: str, rests: np.ndarray
 ) -> list[Cells]:
     """Draw a positive quantity on a logarithmic scale, except where the mass `rests`."""
     values = cut[name].values
@@ -189,7 +200,7 @@ def _draw_log(
     shown = positive.compressed()
     low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
     norm = LogNorm(low, max(high, low * 1.001))
-    _draw_values(figure, cut, positive, norm, _LOW_IS_DARK, label(cut[name]))
+    _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, label(cut[name]))
     computed = ~np.isin(cut["status"].values, [outcome for outcome in Status if outcome.failed])
     return [
         Cells(zero_label, WHITE, computed & ~rests & ~(values > 0.0)),
@@ -198,7 +209,7 @@ def _draw_log(
 
 
 def _draw_values(
-    figure: Figure,
+    panel: Axes,
     cut: xr.Dataset,
     values: np.ma.MaskedArray,
     norm: Normalize,
@@ -206,13 +217,13 @@ def _draw_values(
     text: str,
 ) -> None:
     """Draw values with their colour bar, which has an arrow if some are below it."""
-    mesh = draw_cells(figure, cut, values, norm, colours)
+    mesh = draw_cells(panel, cut, values, norm, colours)
     if values.count() == 0:
         return
     low, high = mesh.get_clim()
     below = values.min() < low
-    bar = figure.colorbar(
-        mesh, ax=figure.axes[0], pad=0.02, aspect=35, extend="min" if below else "neither"
+    bar = figure_of(panel).colorbar(
+        mesh, ax=panel, pad=0.02, aspect=35, extend="min" if below else "neither"
     )
     bar.set_label(text)
     if isinstance(norm, LogNorm) and high < 100.0 * low:

@@ -1,19 +1,63 @@
-"""Writing a figure: which files are allowed, and a file that is replaced whole or not at all."""
+"""Writing a figure: which files are allowed, what they say of themselves, and a whole file."""
 
 from __future__ import annotations
 
 import os
 import warnings
 from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
+import matplotlib as mpl
+import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import listed
 from sweeps.errors import Failed, Refused
-from sweeps.plotting.style import DPI
 
-FORMATS = ("png", "svg", "pdf")
+#: Of each format, the fields for a title, the program and a text.
+_FIELDS = {
+    "png": ("Title", "Software", "Description"),
+    "svg": ("Title", "Creator", "Description"),
+    "pdf": ("Title", "Creator", "Subject"),
+}
+#: The same picture gives the same bytes at any time.
+_NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+FORMATS = tuple(_FIELDS)
+
+
+class Description(NamedTuple):
+    """What the file of a picture says of it, beside what is seen."""
+
+    title: str
+    program: str
+    text: str
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset, command: str = "") -> Description:
+        """Describe a picture of an opened sweep.
+
+        Parameters
+        ----------
+        dataset : Dataset
+        command : str
+            That draws the picture; nothing where it was not a command.
+        """
+        try:
+            version = metadata.version("vibroimpact")
+        except metadata.PackageNotFoundError:
+            version = "from a checkout"
+        about = {
+            name.removesuffix("_version"): value
+            for name, value in dataset.attrs.items()
+            if name.endswith("_version") or name == "numerics"
+        }
+        text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
+        text += f"\ncommand: {command}" if command else ""
+        text += f"\nconfiguration:\n{dataset.attrs['configuration']}"
+        program = f"vibroimpact {version}, matplotlib {mpl.__version__}"
+        return cls(str(dataset.attrs["name"]), program, text)
 
 
 def check_picture(output: Path) -> None:
@@ -32,8 +76,16 @@ def check_picture(output: Path) -> None:
         raise Refused(f"{output} is a directory; give -o the name of a file")
 
 
-def save(figure: Figure, output: Path) -> None:
+def save(figure: Figure, output: Path, description: Description | None = None) -> None:
     """Write a figure to a draft beside `output`, then move the draft there.
+
+    Parameters
+    ----------
+    figure : Figure
+    output : Path
+        Its ending is one of ``FORMATS``.
+    description : Description, optional
+        Goes into the metadata of the file.
 
     Raises
     ------
@@ -42,11 +94,13 @@ def save(figure: Figure, output: Path) -> None:
     """
     target = Path(os.path.realpath(output))  # resolve() raises where links make a loop
     draft = target.with_name(f".picture-{os.getpid()}{output.suffix}")
+    kind = output.suffix.lower().lstrip(".")
+    about = dict(zip(_FIELDS[kind], description or (), strict=False))
     try:
         with warnings.catch_warnings():
             # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
-            figure.savefig(draft, dpi=DPI)
+            figure.savefig(draft, metadata={**about, **_NO_DATES[kind]})
         os.replace(draft, target)
     except OSError as error:
         raise Failed(f"{output} cannot be written: {error.strerror or error}") from error

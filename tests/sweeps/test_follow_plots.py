@@ -169,7 +169,7 @@ def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
         assert "up, $" in texts(bifurcation(dataset))[0]
         figure = bifurcation(dataset, axes=["h"], at={"omega": 1.5})
         assert texts(figure)[-1] == "not computed yet (2 of 4)"
-        with pytest.raises(Refused, match="nothing to draw: no point has a poincare_x"):
+        with pytest.raises(Refused, match=r"no point has a result: not computed yet .50."):
             bifurcation(dataset, at={"h": 0.06})
 
 

@@ -20,7 +20,7 @@ PERIODS = 50
 CONFIGURATION = {
     "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "clearance": 0.25},
     "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
-    "record": {"transient": 10, "phase": 0.0},
+    "record": {"transient": 10, "periods": 50, "phase": 0.0},
 }
 #: Values of a point of period 1 with one impact.
 PLAIN = {
@@ -239,7 +239,10 @@ def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_draw
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"quantity": "pie"}, "the file has no pie to draw; it has impacts_per_period, rest_frac"),
+        (
+            {"quantity": "pie"},
+            "the file has no pie to draw; choose from: impacts_per_period, rest_frac",
+        ),
         ({"quantity": "period"}, "the file has no period to draw"),
         ({"axes": ["f"]}, "f is not a swept axis; the file has R, omega"),
         ({"axes": ["R", "R"]}, "a map has 2 swept axes, not R, R"),

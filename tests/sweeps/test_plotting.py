@@ -20,7 +20,7 @@ from sweeps.plotting import (
     section,
     trajectory,
 )
-from sweeps.plotting.style import DPI
+from sweeps.plotting.palette import VERMILION
 from sweeps.store.layout import Layout
 from sweeps.store.reader import open_sweep
 from sweeps.store.variables import VARIABLES
@@ -69,7 +69,7 @@ def sweep(tmp_path):
             "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
             "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
             "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
-            "record": {"transient": 10, "phase": 0.0},
+            "record": {"transient": 1000, "periods": 7, "phase": 0.5},
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"
@@ -139,7 +139,8 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(sweep):
     assert "$h = 0.1$" in title
     assert r"$\sigma = 0.25$" in title
     assert "omega" not in title
-    assert "integrator newmark, impact rule cubic, 64 steps per period" in title
+    assert "phase 0.5 rad, transient 1,000, record 7 periods" in title
+    assert "newmark" not in title
     point = section(dataset, at={"omega": 1.5}).get_suptitle()
     assert all(f"${parameter.symbol} = " in point for parameter in PARAMETERS.values())
     assert r"$\omega = 1.5$" in point
@@ -204,7 +205,7 @@ def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(sweep, m
     panel = figure.axes[0]
     (mesh,) = [c for c in panel.collections if isinstance(c, QuadMesh)]
     figure.draw_without_rendering()
-    box, scale = panel.get_window_extent(), DPI / figure.dpi
+    box, scale = panel.get_window_extent(), 300.0 / figure.dpi
     share = mesh.get_array().filled(0.0)
     assert share.shape == pytest.approx((box.height * scale, box.width * scale), abs=1.0)
     y = dataset["impact_v"].values
@@ -264,12 +265,14 @@ def test_a_trajectory_has_the_papers_three_panels(sweep):
         dataset[name][1, 30:] = np.nan
     dataset["trajectory_x"][1, 7] = 10.25
     t, x, v = (dataset[f"trajectory_{name}"].values[1, :30] for name in "txv")
+    assert f"t_0 = {t[0]:.6g}" in trajectory(dataset, at={"omega": 1.0}).get_suptitle()
+    t = t - t[0]
     beyond = x > 0.25
     assert 1 < beyond.sum() < 30
     figure = trajectory(dataset, at={"omega": 1.0})
     labels = [
         ("", "displacement\n$x$ [length]"),
-        ("time $t$ [time]", "velocity\n$\\dot{x}$ [length/time]"),
+        ("time $t - t_0$ [time]", "velocity\n$\\dot{x}$ [length/time]"),
         ("displacement $x$ [length]", "velocity $\\dot{x}$ [length/time]"),
     ]
     by_label = {(panel.get_xlabel(), panel.get_ylabel()): panel for panel in figure.axes}
@@ -277,7 +280,8 @@ def test_a_trajectory_has_the_papers_three_panels(sweep):
     for label, (across, up) in zip(labels, [(t, x), (t, v), (x, v)], strict=True):
         panel = by_label[label]
         np.testing.assert_array_equal(panel.lines[0].get_xydata(), np.column_stack([across, up]))
-        assert drawn(panel) == pairs(across[beyond], up[beyond])
+        marked = [line for line in panel.lines if line.get_color() == VERMILION]
+        assert sorted(map(tuple, marked[0].get_xydata())) == pairs(across[beyond], up[beyond])
     assert by_label[labels[2]].get_title() == "deepest penetration 1.0e1"
 
 
@@ -411,7 +415,7 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"output": "folder.png"}, r"folder\.png is a directory"),
         ({"kind": ""}, "no picture ''; choose one of"),
         ({"axes": [""]}, "'' is not a swept axis"),
-        ({"coordinate": ""}, "no '' to draw; it has"),
+        ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
         (
             {"kind": "pie"},
             "no picture 'pie'; choose one of bifurcation, attractors, basins, map, sec",
@@ -421,15 +425,36 @@ def test_the_default_kind(sweep, tmp_path, monkeypatch, axes, with_trajectory, e
         ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
         ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
         ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
-        ({"coordinate": "status"}, "no status to draw; it has poincare_x, poincare_v"),
-        ({"coordinate": "impact_v"}, "no impact_v to draw; it has poincare_x, poincare_v"),
+        (
+            {"coordinate": "status"},
+            "status is no coordinate of the motion; choose from: poincare_x",
+        ),
+        (
+            {"coordinate": "impact_v"},
+            "has no impact_v to draw; choose from: poincare_x, poincare_v",
+        ),
         (
             {"kind": "section", "axes": ["R"]},
             "axes can be chosen for a bifurcation or attractors or map only",
         ),
         ({"kind": "map", "exact": True}, "exact can be chosen for a bifurcation only, not a map"),
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
-        ({"kind": "trajectory"}, "has no trajectory_t, trajectory_x, trajectory_v: record it"),
+        (
+            {"coordinate": "max_penetration"},
+            "max_penetration is no coordinate of the motion; choose from: poincare_x, poincare_v; "
+            "--below max_penetration draws it",
+        ),
+        (
+            {"below": ("status",)},
+            "status cannot be drawn below a diagram; choose from: impacts_per",
+        ),
+        ({"below": ("rest_fraction",) * 2}, "rest_fraction is asked for twice"),
+        ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
+        (
+            {"kind": "trajectory", "periods": -1},
+            "periods = -1 is not allowed; expected: an integer",
+        ),
+        ({"kind": "map", "quantity": "chatters"}, "a map does not show chatters; choose from: "),
         ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
     ],
 )
@@ -455,7 +480,7 @@ def test_nothing_to_draw_is_said(sweep):
     nothing = np.full((4, 5), np.nan)
     pending = np.full(4, Status.PENDING, np.int8)
     dataset = sweep({"omega": OMEGA}, status=pending, poincare_x=nothing)
-    with pytest.raises(Refused, match="no point has a poincare_x"):
+    with pytest.raises(Refused, match=r"no point has a result: not computed yet .4."):
         bifurcation(dataset)
     with pytest.raises(Refused, match="nothing to draw at this point: not computed yet"):
         section(dataset)
