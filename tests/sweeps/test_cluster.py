@@ -355,13 +355,13 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
     """The worker is a part of this process, so that it can be watched."""
     inside, most, given = 0, 0, set()
 
-    def watched(task, points, threads):
+    def watched(task, points, threads, **options):
         nonlocal inside, most
         inside += 1
         most = max(most, inside)
         given.add(threads)
         time.sleep(0.02)
-        results = compute_points(task, points, threads)
+        results = compute_points(task, points, threads, **options)
         inside -= 1
         return results
 
