@@ -1,0 +1,264 @@
+"""Runs that a signal ends at random moments and at chosen system calls, and what each must leave.
+
+Most runs are forks of a process that has imported everything, and has not computed with several
+threads: they start at once, and end as any process of Python does. Those that are interrupted while
+they start are processes of their own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import sweeps
+from sweeps import open_sweep
+from vibroimpact.status import Status
+
+ROOT = Path(sweeps.__file__).parents[1]
+CONFIG = """\
+oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 700}, f: 1.0}
+record: {transient: 500, periods: 50, diagnostics: [period]}
+"""
+# 520 points in two directions, in three blocks.
+FOLLOWED = [
+    "follow={axis: omega, direction: both}",
+    "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 260}, omega: [2.4, 3.0], f: 1}",
+]
+TRAJECTORY = "record={transient: 50, periods: 10, trajectory: {every: 5}}"
+#: What is set beside the configuration: blocks of a grid, a packed file, followed chains.
+KINDS = [[], ["compression=gzip", TRAJECTORY], FOLLOWED]
+#: When a signal is sent: within 50 ms of one of these.
+MOMENTS = ("start", "creation", "block", "end")
+#: How late a signal may come [s].
+LATEST = 0.05
+#: Interrupt and termination are answered with exit code 1; a kill is not.
+ANSWERED = (signal.SIGINT, signal.SIGTERM)
+#: System calls that a run makes: on the files, for memory, and between its threads.
+CALLS = (
+    "openat", "pwrite64", "pread64", "ftruncate", "fallocate", "fsync", "rename", "unlink", "flock",
+    "close", "lseek", "futex", "mmap", "munmap", "write", "read", "newfstatat",
+)  # fmt: skip
+#: How long a run may take to answer a signal, on a machine that does other things [s].
+PATIENCE = 60.0
+
+_FORKS = """
+import json, os, signal, sys
+import sweeps.cli.main, sweeps.engine.reports, sweeps.engine.run
+from sweeps.cli.__main__ import main
+from vibroimpact import Oscillator, simulate
+
+simulate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0), 1)  # numba is ready, and has no threads yet
+for line in sys.stdin:
+    request = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        os.chdir(request["folder"])
+        for stream, name in ((1, "stdout.txt"), (2, "stderr.txt")):
+            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+        sys.argv = ["vibroimpact", *request["arguments"]]
+        if request["stopped"]:
+            os.kill(os.getpid(), signal.SIGSTOP)
+        main()
+    print(pid, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+
+
+def environment() -> dict[str, str]:
+    """Return what a process needs to find the packages, and the code that is compiled already."""
+    kept = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
+    return {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": os.environ.get("HOME", ""), **kept}
+
+
+def hear() -> None:
+    """Let a new process hear Ctrl-C, also where this one runs in the background of a shell."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def set_by(changes: list[str]) -> list[str]:
+    """Return the arguments of a command for changes of the configuration."""
+    return [part for change in changes for part in ("--set", change)]
+
+
+class Forks:
+    """Starts commands as forks of one process, one after the other, in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _FORKS],
+            env=environment(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            preexec_fn=hear,
+        )
+
+    def __enter__(self) -> Forks:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.stdin.close()
+        self._process.wait(PATIENCE)
+        self._process.stdout.close()
+
+    def start(self, *arguments: str, stopped: bool = False) -> int:
+        """Start a command; return the number of its process."""
+        request = {"folder": str(self._folder), "arguments": arguments, "stopped": stopped}
+        self._process.stdin.write(json.dumps(request) + "\n")
+        self._process.stdin.flush()
+        return int(self._process.stdout.readline())
+
+    def ended(self) -> tuple[int, str]:
+        """Wait for the end of the command; return its exit code and what it wrote to stderr."""
+        code = int(self._process.stdout.readline())
+        return code, (self._folder / "stderr.txt").read_text()
+
+    def run(self, *arguments: str) -> tuple[int, str]:
+        """Run a command to its end."""
+        self.start(*arguments)
+        return self.ended()
+
+
+def data(path: Path) -> object:
+    """Return what a file holds, without its attributes: these tell when it was written."""
+    with open_sweep(path) as dataset:
+        dataset.load()
+    return dataset.drop_attrs(deep=False)
+
+
+def pending(path: Path) -> int:
+    """Return how many points of a file are not computed."""
+    with open_sweep(path, verify=False) as dataset:
+        return int((dataset["status"] == Status.PENDING).sum())
+
+
+def _listens(pid: int) -> bool:
+    """Whether a process has installed its handlers of both signals."""
+    match = re.search(r"SigCgt:\s*([0-9a-f]+)", Path(f"/proc/{pid}/status").read_text())
+    caught = int(match[1], 16)
+    return all(caught & 1 << number - 1 for number in ANSWERED)
+
+
+def _reached(moment: str, folder: Path, draw: random.Random) -> object:
+    """Return a function of the process that says whether the moment has come."""
+    out = folder / "out.h5"
+    if moment == "start":
+        return _listens
+    if moment == "creation":
+        return lambda pid: any("out.h5" in name for name in os.listdir(folder))
+    share = 1.0 if moment == "end" else draw.uniform(0.1, 0.9)
+    total = []
+
+    def blocks_written(pid: int) -> bool:
+        if not out.exists():
+            return False
+        left = pending(out)
+        total.append(left)
+        return left <= (1.0 - share) * total[0]
+
+    return blocks_written
+
+
+def signalled(forks: Forks, folder: Path, number: int, moment: str, draw: random.Random) -> None:
+    """Send a signal to a run at a moment, and check how the run ends and what it leaves."""
+    changes = draw.choice(KINDS)
+    arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
+    process = None
+    if moment == "start":
+        process = subprocess.Popen(
+            [sys.executable, "-m", "sweeps.cli", *arguments],
+            env=environment(),
+            cwd=folder,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=hear,
+        )
+        pid = process.pid
+    else:
+        pid = forks.start(*arguments)
+    try:
+        reached, began = _reached(moment, folder, draw), time.monotonic()
+        while not reached(pid) and time.monotonic() - began < PATIENCE:
+            time.sleep(0.0005)
+        time.sleep(draw.uniform(0.0, LATEST))
+        os.kill(pid, number)
+    except (OSError, IndexError):  # it has ended, or its file was replaced
+        pass
+    if process is not None:
+        _, text = process.communicate(timeout=PATIENCE)
+        code = process.returncode
+    else:
+        code, text = forks.ended()
+    check_end(forks, folder, number, code, text, changes)
+
+
+def at_call(forks: Forks, folder: Path, number: int, draw: random.Random) -> str:
+    """Send a signal to a run in one of its system calls; return which."""
+    changes = draw.choice(KINDS)
+    call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
+    arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
+    pid = forks.start(*arguments, stopped=True)
+    inject = f"inject={call}:signal={number}:when={which}"
+    options = ["-f", "-o", "trace.txt", "-e", f"trace={call}", "-e", inject]
+    tracer = subprocess.Popen(
+        [shutil.which("strace"), *options, "-p", str(pid)],
+        cwd=folder,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert "attached" in tracer.stderr.readline()
+    os.kill(pid, signal.SIGCONT)
+    code, text = forks.ended()
+    tracer.communicate(timeout=PATIENCE)
+    (folder / "trace.txt").unlink()
+    check_end(forks, folder, number, code, text, changes)
+    return f"{call} {which}"
+
+
+def check_end(
+    forks: Forks, folder: Path, number: int, code: int, text: str, changes: list[str]
+) -> None:
+    """Check the outcome of a run that was sent a signal, and go on with it to the same data."""
+    about = f"signal {number}, {changes}, exit code {code}:\n{text}"
+    out = folder / "out.h5"
+    for name in ("stdout.txt", "stderr.txt"):
+        (folder / name).unlink(missing_ok=True)
+    if code == 0:
+        assert text == "" and pending(out) == 0, about
+    elif number in ANSWERED:
+        assert code == 1, about
+        assert text.count("\n") == 1, about
+        assert text.startswith("vibroimpact: error: interrupted"), about
+        kept = re.search(r"interrupted; ([\d,]+) of ", text)
+        if kept:
+            with open_sweep(out) as dataset:
+                done = int((dataset["status"] != Status.PENDING).sum())
+            assert int(kept[1].replace(",", "")) == done, about
+    else:
+        assert code == -number, about
+    if number in ANSWERED:
+        left = {path.name for path in folder.iterdir()} - {"out.h5", "sweep.yaml"}
+        assert not {name for name in left if not name.startswith("whole")}, (left, about)
+    arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", "--resume", *set_by(changes)]
+    assert forks.run(*arguments) == (0, ""), about
+    whole = folder / f"whole-{KINDS.index(changes)}.h5"
+    assert data(out).identical(data(whole)), about
+    out.unlink()
+
+
+def prepare(forks: Forks, folder: Path) -> None:
+    """Write the configuration, and for each kind the file of a run that no signal ended."""
+    (folder / "sweep.yaml").write_text(CONFIG)
+    for index, changes in enumerate(KINDS):
+        whole = f"whole-{index}.h5"
+        arguments = ["run", "sweep.yaml", "-o", whole, "--quiet", *set_by(changes)]
+        assert forks.run(*arguments) == (0, "")
