@@ -20,6 +20,11 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _came = False
 
 
+def came() -> bool:
+    """Whether a signal came."""
+    return _came
+
+
 def check() -> None:
     """Raise an interrupt that came.
 
@@ -45,7 +50,6 @@ def ignore() -> None:
 @contextmanager
 def raised_at_once() -> Iterator[None]:
     """Raise where the block is, when a signal comes: for work that writes nothing of value."""
-    global _came
     before = _handle(_raise)
     try:
         check()
@@ -54,7 +58,6 @@ def raised_at_once() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        _came = False
 
 
 @contextmanager

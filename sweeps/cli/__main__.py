@@ -15,15 +15,17 @@ def main() -> NoReturn:
     code = _run()
     interrupts.ignore()  # the outcome is known
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it may be closed
+            sys.stdout.flush()
     except OSError as error:
-        _tell(f"the output cannot be written: {error.strerror}")
+        _report(_reason(error))
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush
         code = code or 1
     sys.exit(code)
 
 
 def _run() -> int:
+    """Run the command; return the exit code."""
     try:
         from sweeps.cli.main import app
         from sweeps.cli.terminal import prepare_streams
@@ -33,14 +35,25 @@ def _run() -> int:
         app(prog_name="vibroimpact")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 1
-    except KeyboardInterrupt:
-        _tell("interrupted")
-    except MemoryError:
-        _tell("there is not enough memory")
+    except (KeyboardInterrupt, Exception) as error:
+        if interrupts.came():  # which a library may have turned into an error of its own
+            _report("interrupted")
+        elif isinstance(error, MemoryError):
+            _report("there is not enough memory")
+        elif isinstance(error, OSError):
+            _report(_reason(error))
+        else:
+            raise
     return 1
 
 
-def _tell(error: str) -> None:
+def _reason(error: OSError) -> str:
+    if error.filename is not None:
+        return str(error)
+    return f"the standard output cannot be written: {error.strerror or error}"
+
+
+def _report(error: str) -> None:
     print(f"vibroimpact: error: {error}", file=sys.stderr)
 
 

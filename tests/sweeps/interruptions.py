@@ -207,6 +207,8 @@ def at_call(forks: Forks, folder: Path, number: int, draw: random.Random) -> str
     call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
     arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
     pid = forks.start(*arguments, stopped=True)
+    while not re.search(r"^State:\tT", Path(f"/proc/{pid}/status").read_text(), re.M):
+        time.sleep(0.001)
     inject = f"inject={call}:signal={number}:when={which}"
     options = ["-f", "-o", "trace.txt", "-e", f"trace={call}", "-e", inject]
     tracer = subprocess.Popen(
