@@ -13,38 +13,7 @@ except ValueError as error:  # of MPLBACKEND, which no picture needs
         f"matplotlib cannot work with its settings: {error}; unset or correct MPLBACKEND"
     ) from None
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from sweeps.plotting.attractor_pictures import attractor_diagram as attractor_diagram
-    from sweeps.plotting.attractor_pictures import basins as basins
-    from sweeps.plotting.bifurcation_diagram import bifurcation as bifurcation
-    from sweeps.plotting.canvas import Page as Page
-    from sweeps.plotting.kinds import KINDS as KINDS
-    from sweeps.plotting.kinds import plot as plot
-    from sweeps.plotting.maps import parameter_map as parameter_map
-    from sweeps.plotting.point import impacts as impacts
-    from sweeps.plotting.point import section as section
-    from sweeps.plotting.trajectory_picture import trajectory as trajectory
+import lazy_loader
 
-_HOME = {
-    "KINDS": "kinds",
-    "Page": "canvas",
-    "attractor_diagram": "attractor_pictures",
-    "basins": "attractor_pictures",
-    "bifurcation": "bifurcation_diagram",
-    "impacts": "point",
-    "parameter_map": "maps",
-    "plot": "kinds",
-    "section": "point",
-    "trajectory": "trajectory_picture",
-}
-__all__ = list(_HOME)
-
-
-def __getattr__(name: str) -> Any:
-    """Import on first use, so that ``vibroimpact --help`` does not wait for matplotlib."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,11 @@
+from .analysis.distinct_attractors import attractors as attractors
+from .analysis.exact_branches import branches as branches
+from .analysis.exact_curves import curves as curves
+from .config.loading import ConfigError as ConfigError
+from .config.loading import load_config as load_config
+from .config.sweep import SweepConfig as SweepConfig
+from .engine.run import run_sweep as run_sweep
+from .errors import Failed as Failed
+from .errors import Refused as Refused
+from .errors import StoreError as StoreError
+from .store.reader import open_sweep as open_sweep

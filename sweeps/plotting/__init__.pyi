@@ -1,0 +1,10 @@
+from .attractor_pictures import attractor_diagram as attractor_diagram
+from .attractor_pictures import basins as basins
+from .bifurcation_diagram import bifurcation as bifurcation
+from .canvas import Page as Page
+from .kinds import KINDS as KINDS
+from .kinds import plot as plot
+from .maps import parameter_map as parameter_map
+from .point import impacts as impacts
+from .point import section as section
+from .trajectory_picture import trajectory as trajectory

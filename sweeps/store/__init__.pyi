@@ -1,0 +1,13 @@
+from .blocks import Lost as Lost
+from .layout import ADDED as ADDED
+from .layout import Layout as Layout
+from .lock import only_writer as only_writer
+from .output import check_output as check_output
+from .reader import open_sweep as open_sweep
+from .reader import status_counts as status_counts
+from .variables import DIRECTION as DIRECTION
+from .variables import VARIABLES as VARIABLES
+from .variables import bytes_per_point as bytes_per_point
+from .variables import is_remarkable as is_remarkable
+from .writer import SweepWriter as SweepWriter
+from .writer import sweep_writer as sweep_writer
