@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
+from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.orbits.trees import Tree
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate

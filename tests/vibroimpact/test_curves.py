@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
 from vibroimpact.orbits.periodic import OrbitError, solved
+from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.oscillator import Oscillator
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.

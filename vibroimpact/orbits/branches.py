@@ -25,14 +25,13 @@ from vibroimpact.orbits.periodic import (
     PeriodicOrbit,
     free_amplitude,
     free_oscillation,
-    least,
     orbit_of,
     solved,
 )
 from vibroimpact.oscillator import Oscillator
 
 #: A bifurcation is that of a walk if it is this near to it, in scaled unknowns.
-_NEAR = 1e-3
+NEAR = 1e-3
 #: Values of the parameter at which the free oscillation is looked at.
 _FREE_VALUES = 201
 
@@ -140,18 +139,18 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     if not low <= value <= high:
         raise ValueError(f"the orbit is at {parameter} = {value!r}, outside {low!r} to {high!r}")
     if orbit.q == 0:
-        return _free_branch(orbit, axis)
+        return free_branch(orbit, axis)
     orbits = Orbits(orbit, (axis,))
     tangent = orbits.tangent(orbits.start)
     if tangent[-1] < 0.0:
         tangent = -tangent
-    forward = _Walked(orbits, orbits.start, tangent)
+    forward = Walked(orbits, orbits.start, tangent)
     if forward.closed:
         return forward.branch(orbit)
-    return _Walked(orbits, orbits.start, -tangent).branch(orbit, forward)
+    return Walked(orbits, orbits.start, -tangent).branch(orbit, forward)
 
 
-class _Walked:
+class Walked:
     """A walk from a point along a tangent, with what was found on it."""
 
     def __init__(
@@ -207,7 +206,7 @@ class _Walked:
         value = float(getattr(orbit.oscillator, orbits.axes[0].name))
         self.special.append(Special(kind, value, orbit))
 
-    def branch(self, start: PeriodicOrbit, forward: _Walked | None = None) -> Branch:
+    def branch(self, start: PeriodicOrbit, forward: Walked | None = None) -> Branch:
         """Return the branch, `forward` being the walk in the other direction."""
         points, stable, special = self.points, self.stable, self.special
         if forward is not None:
@@ -286,7 +285,7 @@ def graze_at_end(
     wider, Y = (orbits, X) if kind == "speed" else with_touch(orbits, X, at, where)
     index = at if kind == "speed" else at + 1
     Z = wider.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
-    if Z is None or not _apart(wider, Z, Y) < _NEAR:
+    if Z is None or not _apart(wider, Z, Y) < NEAR:
         return "penetration", X, orbits.orbit(X)
     osc = wider.oscillator(Z)
     pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
@@ -355,61 +354,7 @@ def doubling(orbits: Orbits, X: np.ndarray, speed: float) -> tuple[np.ndarray, n
     return twice, along
 
 
-def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
-    """Follow the orbits of twice the period that begin at the flip of an orbit.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        At its flip: the orbit of a special point of that kind.
-    parameter, low, high
-        As of `branch`.
-    """
-    axis = Axis.of(orbit.oscillator, parameter, low, high)
-    single = Orbits(orbit, (axis,))
-    z = np.concatenate([orbit.phases, orbit.phases + 2.0 * math.pi * orbit.m])
-    twice = PeriodicOrbit(orbit.oscillator, 2 * orbit.m, z, np.tile(orbit.speeds, 2))
-    orbits = Orbits(twice, (axis,))
-    X, along = doubling(single, single.start, orbits.speed)
-    return _Walked(orbits, X, along, singular=True).branch(twice)
-
-
-def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
-    """Follow the orbits that begin at a graze.
-
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        At its graze: with the impact of speed zero, or without it.
-    parameter, low, high
-        As of `branch`.
-
-    Raises
-    ------
-    OrbitError
-        If none begin there.
-    """
-    axis = Axis.of(orbit.oscillator, parameter, low, high)
-    if orbit.q == 0:
-        return _free_branch(orbit, axis)
-    orbits = Orbits(orbit, (axis,))
-    tangent = orbits.tangent(orbits.start)
-    for along in (tangent, -tangent):
-        X = orbits.corrected(orbits.start + _NEAR * along, along[None, :])
-        if X is not None and orbits.objection(X) is None:
-            return _Walked(orbits, orbits.start, along, singular=True).branch(orbit)
-    raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")
-
-
-def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Return an orbit at its graze without the impact of speed zero."""
-    kept = np.arange(orbit.q) != np.argmin(orbit.speeds)
-    if orbit.q == 1:
-        return PeriodicOrbit(orbit.oscillator, 1, np.empty(0), np.empty(0))
-    return least(PeriodicOrbit(orbit.oscillator, orbit.m, orbit.phases[kept], orbit.speeds[kept]))
-
-
-def _free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
+def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
     """Follow the free oscillation from an orbit to where its amplitude is the clearance."""
     from scipy.optimize import brentq
 

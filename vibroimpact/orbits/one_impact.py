@@ -40,6 +40,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibroimpact.orbits.peak import find_root, largest_maximum
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.integrators import INTEGRATORS, affine_map, exact
 from vibroimpact.step.stop import pressing
@@ -49,8 +50,6 @@ _EPS = float(np.finfo(float).eps)
 MOST_PERIODS = 100_000
 # A flight of more radians, of all its rates together, would take minutes to search for a touch.
 _LONGEST_FLIGHT = 1e7
-# An interval of a flight is halved at most so often; what is left is shorter than any feature.
-_MAX_HALVINGS = 50
 
 
 @dataclass(frozen=True)
@@ -157,93 +156,6 @@ def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
 
 
-class _Node(NamedTuple):
-    """A time in a flight, the state there, its phase, and |x''|, the sign of x'' and |x'''|."""
-
-    t: float
-    x: float
-    v: float
-    s: float
-    c: float
-    a: float
-    speeds_up: bool
-    jerk: float
-
-
-class _Flight:
-    """The motion after an impact, in nodes."""
-
-    def __init__(self, osc: Oscillator, phase: float) -> None:
-        self.osc, self.phase, self.point = osc, phase, _point(osc)
-
-    def node(self, t: float, x: float, v: float) -> _Node:
-        osc, theta = self.osc, self.phase + self.osc.omega * t
-        s, c = math.sin(theta), math.cos(theta)
-        a = -2.0 * osc.h * v - osc.p * osc.p * x - osc.f * s
-        jerk = -2.0 * osc.h * a - osc.p * osc.p * v - osc.f * osc.omega * c
-        return _Node(t, x, v, s, c, abs(a), a > 0.0, abs(jerk))
-
-    def after(self, left: _Node, dt: float) -> tuple[float, float]:
-        return exact(left.x, left.v, left.s, left.c, dt, self.point)
-
-    def bounds(self, left: _Node, right: _Node) -> tuple[float, float]:
-        """Return bounds on |x''| and |x'''| between two nodes.
-
-        By their values at the nodes and a bound on |x''''|; that follows from the bound on the
-        energy, d/dt hypot(x', p x) <= f, and eq. (1), differentiated twice.
-        """
-        h2, p, f, omega = 2.0 * self.osc.h, self.osc.p, self.osc.f, self.osc.omega
-        w = right.t - left.t
-        speed = math.hypot(left.v, p * left.x) + f * w
-        a = (h2 + p) * speed + f
-        jerk = h2 * a + p * p * speed + f * omega
-        snap = h2 * jerk + p * p * a + f * omega * omega
-        jerk = max(left.jerk, right.jerk) + 0.5 * w * snap
-        return max(left.a, right.a) + 0.5 * w * jerk, jerk
-
-    def top(self, left: _Node, right: _Node) -> float:
-        """Return x at the maximum between two nodes with x' > 0 and x' <= 0."""
-        w = right.t - left.t
-        if self.after(left, w)[1] > 0.0:  # it is at the right node, to rounding
-            return right.x
-        return self.after(left, _root(lambda dt: self.after(left, dt)[1], 0.0, w))[0]
-
-
-def _peak(osc: Oscillator, n: int, v: float, phase: float) -> float:
-    """Return the largest local maximum of x - clearance between the impacts; -inf without one.
-
-    The flight is halved until each piece is proved to hold no zero of x', or at most one
-    because x'' keeps its sign: so no maximum is missed.
-    """
-    flight, T = _Flight(osc, phase), n * osc.forcing_period
-    launch, landing = flight.node(0.0, osc.clearance, -osc.R * v), flight.node(T, osc.clearance, v)
-    highest, undecided = -math.inf, [(launch, landing, 0)]
-    while undecided:  # ends: an interval is halved so many times at the most
-        left, right, halvings = undecided.pop()
-        a, jerk = flight.bounds(left, right)
-        w = right.t - left.t
-        if left.v * right.v > 0.0 and abs(left.v) + abs(right.v) > a * w:
-            continue
-        if left.speeds_up == right.speeds_up and left.a + right.a > jerk * w:
-            if left.v > 0.0 >= right.v:
-                highest = max(highest, flight.top(left, right) - osc.clearance)
-        elif halvings == _MAX_HALVINGS:
-            highest = max(highest, left.x - osc.clearance, right.x - osc.clearance)
-        else:
-            t = 0.5 * (left.t + right.t)
-            middle = flight.node(t, *flight.after(left, t - left.t))
-            undecided += [(left, middle, halvings + 1), (middle, right, halvings + 1)]
-    return highest
-
-
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return the root in a bracket, to rounding."""
-    xtol = _EPS * max(abs(low), abs(high))
-    from scipy.optimize import brentq  # 0.3 s that a sweep need not pay
-
-    return float(brentq(function, low, high, xtol=xtol, rtol=4.0 * _EPS))
-
-
 def _checked_periods(n: object) -> int:
     if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
         raise ValueError(f"n must be an integer >= 1, not {n!r}")
@@ -313,7 +225,7 @@ def _orbit(
         phase=phase,
         trace=float(kick * flow[0, 1] - osc.R * (flow[0, 0] + flow[1, 1])),
         determinant=osc.R**2 * math.exp(-2.0 * osc.h * n * osc.forcing_period),
-        peak=_peak(osc, n, v, phase),
+        peak=largest_maximum(osc, n, v, phase),
     )
 
 
@@ -435,7 +347,7 @@ def _crossing(
             f"no {kind} is bracketed by {parameter} = {low!r} and {high!r}: "
             f"its function is {at_low:.3g} and {at_high:.3g} there"
         )
-    value = _root(measure, low, high)
+    value = find_root(measure, low, high)
     if abs(measure(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
         raise ValueError(f"the sign changes by a jump at {parameter} = {value!r}: no {kind}")
     return value

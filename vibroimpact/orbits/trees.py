@@ -14,14 +14,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibroimpact.orbits.branches import (
-    Branch,
-    branch,
-    doubled_branch,
-    grazing_branch,
-    without_touch,
-)
+from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
+from vibroimpact.orbits.switching import doubled_branch, grazing_branch, without_touch
 
 #: Two points are the same within these shares: of the range, and of the greatest speed.
 _SAME_VALUE, _SAME_SPEED = 1e-8, 1e-5
