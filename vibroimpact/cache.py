@@ -103,8 +103,8 @@ def _make(folder: Path) -> None:
     OSError
         If it cannot be made, or is there and unsafe.
     """
-    if folder.parts[0] == "~":
-        raise OSError(0, "there is no home folder")
+    if not folder.is_absolute():  # also "~/.cache", where there is no home
+        raise OSError(0, "its path is not absolute")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)

@@ -315,10 +315,10 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
     )
 
 
-def test_a_worker_that_joins_with_other_numerics_is_refused(
-    monkeypatch, client, small_blocks, stranger
-):
+def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client, stranger):
     pretend, address = stranger
+    # So many blocks that each worker has some left, however slow it is.
+    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 3)
     with monkeypatch.context() as patch:
         on_write(patch, 2, pretend)
         with pytest.raises(Failed) as caught:
@@ -450,16 +450,11 @@ def test_processes_of_this_machine():
 
 def test_no_other_user_reaches_the_processes_of_this_machine():
     """Every port that they listen at asks for the certificate of the run, or serves nothing."""
+    others = listening()
     with clients.connected("local:1") as client:
         address = client.scheduler.address
         (worker,) = client.nthreads()
-        me = psutil.Process()
-        ports = {
-            connection.laddr[:2]
-            for process in [me, *me.children(recursive=True)]
-            for connection in process.net_connections("tcp")
-            if connection.status == psutil.CONN_LISTEN
-        }
+        ports = listening() - others
         trusted = client.security.get_connection_args("client")["ssl_context"]
         assert {host for host, _ in ports} == {"127.0.0.1"}
         encrypted = {(host, port) for host, port in ports if answers_tls(host, port, trusted)}
@@ -473,6 +468,17 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
             for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
                 with pytest.raises(urllib.error.HTTPError, match="404"):
                     urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=5)
+
+
+def listening():
+    """Return host and port of every server of this process and those that it started."""
+    me = psutil.Process()
+    return {
+        connection.laddr[:2]
+        for process in [me, *me.children(recursive=True)]
+        for connection in process.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
 
 
 def answers_tls(host, port, context):
