@@ -1,0 +1,243 @@
+"""Pictures on paper, below a diagram, of one point, and in the hands of a caller of Python."""
+
+import shutil
+from itertools import combinations
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.text import Text
+from PIL import Image
+from typer.testing import CliRunner
+
+from sweeps import load_config, open_sweep, plotting, run_sweep
+from sweeps.cli.main import app
+from sweeps.plotting import Page
+from vibroimpact import Oscillator, one_impact_orbit
+
+MAP = """
+name: a map with a name that is long enough to need two lines on a page of one column
+oscillator: {h: 0.05, R: [0.6, 0.8], omega: {start: 2.2, stop: 3.4, num: 13}, f: 1.0}
+record: {transient: 100, periods: 32, impacts: 16, diagnostics: [period, lyapunov]}
+"""
+STARTS = """
+name: starts
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
+start: {x0: {start: -3, stop: 0.5, num: 6}, v0: {start: -3, stop: 3, num: 6}}
+record: {transient: 200, periods: 32, diagnostics: [period]}
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    for name, text in (("map", MAP), ("starts", STARTS)):
+        (folder / f"{name}.yaml").write_text(text)
+        run_sweep(load_config(folder / f"{name}.yaml"), folder / f"{name}.h5")
+    return folder
+
+
+@pytest.fixture
+def dataset(files):
+    with open_sweep(files / "map.h5") as opened:
+        yield opened
+
+
+@pytest.fixture
+def call(files, tmp_path, monkeypatch):
+    """Return a function that draws map.h5 with the command line, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(files / "map.h5", "map.h5")
+    return lambda *arguments: CliRunner().invoke(app, ["plot", "map.h5", *arguments])
+
+
+def visible_texts(figure):
+    """Return the texts that are seen, and their boxes [pt]."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    hidden = hidden_ticks(figure)
+    boxes = []
+    for text in figure.findobj(Text):
+        box = text.get_window_extent(canvas.get_renderer())
+        if text.get_visible() and text.get_text().strip() and text not in hidden:
+            boxes.append((text, box))
+    return boxes
+
+
+def hidden_ticks(figure):
+    """Return the labels of ticks that are not within the limits of their axes."""
+    labels = set()
+    for panel in figure.axes:
+        for axis, limits in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):
+            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
+                if not min(limits) - 1e-9 <= tick.get_loc() <= max(limits) + 1e-9:
+                    labels |= {tick.label1, tick.label2}
+    return labels
+
+
+NARROW = [
+    ("map.h5", "bifurcation", {"below": ("lyapunov", "impacts_per_period")}),
+    ("map.h5", "bifurcation", {"exact": True, "coordinate": "impact_phase"}),
+    ("map.h5", "map", {}),
+    ("map.h5", "map", {"quantity": "lyapunov"}),
+    ("map.h5", "section", {"at": {"omega": 2.8}}),
+    ("map.h5", "impacts", {"at": {"omega": 2.8}}),
+    ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
+    ("starts.h5", "basins", {}),
+]
+
+
+@pytest.mark.parametrize(("file", "kind", "options"), NARROW)
+def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options):
+    with open_sweep(files / file) as dataset:
+        figure = plotting.KINDS[kind].draw(dataset, page=Page(width=3.4), **options)
+    assert figure.get_figwidth() == pytest.approx(3.4)
+    texts = visible_texts(figure)
+    assert len(texts) > 8
+    page = figure.bbox
+    for text, box in texts:
+        size = text.get_fontsize() * (
+            0.7 if "_" in text.get_text() or "^" in text.get_text() else 1
+        )
+        assert size >= 6.0, text
+        assert box.x0 >= page.x0 - 1 and box.x1 <= page.x1 + 1, text
+        assert box.y0 >= page.y0 - 1 and box.y1 <= page.y1 + 1, text
+    for (one, a), (other, b) in combinations(texts, 2):
+        wide = min(a.x1, b.x1) - max(a.x0, b.x0)
+        high = min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert wide <= 1.0 or high <= 1.0, (one, other)
+
+
+def test_two_parameters_with_a_period_give_a_map(call):
+    assert call("-o", "default.png").stdout == "default.png\n"
+    call("-o", "map.png", "--kind", "map")
+    call("-o", "diagram.png", "--kind", "bifurcation")
+    default, shown, other = (imread(f"{name}.png") for name in ("default", "map", "diagram"))
+    assert np.array_equal(default, shown) and default.shape != other.shape
+    for choice in (["--axis", "R"], ["--at", "R=0.6"], ["--coordinate", "poincare_v"]):
+        assert call(*choice).exit_code == 0
+        assert imread("map.png").shape != shown.shape
+
+
+def test_a_value_that_was_not_chosen_is_said(call):
+    said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
+    assert call("--kind", "bifurcation").stderr == said
+    assert call("--at", "R=0.8").stderr == ""
+    assert call().stderr == ""
+    assert call("--axis", "R").stderr.startswith("omega = 2.2, the first of 13: --at omega=VALUE")
+    assert call("--kind", "section").stderr.count("the first of") == 2
+
+
+def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
+    figure = plotting.bifurcation(dataset, below=["lyapunov", "rest_fraction"], at={"R": 0.8})
+    diagram, exponents, rest = figure.axes
+    line = dataset.sel(R=0.8)
+    for number in (0, 1):
+        drawn = exponents.lines[number].get_xydata()
+        values = line["lyapunov"].isel(exponent=number).values
+        np.testing.assert_array_equal(drawn, np.stack([line["omega"].values, values], axis=1))
+    assert "Lyapunov" in exponents.get_ylabel() and "[1/time]" in exponents.get_ylabel()
+    assert diagram.get_xlim() == rest.get_xlim()
+    assert not diagram.get_xlabel() and "omega" in rest.get_xlabel()
+
+
+def test_a_motion_goes_on_from_the_stored_state(dataset):
+    """On the closed-form orbit at omega = 2.3: one impact per period, at its speed."""
+    figure = plotting.trajectory(dataset, at={"omega": 2.3, "R": 0.8}, periods=3)
+    over_time, velocity, _ = figure.axes
+    orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0))
+    (impacts,) = [line for line in velocity.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(impacts.get_ydata(), 3 * [orbit.v], rtol=1e-6)
+    t, x = over_time.lines[0].get_xydata().T
+    assert t[0] == 0.0 and t[-1] == pytest.approx(3 * 2.0 * np.pi / 2.3)
+    first = dataset["poincare_x"].sel(omega=2.3, R=0.8, method="nearest").values[-1]
+    assert x[0] == first
+    assert np.diff(t).max() < 2.0 * np.pi / 2.3 / 199  # no corners
+    assert x.max() < 1e-9
+    assert "after 132 forcing periods" in figure.get_suptitle()
+
+
+def test_the_trajectory_of_a_sweep_without_one_by_the_command(call):
+    assert call("--kind", "trajectory", "--at", "omega=2.8", "--periods", "2").exit_code == 0
+    assert call("--at", "omega=2.8", "--periods", "2").exit_code == 0
+    wrong = call("--at", "omega=2.8", "--periods", "0")
+    assert wrong.exit_code == 2 and "expected: an integer >= 1" in wrong.stderr
+    assert "periods can be chosen for a trajectory only" in call(
+        "--kind", "map", "--periods", "2"
+    ).stderr  # fmt: skip
+
+
+def test_width_title_and_limits_by_the_command(call):
+    arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
+    assert call(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
+    assert imread("map.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
+    for option, value in (("--width", "3.4"), ("--width", "0in"), ("--xlim", "3:2"),
+                          ("--ylim", "1"), ("--xlim", "nan:1")):  # fmt: skip
+        wrong = call(option, value)
+        assert wrong.exit_code == 2
+        assert f"{option} {value} is not allowed; expected: " in wrong.stderr
+
+
+def test_a_page_sets_title_and_limits(dataset):
+    page = Page(title="Mine", xlim=(2.5, 3.0), ylim=(-0.4, 0.1))
+    figure = plotting.bifurcation(dataset, page=page)
+    assert figure.get_suptitle() == "Mine"
+    assert figure.axes[0].get_xlim() == (2.5, 3.0) and figure.axes[0].get_ylim() == (-0.4, 0.1)
+    assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
+    output = tmp_path / f"a.{ending}"
+    plotting.plot(dataset, output, command="vibroimpact plot map.h5")
+    if ending == "png":
+        with Image.open(output) as image:
+            text = " ".join(image.text.values())
+    else:
+        text = output.read_bytes().decode("latin-1")
+    for part in ("vibroimpact 0", "numerics", "vibroimpact plot map.h5", "transient: 100",
+                 "a map with a name"):  # fmt: skip
+        assert part in text
+    again = tmp_path / f"b.{ending}"
+    plotting.plot(dataset, again, command="vibroimpact plot map.h5")
+    assert again.read_bytes() == output.read_bytes()
+
+
+def test_settings_of_the_user_are_kept(dataset, tmp_path):
+    with mpl.rc_context({"axes.labelsize": 17.0, "savefig.dpi": 50.0}):
+        figure = plotting.bifurcation(dataset)
+        assert figure.axes[0].xaxis.label.get_fontsize() == 17.0
+        plotting.plot(dataset, tmp_path / "a.png", kind="bifurcation")
+    assert imread(tmp_path / "a.png").shape[1] == 250
+    assert plotting.bifurcation(dataset).axes[0].xaxis.label.get_fontsize() == 9.0
+    assert mpl.rcParams["axes.labelsize"] == mpl.rcParamsDefault["axes.labelsize"]
+
+
+def test_a_panel_of_another_figure_is_drawn_into(dataset):
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    assert plotting.bifurcation(dataset, ax=left) is figure
+    assert plotting.parameter_map(dataset, ax=right, page=Page(title="right")) is figure
+    assert left.lines and right.collections and right.get_title() == "right"
+    assert not figure.legends and right.get_legend() is not None
+    three = Figure().subplots(3)
+    assert plotting.trajectory(dataset, ax=three) is three[0].figure
+    with pytest.raises(Exception, match="leave out ax or below"):
+        plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
+
+
+def test_every_exported_function_is_documented():
+    for name in plotting.__all__:
+        exported = getattr(plotting, name)
+        if callable(exported) and name != "Page":
+            assert "Parameters\n" in exported.__doc__ and "Returns\n" in exported.__doc__
+
+
+def test_the_data_file_is_left_alone(call):
+    before = Path("map.h5").read_bytes()
+    assert call("--kind", "trajectory").exit_code == 0
+    assert Path("map.h5").read_bytes() == before
