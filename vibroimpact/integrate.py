@@ -184,7 +184,10 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     failed = (sums["status"] >= Status.UNRESOLVED) | pending
     no_impact = sums["impacts"] == 0
     R = points["R"]
-    lost = 0.5 * (1.0 - R) * (1.0 + R) * sums["squared_speeds"]
+    with np.errstate(over="ignore"):  # of a motion that is finite, but not its energy
+        squares = np.where(R < 1.0, sums["squared_speeds"], 0.0)
+        lost = 0.5 * (1.0 - R) * (1.0 + R) * squares
+        impulse = (1.0 + R) * sums["speeds"] / periods
     growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
     return {
         "poincare_x": sections[:, :, 0],
@@ -194,7 +197,7 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
         "impacts_per_period": np.where(failed, np.nan, sums["impacts"] / periods),
         "slowest_impact": np.where(failed | no_impact, np.nan, sums["slowest_impact"]),
         "fastest_impact": np.where(failed | no_impact, np.nan, sums["fastest_impact"]),
-        "impulse": np.where(failed, np.nan, (1.0 + R) * sums["speeds"] / periods),
+        "impulse": np.where(failed, np.nan, impulse),
         "energy_lost": np.where(failed, np.nan, lost / periods),
         "max_penetration": np.where(failed, np.nan, sums["max_penetration"]),
         "rest_fraction": np.where(failed, np.nan, share),

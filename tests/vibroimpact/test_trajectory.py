@@ -252,7 +252,7 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
         ({"integrator": "rk5"}, f"integrator must be one of {', '.join(INTEGRATORS)}, not 'rk5'"),
         ({"impact": "soft"}, "impact must be one of plain, reduced-step, cubic, exact, not 'soft'"),
         ({"integrator": "rk4"}, "impact 'exact' needs the integrator 'exact', not 'rk4'"),
-        ({"steps_per_period": 28}, "must be >= 29 for exact impacts here, not 28"),
+        ({"steps_per_period": 14}, "must be >= 15 for exact impacts here, not 14"),
         ({"x0": 0.1}, "x0 = 0.1 lies beyond the stop"),
         ({"v0": math.nan}, "v0 .* must be a finite number, not nan"),
     ],
