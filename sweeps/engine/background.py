@@ -11,7 +11,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import nullcontext
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,8 +20,6 @@ from sweeps.interrupts import check
 
 T = TypeVar("T")
 
-#: Held by the thread that is in the kernel, so that it has all cores to itself.
-KERNEL = threading.Lock()
 #: How often the main thread looks up [s]: a signal that another thread took does not wake it.
 _WAIT = 0.1
 
@@ -30,15 +27,14 @@ _this_thread = threading.local()
 _END: Any = object()
 
 
-def in_background(items: Iterable[T], *, alone: bool = True) -> Generator[T, None, None]:
+def in_background(items: Iterable[T], *, join: bool = True) -> Generator[T, None, None]:
     """Yield items that are computed in another thread, one ahead; to be closed where it is left.
 
     Parameters
     ----------
     items : iterable
-    alone : bool
-        Whether to compute an item while no other thread is in the kernel, and to wait for the one
-        in work when the items are left.
+    join : bool
+        Whether to wait for the end of the thread when the items are left.
 
     Raises
     ------
@@ -49,18 +45,14 @@ def in_background(items: Iterable[T], *, alone: bool = True) -> Generator[T, Non
     iterator = iter(items)
     thread = ThreadPoolExecutor(1, initializer=setattr, initargs=(_this_thread, "flag", given_up))
 
-    def compute() -> T:
-        with KERNEL if alone else nullcontext():
-            return next(iterator, _END)
-
     try:
-        ahead = thread.submit(compute)
+        ahead = thread.submit(next, iterator, _END)
         while (item := _waited(ahead)) is not _END:
-            ahead = thread.submit(compute)
+            ahead = thread.submit(next, iterator, _END)
             yield item
     finally:
         given_up[0] = 1
-        thread.shutdown(wait=alone, cancel_futures=True)
+        thread.shutdown(wait=join, cancel_futures=True)
 
 
 def _waited(future: Future[T]) -> T:

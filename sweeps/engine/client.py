@@ -165,7 +165,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
         "distributed.worker.http.routes": [],
     }
     with dask.config.set(settings), ExitStack() as stack:
-        with _signals_wait():
+        with _signals_kept_away():
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=number,
@@ -190,25 +190,18 @@ def _kill(cluster: LocalCluster) -> None:
 
 
 @contextmanager
-def _signals_wait() -> Iterator[None]:
-    """Let an interrupt wait until what is started is there to be ended; in the main thread.
+def _signals_kept_away() -> Iterator[None]:
+    """Keep signals from the threads that are started in the block, and from their processes.
 
-    Threads that are started meanwhile, and the processes that they start, never get one: a Ctrl-C
-    at a terminal goes to all processes at once, and is for this one to handle.
+    A Ctrl-C at a terminal goes to all processes at once, and is for this one to handle.
     """
     numbers = (signal.SIGINT, signal.SIGTERM)
-    came: list[int] = []  # other threads, those of numpy for one, still take signals
-    handlers = {n: signal.signal(n, lambda number, _: came.append(number)) for n in numbers}
     resource_tracker.ensure_running()  # which would let them through again, if started later
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    if came:
-        signal.raise_signal(came[0])
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 import math
 import queue
+import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -31,7 +32,7 @@ import numba
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import KERNEL, check_given_up, in_background
+from sweeps.engine.background import check_given_up, in_background
 from sweeps.engine.workers import Advance, Computer, Item, Local, Results, Work
 from sweeps.errors import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
@@ -54,6 +55,9 @@ _LEAST_WORK = 0.5
 _BLOCK_RATE = 100
 #: Blocks per core at least where that leaves work enough in each, so that all end together.
 _BLOCKS_PER_CORE = 20
+
+#: Held on a worker by the task that computes.
+_ALONE = threading.Lock()
 
 
 class OtherNumericsError(Exception):
@@ -133,7 +137,7 @@ class Cluster:
             # A task, not data: it is made again where the worker that had it is lost.
             job = self._client.submit(_itself, _Job(work, config, _own()), pure=False)
         try:
-            yield from in_background(self._results(job, iter(items), futures), alone=False)
+            yield from in_background(self._results(job, iter(items), futures), join=False)
         finally:
             with suppress(Exception):  # where the scheduler is gone
                 self._client.cancel([job, *list(futures)])  # the other thread may add to them
@@ -285,7 +289,7 @@ def _compute(job: _Job, item: Any) -> Results:
     worker = get_worker()
     if job.numerics != _own():
         raise OtherNumericsError(_other(worker.address, _own(), job.numerics))
-    with KERNEL:
+    with _ALONE:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         results = job.work(job.config, item, min(worker.state.nthreads, available))
         # What is sent as it lies in memory is not copied on the way.

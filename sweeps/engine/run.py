@@ -137,7 +137,7 @@ def _refine(
     """Put further points into a complete file, where its classes change."""
     assert config.refine is not None
     with console.status("refining") as status, open_sweep(path, verify=False) as line:
-        refinement = Refinement(config, line, threads)
+        (refinement,) = in_background(map(Refinement, [config], [line], [threads]))
         with closing(in_background(refinement)) as levels:
             for level in levels:
                 found = f"{len(refinement.intervals):,} changes of class"

@@ -1,8 +1,8 @@
 """Runs that a signal ends at random moments and at chosen system calls, and what each must leave.
 
-Most runs are forks of a process that has imported everything, and has not computed with several
-threads: they start at once, and end as any process of Python does. Those that are interrupted while
-they start are processes of their own.
+Most runs are forks of a process that has imported everything and loaded the kernel: they start at
+once, and end as any process of Python does. Those that are interrupted while they start are
+processes of their own.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ _FORKS = """
 import json, os, signal, sys
 import sweeps.cli.main, sweeps.engine.reports, sweeps.engine.run
 from sweeps.cli.__main__ import main
-from vibroimpact import Oscillator, simulate
+from vibroimpact import Oscillator, integrate
 
-simulate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0), 1)  # numba is ready, and has no threads yet
+integrate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at())  # so that the kernel is loaded
 for line in sys.stdin:
     request = json.loads(line)
     pid = os.fork()

@@ -1,25 +1,44 @@
-"""Runs in their own processes, killed, interrupted and started twice."""
+"""Runs in their own processes, killed, interrupted and started twice.
 
+The campaigns send 1,200 signals, and 300 at chosen system calls, kills among them:
+``pytest -m campaign tests/sweeps/test_kill.py``.
+"""
+
+import random
+import resource
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-import sweeps
+from interruptions import (
+    CONFIG,
+    KINDS,
+    MOMENTS,
+    Forks,
+    at_call,
+    data,
+    environment,
+    hear,
+    prepare,
+    set_by,
+    signalled,
+)
+from sweeps import interrupts, open_sweep, run_sweep
 from sweeps.cli.main import app
-from sweeps.store.reader import open_sweep
+from sweeps.config.loading import load_config
+from sweeps.engine import run as runner
+from sweeps.store import creation
 from vibroimpact.status import Status
 
-ROOT = Path(sweeps.__file__).parents[1]
-CONFIG = """\
-oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 700}, f: 1.0}
-record: {transient: 500, periods: 50, diagnostics: [period]}
-"""
 LONG = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2"]  # days per block
 
 # A fork of a process that has imported everything, but not run the kernel, starts at once.
@@ -75,7 +94,8 @@ def folder(tmp_path, monkeypatch):
 def python(*arguments):
     return subprocess.Popen(
         [sys.executable, *arguments],
-        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        env=environment(),
+        preexec_fn=hear,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -92,23 +112,10 @@ def run(*arguments):
     return python("-m", "sweeps.cli", "run", "sweep.yaml", *arguments)
 
 
-def data(path):
-    with open_sweep(path) as dataset:
-        dataset.load()
-    return dataset.drop_attrs(deep=False)
-
-
-# 520 points in two directions, in three blocks.
-FOLLOWED = [
-    "follow={axis: omega, direction: both}",
-    "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 260}, omega: [2.4, 3.0], f: 1}",
-]
-TRAJECTORY = "record={transient: 50, periods: 10, trajectory: {every: 5}}"
-
-
-@pytest.mark.parametrize("changed", [[], ["compression=gzip", TRAJECTORY], FOLLOWED])
+@pytest.mark.slow
+@pytest.mark.parametrize("changed", KINDS)
 def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(changed):
-    options = [part for change in changed for part in ("--set", change)]
+    options = set_by(changed)
     assert ended(run("-o", "whole.h5", "--quiet", *options)) == (0, "")
     assert ended(python("-c", KILLS, "1", *changed), 300) == (0, "")
     for path in (Path("out.h5"), *Path().glob("complete-*.h5")):
@@ -170,3 +177,163 @@ def test_of_two_runs_started_together_one_computes():
     assert code == 2 and f"sweep.h5 is being written by process {running.pid};" in stderr
     running.send_signal(signal.SIGTERM)
     assert ended(running)[0] == 1
+
+
+# Signals at any moment
+
+
+@pytest.fixture
+def forks(folder):
+    with Forks(folder) as forks:
+        prepare(forks, folder)
+        yield forks
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_signal_at_any_moment_ends_a_run_with_one_line(folder, forks, moment):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signalled(forks, folder, number, moment, random.Random(f"{moment} {number}"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_in_a_system_call_ends_a_run_with_one_line(folder, forks, number):
+    draw = random.Random(number)
+    for _ in range(2):
+        at_call(forks, folder, number, draw)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(300))
+def test_1200_signals(folder, forks, seed):
+    draw = random.Random(seed)
+    for moment in MOMENTS:
+        signalled(forks, folder, draw.choice((signal.SIGINT, signal.SIGTERM)), moment, draw)
+
+
+@pytest.mark.campaign
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("seed", range(30))
+def test_300_signals_at_system_calls(folder, forks, seed):
+    draw = random.Random(seed)
+    for _ in range(10):
+        at_call(forks, folder, draw.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL)), draw)
+
+
+# Interrupts where they were not heard
+
+
+def test_an_interrupt_ends_the_compression_within_a_chunk(monkeypatch):
+    """Of a followed sweep each block has a part of every chunk: HDF5 kept them all in memory."""
+    config = load_config(
+        "sweep.yaml",
+        [
+            "oscillator={h: 0.05, R: {start: 0.2, stop: 0.8, num: 40}, "
+            "omega: {start: 2.4, stop: 3.5, num: 300}, f: 1.0}",
+            "follow={axis: R}",
+            "record={transient: 0, periods: 50}",
+            "method={integrator: rk4, impact: plain, steps_per_period: 10}",
+            "compression=gzip",
+        ],
+    )
+    compressed = []
+    write = h5py.Dataset.__setitem__
+
+    def writing(dataset, part, values):
+        if dataset.chunks:
+            compressed.append(np.asarray(values).nbytes)
+            if sum(compressed) > 10e6:
+                monkeypatch.setattr(interrupts, "_came", True)
+        write(dataset, part, values)
+
+    monkeypatch.setattr(h5py.Dataset, "__setitem__", writing)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(config, "packed.h5")
+    assert sum(compressed) < 10e6 + 2 * 8 * creation._CHUNK_VALUES
+    assert max(compressed) <= 8 * creation._CHUNK_VALUES  # nor is more compressed at a time
+    assert creation._CACHE <= 8 * creation._CHUNK_VALUES  # nor left for the end
+    monkeypatch.undo()
+    run_sweep(config, "packed.h5", resume=True)
+    with open_sweep("packed.h5") as dataset:
+        assert (dataset["status"] != Status.PENDING).all()
+
+
+def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path):
+    """Before the next pass of numba over a function."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
+    process = run("-o", "out.h5", "--quiet")
+    deadline = time.monotonic() + 120
+    while not Path("out.h5.lock").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(1.0)  # it compiles for ten
+    began = time.monotonic()
+    process.send_signal(signal.SIGTERM)
+    assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
+    assert time.monotonic() - began < 60
+    assert sorted(path.name for path in Path().iterdir()) == ["empty", "sweep.yaml"]
+
+
+def test_an_ignored_interrupt_stays_ignored():
+    """As of a run in the background of a shell, where Ctrl-C is for the foreground."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "--quiet"],
+        env=environment(),
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+    assert process.returncode == 0
+
+
+# Too little of the machine
+
+
+@pytest.mark.parametrize("megabytes", [320, 500, 680])
+def test_too_little_address_space_is_one_line(megabytes):
+    limit = megabytes << 20
+    process = subprocess.run(
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml"],
+        env=environment(),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert process.returncode == 1
+    assert process.stderr.startswith("vibroimpact: error: there is not enough memory: ")
+    assert f"is {megabytes} MB, expected at least" in process.stderr
+    assert process.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["schema"], ["run", "sweep.yaml", "--dry-run"]])
+def test_a_full_standard_output_is_one_line(arguments):
+    with open("/dev/full", "w") as full:
+        process = subprocess.run(
+            [sys.executable, "-m", "sweeps.cli", *arguments],
+            env=environment(),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+        )
+    assert process.returncode == 1
+    expected = "vibroimpact: error: the standard output cannot be written: No space left on device"
+    assert process.stderr == expected + "\n"
+
+
+def test_a_run_that_is_complete_is_not_interrupted_any_more(monkeypatch):
+    """A signal after the last block changes nothing for a command, and reaches Python's caller."""
+    write = runner.SweepWriter.finish
+
+    def finish(self, **options):
+        write(self, **options)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(runner.SweepWriter, "finish", finish)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(load_config("sweep.yaml"), "out.h5")
+    with open_sweep("out.h5") as dataset:
+        assert (dataset["status"] != Status.PENDING).all()
