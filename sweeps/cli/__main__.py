@@ -18,7 +18,8 @@ def main() -> NoReturn:
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()
     except OSError as error:
-        _report(_reason(error))
+        if code == 0:  # otherwise its line was written already
+            _report(_reason(error))
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush
         code = code or 1
     sys.exit(code)

@@ -58,11 +58,11 @@ class MethodCost(NamedTuple):
 #: an impact the integrator itself is called, and the exact flow would cost more there than the
 #: exact rule.
 COSTS: Mapping[tuple[str, str], MethodCost] = {
-    ("exact", "plain"): MethodCost(0.42, 0.85, 1.0),
-    ("newmark", "reduced-step"): MethodCost(0.31, 0.33, 45.0),
-    ("rk4", "reduced-step"): MethodCost(0.31, 0.33, 47.0),
-    ("rk4", "cubic"): MethodCost(0.30, 0.32, 189.0),
-    EXACT_METHOD: MethodCost(0.45, 0.47, 139.0),
+    ("exact", "plain"): MethodCost(0.46, 1.02, 1.0),
+    ("newmark", "reduced-step"): MethodCost(0.33, 0.35, 50.0),
+    ("rk4", "reduced-step"): MethodCost(0.34, 0.36, 56.0),
+    ("rk4", "cubic"): MethodCost(0.34, 0.34, 211.0),
+    EXACT_METHOD: MethodCost(0.66, 0.71, 52.0),
 }
 
 

@@ -118,8 +118,8 @@ def test_a_map_and_the_exact_orbits():
     assert done("plot", "small.h5", "--kind", "impacts", "--at", "omega=1.5") == "small.png\n"
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
     done("run", "small.yaml", "--quiet", "--overwrite", *cut)
-    told, picture = done("plot", "small.h5", "--exact").splitlines()
-    assert re.match(r"n = 1: \d points follow the stable branch; largest deviation \d", told)
+    followed, *_, picture = done("plot", "small.h5", "--exact").splitlines()
+    assert re.match(r"1/1: \d points follow the stable branch; largest deviation \d", followed)
     assert picture == "small.png"
 
 
@@ -194,8 +194,8 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
     printed = done("run", "small.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
-    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, six numbers and the status.
-    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 6) + 1)
+    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, nine numbers and the status.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 9) + 1)
     time, memory = dict(rows)["expected time"], dict(rows)["memory"]
     assert rows == [
         ("name", "small"),
@@ -374,7 +374,7 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sweeps.store.reader.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
     monkeypatch.setattr("sweeps.config.loading.load_config", interrupt)
     monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
     file = {"info": ["small.h5"], "plot": ["small.h5"], "run": ["small.yaml"], "schema": []}

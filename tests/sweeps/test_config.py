@@ -188,7 +188,7 @@ def test_the_steps_are_those_of_the_worst_point(load, values, method, steps):
 def test_the_widths_are_those_of_the_record(load):
     record = "record: {periods: 7, impacts: 3, trajectory: {every: 4}}\n"
     widths = load(oscillator() + record).widths
-    assert widths == {"section": 7, "impact": 3, "sample": 7 * 16 // 4 + 1}
+    assert widths == {"section": 7, "impact": 3, "sample": 7 * 8 // 4 + 1}
     assert load(oscillator()).widths["sample"] == 0
 
 
@@ -205,9 +205,9 @@ def test_diagnostics_are_asked_for_by_name(load):
         ("method: {integrator: rk4}",
          ["line 2: method.integrator: impact exact needs the integrator exact, not rk4",
           "expected: integrator exact, or one of the impact rules plain, reduced-step, cubic"]),
-        ("method: {steps_per_period: 15}",
-         ["line 2: method.steps_per_period: 15 are not enough for exact impacts here",
-          "an integer from 16 to 1000000, or null"]),
+        ("method: {steps_per_period: 7}",
+         ["line 2: method.steps_per_period: 7 are not enough for exact impacts here",
+          "an integer from 8 to 1000000, or null"]),
         ("method: {impact: cubic}\nrecord: {diagnostics: [period, lyapunov]}",
          ["line 3: record.diagnostics: lyapunov needs the impact rule exact, not cubic"]),
         ("record: {diagnostics: [perod]}",
@@ -216,8 +216,8 @@ def test_diagnostics_are_asked_for_by_name(load):
         ("record: {diagnostics: [period, period]}",
          ["record.diagnostics = [period, period] has a name twice"]),
         ("record: {diagnostics: period}", ["record.diagnostics = period is not allowed", "a list"]),
-        ("record: {periods: 1e6, trajectory: {every: 1}}",
-         ["line 2: record.trajectory: 16,000,001 samples per point are too many",
+        ("method: {steps_per_period: 16}\nrecord: {periods: 1e6, trajectory: {every: 1}}",
+         ["line 3: record.trajectory: 16,000,001 samples per point are too many",
           "at most 10,000,000"]),
     ],
 )  # fmt: skip

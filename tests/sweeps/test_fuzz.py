@@ -73,7 +73,7 @@ def run_and_checked(text):
 
 def coordinate(dataset, config, name):
     """Return a parameter at every point, in a shape that spreads over the grid."""
-    if name not in dataset.coords:
+    if name not in dataset["status"].dims:
         return config.grid.fixed[name]
     at = dataset["status"].dims.index(name)
     return dataset[name].values.reshape(
@@ -135,7 +135,7 @@ def commands_in(folder, **variables):
     codes = []
     for command, written in ((["run", "é.yaml"], "out.h5"), (["plot", "out.h5"], "out.png")):
         result = subprocess.run(
-            [sys.executable, "-m", "sweeps.cli.main", *command],
+            [sys.executable, "-m", "sweeps.cli", *command],
             cwd=folder,
             env=environment,
             capture_output=True,

@@ -172,7 +172,7 @@ def test_points_that_failed_are_marked_and_not_drawn(sweep, tmp_path):
     assert drawn(panel) == [(0.8, y) for y in (1, 2, 3, 4, 5)]
     assert [x for x, _ in drawn(panel, "|")] == [1.0, 1.5, 4.0]
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [
+    assert [text.get_text().replace("\n", " ") for text in legend.get_texts()] == [
         f"{status.meaning} (1 of 4)"
         for status in (Status.PENDING, Status.UNRESOLVED, Status.NON_FINITE)
     ]
