@@ -27,6 +27,7 @@ def run(folder):
     """Run the program on the copy of the package in `folder`: its file, x_T, hits, misses."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "PYTHON"))}
     environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["NUMBA_CACHE_DIR"] = str(folder / "cache")  # that of the original has it, too
     out = subprocess.run(
         [sys.executable, "-c", PROGRAM],
         env=environment,
