@@ -230,7 +230,7 @@ def test_an_interrupt_ends_the_compression_within_a_chunk(monkeypatch):
     config = load_config(
         "sweep.yaml",
         [
-            "oscillator={h: 0.05, R: {start: 0.2, stop: 0.8, num: 40}, "
+            "oscillator={h: 0.05, R: {start: 0.2, stop: 0.8, num: 20}, "
             "omega: {start: 2.4, stop: 3.5, num: 300}, f: 1.0}",
             "follow={axis: R}",
             "record={transient: 0, periods: 50}",
@@ -244,35 +244,35 @@ def test_an_interrupt_ends_the_compression_within_a_chunk(monkeypatch):
     def writing(dataset, part, values):
         if dataset.chunks:
             compressed.append(np.asarray(values).nbytes)
-            if sum(compressed) > 10e6:
-                monkeypatch.setattr(interrupts, "_came", True)
+            if sum(compressed) > 5e6:
+                patch.setattr(interrupts, "_came", True)
         write(dataset, part, values)
 
-    monkeypatch.setattr(h5py.Dataset, "__setitem__", writing)
-    with pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(h5py.Dataset, "__setitem__", writing)
         run_sweep(config, "packed.h5")
-    assert sum(compressed) < 10e6 + 2 * 8 * creation._CHUNK_VALUES
+    assert sum(compressed) < 5e6 + 2 * 8 * creation._CHUNK_VALUES
     assert max(compressed) <= 8 * creation._CHUNK_VALUES  # nor is more compressed at a time
     assert creation._CACHE <= 8 * creation._CHUNK_VALUES  # nor left for the end
-    monkeypatch.undo()
     run_sweep(config, "packed.h5", resume=True)
     with open_sweep("packed.h5") as dataset:
         assert (dataset["status"] != Status.PENDING).all()
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path):
-    """Before the next pass of numba over a function."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
+    """Before the next pass of numba over a function: the kernel is never complete."""
+    cache = tmp_path / "compiled"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     process = run("-o", "out.h5", "--quiet")
     deadline = time.monotonic() + 120
     while not Path("out.h5.lock").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
     time.sleep(1.0)  # it compiles for ten
-    began = time.monotonic()
     process.send_signal(signal.SIGTERM)
     assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
-    assert time.monotonic() - began < 60
-    assert sorted(path.name for path in Path().iterdir()) == ["empty", "sweep.yaml"]
+    assert not list(cache.rglob("*take_exact*.nbc"))
+    assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
 
 
 def test_an_ignored_interrupt_stays_ignored():
