@@ -73,7 +73,13 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
             for start in cuts:
                 part = scalars.isel({axes[0]: slice(start, start + step)}) if axes else scalars
                 mode, first = ("a", False) if start else ("w", True)
-                _frame(part).to_csv(unfinished, index=False, mode=mode, header=first)
+                _frame(part).to_csv(
+                    unfinished,
+                    index=False,
+                    mode=mode,
+                    header=first,
+                    float_format=float.__repr__,  # all digits, whatever NumPy prints
+                )
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)

@@ -5,12 +5,14 @@ Dichromacy is simulated by the matrices of Machado, Oliveira and Fernandes (2009
 
 from itertools import combinations
 
-import colour
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
 from sweeps.plotting import palette
+
+with np.printoptions():  # the import changes how numbers are printed, for all tests after it
+    import colour
 
 
 def named_colours():
