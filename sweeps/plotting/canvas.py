@@ -169,7 +169,7 @@ def _columns(labels: Sequence[str], width: int) -> tuple[int, int]:
     lengths = [max(map(printed_length, text.split("\n"))) for text in labels]
     for columns in range(min(4, len(labels)), 0, -1):
         rows = math.ceil(len(lengths) / columns)
-        widths = [max(lengths[i : i + rows]) + 6 for i in range(0, len(lengths), rows)]
+        widths = [max(lengths[i : i + rows]) + 8 for i in range(0, len(lengths), rows)]
         if sum(widths) <= width:
             break
     return columns, rows + sum(text.count("\n") for text in labels)
