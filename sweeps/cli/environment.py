@@ -32,6 +32,11 @@ def check_environment() -> None:
             f"there is not enough memory: the limit of the address space is {limit >> 20} MB, "
             f"expected at least {needed >> 20} MB; raise it, in a shell with ulimit -v"
         )
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    if not (epoch.isascii() and epoch.isdecimal()):  # which numpy.f2py reads, and matplotlib
+        raise Refused(
+            f"SOURCE_DATE_EPOCH={epoch} is not allowed; expected: a whole number of seconds"
+        )
     file = Path(".numba_config.yaml")
     settings = [f"{name}={value}" for name, value in os.environ.items() if name[:6] == "NUMBA_"]
     settings += [f"the file {file}"] if file.exists() else []

@@ -681,6 +681,11 @@ def test_odd_settings_of_numba_are_refused(setting, told):
     assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
 
 
+def test_an_odd_date_is_refused(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
+    assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "small.yaml")
+
+
 def test_odd_settings_of_matplotlib_are_refused():
     done("run", "small.yaml", "--quiet")
     result = process("plot", "small.h5", MPLBACKEND="nonsense")
