@@ -92,7 +92,7 @@ class Forks:
     """Starts commands as forks of one process, one after the other, in a folder."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
         self._process = subprocess.Popen(
             [sys.executable, "-c", _FORKS],
             env=environment(),
@@ -112,7 +112,7 @@ class Forks:
 
     def start(self, *arguments: str, stopped: bool = False) -> int:
         """Start a command; return the number of its process."""
-        request = {"folder": str(self._folder), "arguments": arguments, "stopped": stopped}
+        request = {"folder": str(self.folder), "arguments": arguments, "stopped": stopped}
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
         return int(self._process.stdout.readline())
@@ -120,7 +120,14 @@ class Forks:
     def ended(self) -> tuple[int, str]:
         """Wait for the end of the command; return its exit code and what it wrote to stderr."""
         code = int(self._process.stdout.readline())
-        return code, (self._folder / "stderr.txt").read_text()
+        return code, (self.folder / "stderr.txt").read_text()
+
+    def emptied(self) -> Path:
+        """Return the folder, without what an earlier run may have left."""
+        for path in self.folder.iterdir():
+            if path.name != "sweep.yaml" and not path.name.startswith("whole"):
+                path.unlink()
+        return self.folder
 
     def run(self, *arguments: str) -> tuple[int, str]:
         """Run a command to its end."""
@@ -168,9 +175,9 @@ def _reached(moment: str, folder: Path, draw: random.Random) -> object:
     return blocks_written
 
 
-def signalled(forks: Forks, folder: Path, number: int, moment: str, draw: random.Random) -> None:
+def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> None:
     """Send a signal to a run at a moment, and check how the run ends and what it leaves."""
-    changes = draw.choice(KINDS)
+    folder, changes = forks.emptied(), draw.choice(KINDS)
     arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
     process = None
     if moment == "start":
@@ -198,12 +205,12 @@ def signalled(forks: Forks, folder: Path, number: int, moment: str, draw: random
         code = process.returncode
     else:
         code, text = forks.ended()
-    check_end(forks, folder, number, code, text, changes)
+    check_end(forks, number, code, text, changes)
 
 
-def at_call(forks: Forks, folder: Path, number: int, draw: random.Random) -> str:
+def at_call(forks: Forks, number: int, draw: random.Random) -> str:
     """Send a signal to a run in one of its system calls; return which."""
-    changes = draw.choice(KINDS)
+    folder, changes = forks.emptied(), draw.choice(KINDS)
     call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
     arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
     pid = forks.start(*arguments, stopped=True)
@@ -222,15 +229,14 @@ def at_call(forks: Forks, folder: Path, number: int, draw: random.Random) -> str
     code, text = forks.ended()
     tracer.communicate(timeout=PATIENCE)
     (folder / "trace.txt").unlink()
-    check_end(forks, folder, number, code, text, changes)
+    check_end(forks, number, code, text, changes)
     return f"{call} {which}"
 
 
-def check_end(
-    forks: Forks, folder: Path, number: int, code: int, text: str, changes: list[str]
-) -> None:
+def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str]) -> None:
     """Check the outcome of a run that was sent a signal, and go on with it to the same data."""
     about = f"signal {number}, {changes}, exit code {code}:\n{text}"
+    folder = forks.folder
     out = folder / "out.h5"
     for name in ("stdout.txt", "stderr.txt"):
         (folder / name).unlink(missing_ok=True)
@@ -257,9 +263,9 @@ def check_end(
     out.unlink()
 
 
-def prepare(forks: Forks, folder: Path) -> None:
+def prepare(forks: Forks) -> None:
     """Write the configuration, and for each kind the file of a run that no signal ended."""
-    (folder / "sweep.yaml").write_text(CONFIG)
+    (forks.folder / "sweep.yaml").write_text(CONFIG)
     for index, changes in enumerate(KINDS):
         whole = f"whole-{index}.h5"
         arguments = ["run", "sweep.yaml", "-o", whole, "--quiet", *set_by(changes)]

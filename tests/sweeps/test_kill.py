@@ -182,44 +182,44 @@ def test_of_two_runs_started_together_one_computes():
 # Signals at any moment
 
 
-@pytest.fixture
-def forks(folder):
-    with Forks(folder) as forks:
-        prepare(forks, folder)
+@pytest.fixture(scope="module")
+def forks(tmp_path_factory):
+    with Forks(tmp_path_factory.mktemp("forks")) as forks:
+        prepare(forks)
         yield forks
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_a_signal_at_any_moment_ends_a_run_with_one_line(folder, forks, moment):
+def test_a_signal_at_any_moment_ends_a_run_with_one_line(forks, moment):
     for number in (signal.SIGINT, signal.SIGTERM):
-        signalled(forks, folder, number, moment, random.Random(f"{moment} {number}"))
+        signalled(forks, number, moment, random.Random(f"{moment} {number}"))
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_a_signal_in_a_system_call_ends_a_run_with_one_line(folder, forks, number):
+def test_a_signal_in_a_system_call_ends_a_run_with_one_line(forks, number):
     draw = random.Random(number)
     for _ in range(2):
-        at_call(forks, folder, number, draw)
+        at_call(forks, number, draw)
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(300))
-def test_1200_signals(folder, forks, seed):
+def test_1200_signals(forks, seed):
     draw = random.Random(seed)
     for moment in MOMENTS:
-        signalled(forks, folder, draw.choice((signal.SIGINT, signal.SIGTERM)), moment, draw)
+        signalled(forks, draw.choice((signal.SIGINT, signal.SIGTERM)), moment, draw)
 
 
 @pytest.mark.campaign
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.parametrize("seed", range(30))
-def test_300_signals_at_system_calls(folder, forks, seed):
+def test_300_signals_at_system_calls(forks, seed):
     draw = random.Random(seed)
     for _ in range(10):
-        at_call(forks, folder, draw.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL)), draw)
+        at_call(forks, draw.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL)), draw)
 
 
 # Interrupts where they were not heard
