@@ -14,6 +14,7 @@ from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from sweeps.errors import Refused
+from sweeps.interrupts import raised_at_once
 from sweeps.text import shortened
 
 if TYPE_CHECKING:
@@ -81,8 +82,10 @@ def connected(address: str) -> Iterator[Client]:
                 with distributed.Client(cluster, set_as_default=False) as client:
                     yield client
             return
-        _refuse_silence(address)
-        with _registered(address) as client:
+        with raised_at_once():  # Dask looks at no flag while it waits for an answer
+            _refuse_silence(address)
+            registered = _registered(address)
+        with registered as client:
             yield client
 
 

@@ -28,6 +28,7 @@ from distributed.security import Security
 from typer.testing import CliRunner
 
 import sweeps
+from sweeps import interrupts
 from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.engine import client as clients
@@ -624,6 +625,35 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         told = f"no Dask scheduler answers at {address} (no answer in 1 s); start one"
         assert told in refused("--dask", address)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # Dask's socket
+def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
+    monkeypatch.setattr(clients, "_PATIENCE", 20)
+    monkeypatch.setattr(interrupts, "_came", False)
+    connections = queue.SimpleQueue()
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+
+        def interrupt():
+            connections.put(server.accept()[0])
+            os.kill(os.getpid(), signal.SIGINT)
+
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        interrupts.listen()  # as the command does; the handler alone ends nothing
+        try:
+            with pytest.raises(KeyboardInterrupt), clients.connected(address):
+                pass
+        finally:
+            signal.signal(signal.SIGINT, before[0])
+            signal.signal(signal.SIGTERM, before[1])
+            thread.join()
+            connections.get().close()
+            gc.collect()
 
 
 def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
