@@ -1,13 +1,24 @@
-"""Checks of options that several commands have."""
+"""Arguments and options that several commands have: how they are read, and checked."""
 
 from __future__ import annotations
 
 import math
 import os
 import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from sweeps.cli.terminal import say
 from sweeps.errors import Refused
+
+if TYPE_CHECKING:
+    from sweeps.analysis.selection import Cut
+
+SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
 
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
@@ -55,3 +66,62 @@ def check_threads(threads: int | None) -> None:
     cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     if threads is not None and not 1 <= threads <= cores:
         raise Refused(f"--threads {threads} is not allowed; expected: an integer from 1 to {cores}")
+
+
+def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Path]) -> list[Path]:
+    """Return what is written for each source: its default, or `output` for a single one."""
+    if output is None:
+        targets = list(defaults)
+    elif len(sources) == 1:
+        targets = [output]
+    else:
+        raise Refused(
+            f"-o {output} is not allowed here: it is for a single file, and {len(sources)} are "
+            "given; without it each has an output of its own"
+        )
+    first: dict[str, Path] = {}
+    for source, target in zip(sources, targets, strict=True):
+        writer = first.setdefault(os.path.abspath(target), source)
+        if writer is not source:
+            raise Refused(f"{writer} and {source} would both write {target}; give them one by one")
+    return targets
+
+
+def cuts_of(texts: Sequence[str]) -> dict[str, float | str]:
+    """Read the values of ``--at``, each of another axis."""
+    cuts: dict[str, float | str] = {}
+    for text in texts:
+        name, value = _cut(text)
+        if name in cuts:
+            raise Refused(f"--at {text} is not allowed; {name} was given before")
+        cuts[name] = value
+    return cuts
+
+
+def _cut(text: str) -> tuple[str, float | str]:
+    name, _, value = text.partition("=")
+    if name.strip() == "direction":
+        return "direction", value.strip()
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise Refused(
+            f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5"
+        ) from None
+
+
+@contextmanager
+def named(file: Path) -> Iterator[None]:
+    """Name the file in a refusal of the block, which knows its data only."""
+    try:
+        yield
+    except Refused as error:
+        raise Refused(f"{file}: {error}") from error
+
+
+def tell_moved(requested: Cut, cut: Cut, verb: str) -> None:
+    """Say where a value that was asked for is not on the grid, and which one was taken."""
+    for name, value in requested.items():
+        if value != cut[name]:
+            text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
+            say(text, error=True)

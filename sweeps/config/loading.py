@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -40,15 +41,19 @@ _PROBLEMS = {
 }
 
 
-def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
+def load_config(
+    source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()
+) -> SweepConfig:
     """Read the configuration of a sweep.
 
     Parameters
     ----------
-    path : str or Path
-        A YAML file.
+    source : str, Path or mapping
+        A YAML file, or what loading one would give: a mapping of its keys, in which arrays of
+        NumPy may stand for lists.
     overrides : sequence of str
-        ``dotted.key=value`` with the value in YAML, each replacing or adding one key.
+        ``dotted.key=value`` with the value in YAML, each replacing or adding one key. The last
+        name may be one of a range: ``oscillator.omega.start=2.71``.
 
     Returns
     -------
@@ -59,22 +64,66 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> SweepConfig:
     ConfigError
         If the file cannot be read, is not YAML, or asks for what is not allowed.
     """
-    path = Path(path)
+    if isinstance(source, Mapping):
+        return _checked(_plain(source), "the configuration", {}, overrides)
+    path = Path(source)
+    return parse_config(_text(path), str(path), path.stem, overrides)
+
+
+def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = ()) -> SweepConfig:
+    """Read the configuration of a sweep from a text.
+
+    Parameters
+    ----------
+    text : str
+        YAML.
+    origin : str
+        Where the text is from, for the errors.
+    name : str
+        The name of the sweep where the text gives none.
+    overrides : sequence of str
+        As for `load_config`.
+
+    Returns
+    -------
+    SweepConfig
+
+    Raises
+    ------
+    ConfigError
+        If the text is not YAML or asks for what is not allowed.
+    """
     sources: dict[Key, str] = {}
-    data = _parse(_text(path), str(path), (), sources)
+    data = _parse(text, origin, (), sources)
     if not isinstance(data, dict):
-        given = _shown(data) if data else "empty"
-        raise ConfigError(f"{path}: the file is {given}; expected: {key_list(SweepConfig)}")
+        content = _shown(data) if data else "empty"
+        raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
+    return _checked({"name": name, **data}, origin, sources, overrides)
+
+
+def _checked(
+    data: dict[str, Any], origin: str, sources: dict[Key, str], overrides: Sequence[str]
+) -> SweepConfig:
+    """Return the configuration that `data` with `overrides` describe, or refuse them in words."""
     for override in overrides:
         _override(data, override, sources)
     try:
-        return SweepConfig.model_validate({"name": path.stem, **data})
+        return SweepConfig.model_validate(data)
     except ValidationError as refusal:
         errors = _without_echoes(refusal.errors())
-        texts = [_explained(error, data, sources, str(path)) for error in errors[:_MOST_ERRORS]]
+        texts = [_explained(error, data, sources, origin) for error in errors[:_MOST_ERRORS]]
         if (more := len(errors) - _MOST_ERRORS) > 0:
-            texts.append(f"{path}: and {shown_count(more, 'error')} more")
+            texts.append(f"{origin}: and {shown_count(more, 'error')} more")
         raise ConfigError("\n".join(texts)) from None
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of Python as YAML has it: mappings, lists and numbers, none of NumPy's."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _text(path: Path) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import yaml
 from rich.console import Console
@@ -20,6 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background
 from sweeps.engine.cluster import computer_for
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
 
 def run_sweep(
-    config: SweepConfig,
+    config: SweepConfig | Mapping[str, Any] | str | Path,
     output: str | Path | None = None,
     *,
     threads: int | None = None,
@@ -60,9 +61,10 @@ def run_sweep(
 
     Parameters
     ----------
-    config : SweepConfig
-        From `load_config`. Where it gives an accuracy, a pilot chooses the method, and the file
-        keeps the method with the record of the pilot.
+    config : SweepConfig, mapping, str or Path
+        From `load_config`, or what it reads: a mapping of the keys, or a YAML file. Where it gives
+        an accuracy, a pilot chooses the method, and the file keeps the method with the record of
+        the pilot.
     output : str or Path, optional
         The HDF5 file to write, instead of the configuration's.
     threads : int, optional
@@ -87,6 +89,8 @@ def run_sweep(
 
     Raises
     ------
+    ConfigError
+        As from `load_config`.
     StoreError
         If the output is refused, is being written by another process or belongs to another
         sweep, or if there is too little disk or memory.
@@ -99,6 +103,8 @@ def run_sweep(
     """
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
+    if not isinstance(config, SweepConfig):
+        config = load_config(config)
     path = Path(output) if output is not None else config.output
     console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
     with raised_by_check(), only_writer(path):

@@ -109,6 +109,59 @@ def test_run_info_and_plot():
     assert Path("b.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_the_configuration_of_a_file_runs_again():
+    done("run", "small.yaml", "--quiet")
+    again = done("info", "small.h5", "--config")
+    assert again == sweeps.open_sweep("small.h5").attrs["configuration"]
+    Path("again.yaml").write_text(again)
+    done("run", "again.yaml", "-o", "again.h5", "--quiet")
+    done("run", "small.h5", "-o", "other.h5", "--set", "oscillator.omega.start=2.0", "--quiet")
+    first, second, other = map(sweeps.open_sweep, ("small.h5", "again.h5", "other.h5"))
+    assert first.drop_attrs().identical(second.drop_attrs())
+    np.testing.assert_array_equal(other["omega"], np.linspace(2.0, 3.0, 5))
+    assert "small.h5 exists" in refused("run", "small.h5")
+    assert "output            small.h5" in done("run", "small.h5", "--resume", "--dry-run")
+    assert "--set oscillator.omga.start" in refused(
+        "run", "small.h5", "--set", "oscillator.omga.start=2"
+    )
+    assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")
+
+
+def test_zoom_computes_and_draws_a_piece():
+    done("run", "small.yaml", "--quiet")
+    printed = done("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
+    assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
+    assert Path("small-omega-2.25-2.5.png").read_bytes().startswith(b"\x89PNG")
+    done("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
+    whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
+    np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
+    np.testing.assert_array_equal(two["clearance"], [0.1, 0.2])
+    np.testing.assert_array_equal(two["omega"], np.linspace(2.0, 3.0, 5))
+    point = {"omega": 2.25}  # which the grid of the whole has, too
+    assert piece.sel(point).drop_attrs().identical(whole.sel(point).drop_attrs())
+
+
+@pytest.mark.parametrize(
+    ("pieces", "reason"),
+    [
+        (["omega=2:1"], "expected: NAME=LOW:HIGH"),
+        (["omega=2"], "expected: NAME=LOW:HIGH"),
+        (["omega=2:nan"], "expected: NAME=LOW:HIGH"),
+        (["omgea=2:3"], "did you mean omega?"),
+        (["h=0:1"], "expected: omega or clearance"),
+        (["omega=-1:1"], "expected: forcing frequency"),
+        (["poincare_x=0:1"], "at least one swept axis"),
+        (["omega=2:3", "omega=2:4"], "each name once"),
+        (["omega=2:3", "poincare_x=0:1", "poincare_v=0:1"], "at most one of"),
+        (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
+        (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
+    ],
+)
+def test_a_zoom_that_cannot_be(pieces, reason):
+    done("run", "small.yaml", "--quiet")
+    assert reason in refused("zoom", "small.h5", *pieces)
+
+
 def test_a_map_and_the_exact_orbits():
     done("run", "small.yaml", "--quiet", "--set", "record.diagnostics=[period]")
     assert done("plot", "small.h5", "--kind", "map") == "small.png\n"
@@ -367,7 +420,7 @@ def test_an_interrupted_run_says_what_is_kept(monkeypatch):
     assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
 
 
-@pytest.mark.parametrize("command", ["info", "plot", "run", "schema"])
+@pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
 def test_an_interrupted_command_exits_with_1(monkeypatch, command):
     done("run", "small.yaml", "--quiet")
 
@@ -375,9 +428,15 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
-    monkeypatch.setattr("sweeps.config.loading.load_config", interrupt)
+    monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
     monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
-    file = {"info": ["small.h5"], "plot": ["small.h5"], "run": ["small.yaml"], "schema": []}
+    file = {
+        "info": ["small.h5"],
+        "plot": ["small.h5"],
+        "run": ["small.yaml"],
+        "schema": [],
+        "zoom": ["small.h5", "omega=2:3"],
+    }
     result = call(command, *file[command])
     assert result.exit_code == 1
     assert result.stderr == "vibroimpact: error: interrupted\n"

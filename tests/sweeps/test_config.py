@@ -66,6 +66,29 @@ def oscillator(**values):
 # What is read
 
 
+def test_a_mapping_is_read_as_its_yaml(load):
+    typed = load(EXAMPLE)
+    data = yaml.safe_load(EXAMPLE)
+    assert load_config(data) == typed
+    assert load_config(data, ["oscillator.h=0.3"]).oscillator.h == 0.3
+    assert data["oscillator"]["h"] == 0.1
+    values = np.linspace(0.8, 4.0, 5)
+    data["oscillator"] |= {"omega": values, "R": np.float64(0.7)}
+    data["record"]["periods"] = np.int64(7)
+    config = load_config(data)
+    assert config.oscillator.omega == tuple(values)
+    assert (config.oscillator.R, config.record.periods) == (0.7, 7)
+
+
+def test_a_mapping_that_cannot_be():
+    with pytest.raises(ConfigError) as caught:
+        load_config({"oscillator": {"h": 0.1, "R": 1.2, "omega": np.arange(3.0), "f": 1, "gap": 1}})
+    first, second, third = str(caught.value).splitlines()
+    assert first.startswith("the configuration: oscillator.R = 1.2 is not allowed; expected: ")
+    assert "oscillator.omega = [0.0, 1.0, 2.0] contains 0, which is not allowed" in second
+    assert "unknown key oscillator.gap (did you mean clearance?)" in third
+
+
 def test_the_example_is_read_as_written(load):
     config = load(EXAMPLE)
     assert (config.name, config.output) == ("frequency-bifurcation", Path("results/frequency.h5"))

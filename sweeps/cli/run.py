@@ -1,0 +1,189 @@
+"""The command ``run``: arguments and exit codes only.
+
+As in ``main.py``, what a command needs is imported inside it.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sweeps.cli.options import check_threads, targets
+from sweeps.cli.terminal import say
+from sweeps.errors import Failed, Refused
+from sweeps.interrupts import check
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from sweeps.config.sweep import SweepConfig
+
+
+def run(
+    configs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CONFIG...",
+            help="The YAML file of each sweep, or the file of one whose configuration is taken.",
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT.h5",
+            help="The file to write, instead of CONFIG's; for a single CONFIG.",
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Replace a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 of a "
+            "range; repeatable.",
+        ),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N "
+            "processes of this machine.",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Compute the sweep that each CONFIG describes, one after the other."""
+    from sweeps.engine.configurations import read_config
+    from sweeps.store import check_output
+
+    existing = {"overwrite": overwrite, "resume": resume}
+    if resume and overwrite:
+        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    check_threads(threads)
+    _check_cluster(dask, threads)
+    sweeps = []
+    for config in configs:
+        check()
+        sweeps.append(read_config(config, overrides or ()))
+    paths = targets(configs, output, [sweep.output for sweep in sweeps])
+    for path in paths:
+        check()
+        check_output(path, **existing)
+    with _client(dask, quiet) as client:
+        if dry_run:
+            texts = [
+                _plan(sweep, path, threads, client, **existing)
+                for sweep, path in zip(sweeps, paths, strict=True)
+            ]
+            say("\n\n".join(texts))
+            return
+        for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
+            command = _command(configs[i:], output, overrides or (), threads, dask, quiet)
+            compute(sweep, path, command, quiet, threads=threads, client=client, **existing)
+    if not quiet:
+        from sweeps.engine.reports import next_command
+
+        say(next_command(paths))
+
+
+def _check_cluster(address: str | None, threads: int | None) -> None:
+    """Refuse an address that is none, and threads beside it."""
+    if address is None:
+        return
+    from sweeps.engine.client import check_address
+
+    check_address(address)
+    if threads is not None:
+        raise Refused(
+            f"--threads {threads} is not allowed with --dask, whose workers use the threads that "
+            "they were started with; for N processes of this machine give --dask local:N"
+        )
+
+
+@contextmanager
+def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
+    """Yield a client of the cluster at an address, and say where its dashboard is."""
+    if address is None:
+        yield None
+        return
+    from sweeps.engine.client import connected, dashboard
+
+    with connected(address) as client:
+        if not quiet:
+            say(dashboard(client), error=True)
+        yield client
+
+
+def _plan(
+    sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
+) -> str:
+    """Return what a sweep takes, or refuse it where that is too much."""
+    from sweeps.engine.background import in_background
+    from sweeps.engine.cluster import computer_for
+    from sweeps.engine.plan import estimate
+    from sweeps.engine.reports import plan
+    from sweeps.store import check_output
+
+    computer = computer_for(client, threads)
+    (cost,) = in_background(map(estimate, [sweep], [computer.threads], [computer.cores]))
+    check_output(path, **existing, size=cost.disk)
+    return plan(sweep, path, cost)
+
+
+def compute(sweep: SweepConfig, path: Path, command: str, quiet: bool, **options: Any) -> None:
+    """Run a sweep and say what came of it; a failure names the `command` that goes on."""
+    from sweeps.engine import reports
+    from sweeps.store import Lost
+
+    old = reports.identity(path) if options["overwrite"] else None
+    try:
+        from sweeps.engine.run import run_sweep
+
+        check()
+        path = run_sweep(sweep, path, progress=not quiet, **options)
+        summary = reports.summary(path)
+    except KeyboardInterrupt:
+        raise Failed(f"interrupted; {reports.kept(path, command, old)}") from None
+    except Lost as error:
+        raise Failed(f"the run failed: {error}") from error
+    except (Failed, OSError, MemoryError) as error:
+        reason = str(error) or type(error).__name__
+        raise Failed(f"the run failed: {reason}; {reports.kept(path, command, old)}") from error
+    if not quiet:
+        say(summary)
+
+
+def _command(
+    configs: Sequence[Path],
+    output: Path | None,
+    overrides: Sequence[str],
+    threads: int | None,
+    dask: str | None,
+    quiet: bool,
+) -> str:
+    """Return the command that goes on with a run."""
+    command = ["vibroimpact", "run", *map(str, configs)]
+    command += ["-o", str(output)] if output else []
+    command += [part for override in overrides for part in ("--set", override)]
+    command += ["--threads", str(threads)] if threads else []
+    command += ["--dask", dask] if dask else []
+    command += ["--quiet"] if quiet else []
+    return shlex.join([*command, "--resume"])

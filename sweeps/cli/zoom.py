@@ -1,0 +1,100 @@
+"""The command ``zoom``: arguments and exit codes only.
+
+As in ``main.py``, what a command needs is imported inside it.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sweeps.cli.options import SweepFile, check_threads
+from sweeps.cli.plot import draw
+from sweeps.cli.run import compute
+from sweeps.errors import Refused
+from sweeps.interrupts import raised_at_once
+
+
+def zoom(
+    file: SweepFile,
+    pieces: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME=LOW:HIGH...",
+            help="The piece of each axis to compute, e.g. omega=2.71:2.76; of a coordinate, as "
+            "poincare_x=-1:0, what is drawn of it.",
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT.h5",
+            help="The file to write, the picture beside it; if not given, OUT-NAME-LOW-HIGH.h5.",
+        ),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
+) -> None:
+    """Compute a piece of a sweep with as many points along its axes, and draw it."""
+    from sweeps.engine.configurations import read_config, zoomed
+    from sweeps.plotting.lines import COORDINATES
+    from sweeps.plotting.saving import check_picture
+    from sweeps.store import check_output, open_sweep
+
+    if resume and overwrite:
+        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    check_threads(threads)
+    limits = dict(map(_piece, pieces))
+    drawn = [name for name in limits if name in COORDINATES]
+    if len(drawn) > 1 or len(drawn) == len(pieces) or len(limits) < len(pieces):
+        raise Refused(
+            f"{' '.join(pieces)} is not allowed; expected: each name once, at least one swept "
+            f"axis, and at most one of {', '.join(COORDINATES)}"
+        )
+    page: dict[str, Any] = {"ylim": limits[drawn[0]]} if drawn else {}
+    coordinate = {"coordinate": drawn[0]} if drawn else {}
+    axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
+    open_sweep(file, verify=False).close()
+    sweep = zoomed(read_config(file), axes)
+    path = output or file.with_name(_name(file, axes))
+    figure = path.with_suffix(".png")
+    existing = {"overwrite": overwrite, "resume": resume}
+    check_output(path, **existing)
+    check_picture(figure)
+    command = shlex.join(["vibroimpact", "zoom", str(file), *pieces, "-o", str(path), "--resume"])
+    compute(sweep, path, command, quiet=False, threads=threads, **existing)
+    with open_sweep(path, verify=False) as dataset, raised_at_once():
+        draw(dataset, figure, None, {}, coordinate, page)
+
+
+def _piece(text: str) -> tuple[str, tuple[float, float]]:
+    """Read a name with its limits."""
+    name, equals, ends = text.partition("=")
+    low, colon, high = ends.partition(":")
+    try:
+        piece = float(low), float(high)
+    except ValueError:
+        piece = math.nan, math.nan
+    if not (equals and colon and piece[0] < piece[1] and math.isfinite(piece[1] - piece[0])):
+        raise Refused(
+            f"{text} is not allowed; expected: NAME=LOW:HIGH, two numbers of which the first is "
+            "smaller, as omega=2.71:2.76"
+        )
+    return name.strip(), piece
+
+
+def _name(file: Path, axes: dict[str, tuple[float, float]]) -> str:
+    """Name a file by the pieces that it holds."""
+    pieces = [f"{name}-{low:g}-{high:g}" for name, (low, high) in axes.items()]
+    return "-".join([file.stem, *pieces]) + ".h5"

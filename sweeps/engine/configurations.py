@@ -1,0 +1,88 @@
+"""The configuration of a sweep from a YAML file or from the file of a sweep, whole or a piece."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import yaml
+
+from sweeps.config.loading import load_config, parse_config
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from sweeps.store import open_sweep
+from sweeps.text import nearest, suggestion
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
+    """Read the configuration of a sweep from a YAML file, or out of the file of a sweep.
+
+    Parameters
+    ----------
+    path : Path
+    overrides : sequence of str
+        As for `sweeps.load_config`.
+
+    Returns
+    -------
+    SweepConfig
+        That of a file of a sweep writes to the same file.
+
+    Raises
+    ------
+    Refused
+        If the file cannot be read, or the configuration is not valid.
+    """
+    if not _is_hdf5(path):
+        return load_config(path, overrides)
+    with open_sweep(path, verify=False) as dataset:
+        text = dataset.attrs["configuration"]
+    written = any(override.partition("=")[0].strip() == "output" for override in overrides)
+    elsewhere = () if written else (f"output={yaml.dump(str(path))}",)
+    return parse_config(text, f"{path}, its configuration", path.stem, (*overrides, *elsewhere))
+
+
+def _is_hdf5(path: Path) -> bool:
+    try:
+        if not path.is_file():  # a pipe can be read only once
+            return False
+        with path.open("rb") as file:
+            return file.read(len(_HDF5)) == _HDF5
+    except (OSError, ValueError):
+        return False  # which the YAML's own message says
+
+
+def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
+    """Return the same sweep over pieces of its axes, with as many points along each.
+
+    Parameters
+    ----------
+    config : SweepConfig
+    pieces : mapping of str to (float, float)
+        The least and the greatest value by the name of a swept axis.
+
+    Returns
+    -------
+    SweepConfig
+        An axis that was a list is a range with equal distances; one with logarithmic spacing
+        keeps it.
+
+    Raises
+    ------
+    Refused
+        If an axis is not swept, or the sweep would be refused over that piece.
+    """
+    data = yaml.safe_load(config.to_yaml())
+    axes = config.grid.axes
+    for name, (low, high) in pieces.items():
+        if name not in axes:
+            raise Refused(
+                f"{name} is not a swept axis{suggestion(nearest(name, axes))}; "
+                f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
+            )
+        group = data["oscillator" if name in data["oscillator"] else "start"]
+        spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
+        group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
+    return load_config(data)
