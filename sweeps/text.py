@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
@@ -42,6 +43,11 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 def shortest(value: float) -> str:
     """Write a number with as many digits as it needs: 7, not 7.0."""
     return repr(float(value)).removesuffix(".0")
+
+
+def in_units(unit: str, units: Mapping[str, str]) -> str:
+    """Write a unit in those chosen for length and time: mm/s^2 for length/time^2."""
+    return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)
 
 
 def shown_count(number: int, noun: str) -> str:

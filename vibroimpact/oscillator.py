@@ -12,9 +12,10 @@ configuration, files and axis labels all read it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
+from typing import Self
 
 import numpy as np
 
@@ -88,14 +89,27 @@ def checked(name: str, value: object) -> float:
         If it is outside the valid interval of ``PARAMETERS[name]``.
     """
     parameter = PARAMETERS[name]
+    return _number(f"{name} ({parameter.meaning})", value, parameter)
+
+
+def _number(title: str, value: object, bounds: Parameter) -> float:
+    """Return `value` as a float; a refusal names it by its `title`."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} ({parameter.meaning}) must be {parameter.allowed}, not {value!r}")
+        hint = ""
+        if isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, (str, bytes)):
+            hint = (
+                "; for many points at once: vibroimpact.integrate, or a sweep over an axis, "
+                "sweeps.run_sweep"
+            )
+        shown = " ".join(repr(value).split())
+        shown = shown if len(shown) <= 60 else shown[:57] + "..."
+        raise TypeError(f"{title} must be {bounds.allowed}, not {shown}{hint}")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
-    if not parameter.accepts(number):
-        raise ValueError(f"{name} ({parameter.meaning}) must be {parameter.allowed}, not {value}")
+    if not bounds.accepts(number):
+        raise ValueError(f"{title} must be {bounds.allowed}, not {value}")
     return number
 
 
@@ -134,6 +148,92 @@ class Oscillator:
     def __post_init__(self) -> None:
         for field in fields(self):
             object.__setattr__(self, field.name, checked(field.name, getattr(self, field.name)))
+
+    @classmethod
+    def from_rig(
+        cls,
+        *,
+        mass: float,
+        stiffness: float,
+        damping: float,
+        force: float,
+        frequency: float,
+        gap: float,
+        R: float,
+    ) -> Self:
+        """Return the oscillator of a rig in SI units: the equation of the rig, divided by its mass.
+
+        The rig is m x'' + c x' + k x = -F sin(2 pi nu t) with x <= gap; so h = c / (2 m),
+        p = sqrt(k / m), f = F / m, omega = 2 pi nu and clearance = gap. The units of the
+        oscillator then are m and s.
+
+        Parameters
+        ----------
+        mass : float
+            m [kg], > 0.
+        stiffness : float
+            k of the spring [N/m], > 0.
+        damping : float
+            c of the viscous damper [N s/m], >= 0.
+        force : float
+            Amplitude F of the force [N], >= 0.
+        frequency : float
+            nu of the force [Hz], > 0.
+        gap : float
+            Distance from the rest position to the stop [m]; negative is a preload.
+        R : float
+            Coefficient of restitution, 0 to 1.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a quantity is not a number or not in its valid range.
+
+        See Also
+        --------
+        to_rig : the way back.
+        """
+        # Each is valid where the parameter that it becomes is.
+        mass = _number("mass [kg]", mass, PARAMETERS["p"])
+        return cls(
+            h=_number("damping [N s/m]", damping, PARAMETERS["h"]) / (2.0 * mass),
+            R=R,
+            omega=2.0 * math.pi * _number("frequency [Hz]", frequency, PARAMETERS["omega"]),
+            f=_number("force [N]", force, PARAMETERS["f"]) / mass,
+            p=math.sqrt(_number("stiffness [N/m]", stiffness, PARAMETERS["p"]) / mass),
+            clearance=_number("gap [m]", gap, PARAMETERS["clearance"]),
+        )
+
+    def to_rig(self, mass: float) -> dict[str, float]:
+        """Return the rig of a given mass that this oscillator describes, in SI units.
+
+        The impulse on the stop and the energy lost at impacts are those of a sweep times `mass`.
+
+        Parameters
+        ----------
+        mass : float
+            [kg], > 0.
+
+        Returns
+        -------
+        dict of str to float
+            The arguments of `from_rig`, which gives this oscillator again, to rounding.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `mass` is not a number > 0.
+        """
+        mass = _number("mass [kg]", mass, PARAMETERS["p"])
+        return {
+            "mass": mass,
+            "stiffness": mass * self.p**2,
+            "damping": 2.0 * mass * self.h,
+            "force": mass * self.f,
+            "frequency": self.omega / (2.0 * math.pi),
+            "gap": self.clearance,
+            "R": self.R,
+        }
 
     @property
     def forcing_period(self) -> float:

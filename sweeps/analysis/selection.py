@@ -37,6 +37,8 @@ class Setting:
         What was recorded, and after how many periods.
     follow : mapping of str to str
         The axis that was followed and the direction; empty if none was.
+    units : mapping of str to str
+        The names of the units of length and time, where there are any.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Setting:
     phase: float
     record: Mapping[str, Any]
     follow: Mapping[str, str]
+    units: Mapping[str, str]
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
@@ -56,7 +59,8 @@ class Setting:
         phase = float(record.get("phase", 0.0))
         follow = configuration.get("follow") or {}
         name = str(dataset.attrs["name"])
-        return cls(name, fixed, configuration["method"], phase, record, follow)
+        units = configuration.get("units") or {}
+        return cls(name, fixed, configuration["method"], phase, record, follow, units)
 
     def value(self, name: str, point: xr.Dataset) -> float:
         """Return a parameter's value at a point of the sweep."""

@@ -231,6 +231,21 @@ class FollowConfig(Group):
         return BOTH if self.direction == "both" else (self.direction,)
 
 
+def _unit(quantity: str) -> Any:
+    return Field(
+        quantity,
+        pattern=r"^[^\W\d_]{1,12}$",
+        description=f"how the unit of {quantity} is called: a word of at most 12 letters",
+    )
+
+
+class UnitsConfig(Group):
+    """What the units of the numbers are called; nothing is converted."""
+
+    length: str = _unit("length")
+    time: str = _unit("time")
+
+
 class RefineConfig(Group):
     """Where points are added."""
 

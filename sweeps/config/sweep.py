@@ -22,6 +22,7 @@ from sweeps.config.schema import (
     RecordConfig,
     RefineConfig,
     StartConfig,
+    UnitsConfig,
     choice,
     key_list,
 )
@@ -84,6 +85,11 @@ class SweepConfig(Group):
         None,
         description="put further points where the class of the motion changes: "
         f"{key_list(RefineConfig)}, or null",
+    )
+    units: UnitsConfig = _group(
+        "names of the units, for axes and attributes, by which no number is converted",
+        UnitsConfig,
+        default_factory=UnitsConfig,
     )
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
@@ -257,6 +263,8 @@ class SweepConfig(Group):
         for name in ("follow", "refine"):
             if plain[name] is None:
                 del plain[name]
+        if self.units == UnitsConfig():
+            del plain["units"]
         if self.method.accuracy is not None:
             plain["method"] = {"accuracy": self.method.accuracy}
         else:

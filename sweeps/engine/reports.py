@@ -11,7 +11,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING
 
-from sweeps.text import shown_bytes, shown_count, shown_duration, table
+from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,9 +24,14 @@ if TYPE_CHECKING:
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
     from sweeps.engine.compute import computation
+    from vibroimpact.oscillator import PARAMETERS
 
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
-    axes = [_axis(name, values) for name, values in sweep.grid.axes.items()]
+    units = dict(sweep.units.items())
+    axes = [
+        _axis(name, values, in_units(PARAMETERS[name].unit, units))
+        for name, values in sweep.grid.axes.items()
+    ]
     steps = [
         ("steps per period", f"{sweep.steps:,}"),
         ("steps", f"{periods * sweep.steps:,}"),
@@ -133,7 +138,10 @@ def contents(dataset: xr.Dataset) -> str:
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", _outcomes(dataset)),
-        *(("axis", _axis(str(axis), dataset[axis].values)) for axis in dataset["status"].dims),
+        *(
+            ("axis", _axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
+            for axis in dataset["status"].dims
+        ),
     ]
     names = [name for name in VARIABLES if name in dataset]
     shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
@@ -156,13 +164,11 @@ def _meaning(variable: xr.DataArray) -> str:
     return variable.attrs["long_name"] + ("" if unit == "1" else f" [{unit}]")
 
 
-def _axis(name: str, values: np.ndarray) -> str:
+def _axis(name: str, values: np.ndarray, unit: str) -> str:
     from sweeps.store import DIRECTION
-    from vibroimpact.oscillator import PARAMETERS
 
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
-    unit = PARAMETERS[name].unit
     ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 

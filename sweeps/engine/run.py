@@ -161,6 +161,7 @@ def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) 
     attributes = {
         "name": config.name,
         "configuration": config.to_yaml(),
+        **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
         **({"pilot": pilot.record} if pilot else {}),
         "computation": yaml.safe_dump({**asdict(task), **grid.fixed}, sort_keys=False),
         "numerics": numerics(config),

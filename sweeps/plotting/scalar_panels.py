@@ -16,7 +16,7 @@ from sweeps.plotting.lines import scalars
 from sweeps.plotting.palette import DIRECTION_COLOURS
 
 #: Letters of a line of the label beside a panel.
-_LABEL_WIDTH = 12
+_LABEL_WIDTH = 16
 
 
 def check_scalars(dataset: xr.Dataset, names: Sequence[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -18,6 +18,7 @@ from sweeps.plotting.labels import add_title, label, mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
 from sweeps.store import VARIABLES
+from sweeps.text import in_units
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
 
@@ -96,7 +97,7 @@ def trajectory(
     panels = _new_panels(page) if ax is None else list(ax)
     _draw(panels, motion, setting.method["integrator"] == "exact")
     over_time, velocity, phase_plane = panels
-    time, x, v = (_attributes(name) for name in _RECORDED)
+    time, x, v = (_attributes(name, setting.units) for name in _RECORDED)
     over_time.set_ylabel(label(x, "\n"))
     velocity.set(xlabel=label(time), ylabel=label(v, "\n"))
     phase_plane.set(xlabel=label(x), ylabel=label(v))
@@ -110,12 +111,12 @@ def trajectory(
     return figure_of(over_time)
 
 
-def _attributes(name: str) -> xr.DataArray:
+def _attributes(name: str, units: Mapping[str, str]) -> xr.DataArray:
     """Return the attributes of a variable, which the file may not have; time from the start on."""
     variable = VARIABLES[name]
     symbol = "t - t_0" if name == "trajectory_t" else variable.symbol
-    attributes = {"long_name": variable.long_name, "units": variable.unit, "symbol": symbol}
-    return xr.DataArray(attrs=attributes)
+    unit = in_units(variable.unit, units)
+    return xr.DataArray(attrs={"long_name": variable.long_name, "units": unit, "symbol": symbol})
 
 
 def _read(dataset: xr.Dataset, setting: Setting, at: Cut | None) -> _Motion:

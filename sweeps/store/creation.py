@@ -21,6 +21,7 @@ from sweeps.interrupts import check
 from sweeps.store.layout import BLOCKS, COORDINATES, Layout
 from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
+from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -147,25 +148,30 @@ def _describe(file: h5py.File, layout: Layout) -> None:
     file.attrs["duration"] = _DURATION_MARK
     for axis, values in layout.axes.items():
         if axis == DIRECTION:
-            _add_scale(file, axis, values.astype(h5py.string_dtype()), DIRECTION_MEANING, "1", "")
+            _add_scale(file, axis, values.astype(h5py.string_dtype()), DIRECTION_MEANING)
             continue
         about = PARAMETERS[axis]
-        _add_scale(file, axis, values.astype(float), about.meaning, about.unit, about.symbol)
+        unit = in_units(about.unit, layout.units)
+        _add_scale(file, axis, values.astype(float), about.meaning, unit, about.symbol)
     file.attrs[COORDINATES] = " ".join(layout.fixed)
     for name, value in layout.fixed.items():
         about = PARAMETERS[name]
-        _about(
-            file.create_dataset(name, data=float(value)), about.meaning, about.unit, about.symbol
-        )
+        coordinate = file.create_dataset(name, data=float(value))
+        _about(coordinate, about.meaning, in_units(about.unit, layout.units), about.symbol)
     for record, numbers in layout.records.items():
-        _add_scale(file, record, numbers, RECORDS[record], "1", "")
+        _add_scale(file, record, numbers, RECORDS[record])
     bounds = [[(cut.start, cut.stop) for cut in block] for block in layout.blocks]
     shape = (len(layout.blocks), len(layout.axes), 2)
     file.create_dataset(BLOCKS, data=np.array(bounds, np.int64).reshape(shape))
 
 
 def _add_scale(
-    file: h5py.File, name: str, values: np.ndarray, long_name: str, unit: str, symbol: str
+    file: h5py.File,
+    name: str,
+    values: np.ndarray,
+    long_name: str,
+    unit: str = "1",
+    symbol: str = "",
 ) -> None:
     scale = file.create_dataset(name, data=values)
     _about(scale, long_name, unit, symbol)
@@ -181,7 +187,7 @@ def _add_variable(file: h5py.File, layout: Layout, name: str, **storage: Any) ->
     dataset = file.create_dataset(name, layout.shape_of(name), variable.dtype, **storage)
     if dataset.shape == ():
         dataset[()] = 0  # gives it its place; h5py does not pass the properties of a single value
-    _about(dataset, variable.long_name, variable.unit, variable.symbol)
+    _about(dataset, variable.long_name, in_units(variable.unit, layout.units), variable.symbol)
     if name == "status":
         dataset.attrs["flag_values"] = np.array(list(Status), dtype=variable.dtype)
         dataset.attrs["flag_meanings"] = " ".join(status.name.lower() for status in Status)

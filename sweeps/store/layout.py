@@ -78,7 +78,8 @@ class Layout:
             Of the grid, covering every point once; all directions of a point are in one.
         attributes : mapping of str to str or int
             ``name``, ``configuration`` (as YAML), ``numerics`` (names the code that computes the
-            data) and what else the file is to keep. Format, versions and date are added.
+            data), if wanted ``length_unit`` and ``time_unit`` (names of the units) and what else
+            the file is to keep. Format, versions and date are added.
         widths : mapping of str to int
             Width of the record dimensions ``section``, ``impact`` and ``sample``; 0 leaves the
             variables of one out. ``sample`` is a guess.
@@ -117,6 +118,11 @@ class Layout:
     def shape(self) -> tuple[int, ...]:
         """Number of values along each axis."""
         return tuple(len(values) for values in self.axes.values())
+
+    @property
+    def units(self) -> dict[str, str]:
+        """What the units of length and time are called."""
+        return {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
 
     @property
     def refined(self) -> bool:

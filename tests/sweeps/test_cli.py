@@ -127,6 +127,33 @@ def test_the_configuration_of_a_file_runs_again():
     assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")
 
 
+def test_units_are_names_only():
+    """They change every label and attribute, and no number."""
+    units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
+    assert "omega = 1.5 .. 3 [rad/s], 5 values" in done("run", "small.yaml", *units, "--dry-run")
+    done("run", "small.yaml", *units, "--quiet")
+    done("run", "small.yaml", "--quiet")
+    plain, labelled = map(sweeps.open_sweep, ("small.h5", "named.h5"))
+    for name in plain.variables:
+        np.testing.assert_array_equal(plain[name].values, labelled[name].values)
+        expected = plain[name].attrs["units"].replace("length", "mm").replace("time", "s")
+        assert labelled[name].attrs["units"] == expected
+    assert labelled["f"].attrs["units"] == "mm/s^2"
+    shown = done("info", "named.h5")
+    assert "omega = 1.5 .. 3 [rad/s], 5 values" in shown
+    assert "velocity at the section [mm/s]" in shown
+    assert "units: {length: mm, time: s}" in done("info", "named.h5", "--config")
+    assert "units" not in done("info", "small.h5", "--config")
+    for kind in ("bifurcation", "trajectory"):
+        at = ("--at", "omega=3", "--at", "clearance=0", "--periods", 1)
+        done("plot", "named.h5", "-o", f"{kind}.svg", *(at if kind == "trajectory" else ()))
+        text = Path(f"{kind}.svg").read_text()
+        assert "mm" in text
+        assert "length]" not in text
+    for value in ("{length: 1mm}", "{length: ''}", "{length: $x$}", "{mass: kg}"):
+        assert "units" in refused("run", "small.yaml", "--set", f"units={value}")
+
+
 def test_zoom_computes_and_draws_a_piece():
     done("run", "small.yaml", "--quiet")
     printed = done("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")

@@ -68,6 +68,25 @@ def inner(labels):
     return same
 
 
+def test_joint_clearance(scene):
+    """The rig of the comment is the oscillator, and both ranges with two motions are there."""
+    dataset = scene("joint-clearance", "oscillator.omega.num=221")
+    rig = dict(mass=0.5, stiffness=8000, damping=4, force=8, gap=0.0005, R=0.7)
+    osc = Oscillator.from_rig(**rig, frequency=10.0)
+    for name in ("h", "R", "f", "p", "clearance"):
+        assert dataset[name].item() == getattr(osc, name)
+    assert_allclose(dataset["omega"].values[[0, -1]], 2 * np.pi * np.array([10, 45]), rtol=3e-3)
+    up, down = dataset["impacts_per_period"].values
+    omega = dataset["omega"].values
+    amplitude = osc.f / np.hypot(osc.p**2 - omega**2, 2 * osc.h * omega)
+    graze = omega[amplitude < osc.clearance][0]
+    one_or_none = omega[(up == 1.0) & (down == 0.0)]
+    assert_allclose(one_or_none[[0, -1]], [graze, 238.1013], atol=1.5)
+    two_or_one = omega[(up == 2.0) & (down == 1.0)]
+    assert_allclose(two_or_one[[0, -1]], [100.93, 106.36], atol=1.5)
+    assert dataset["poincare_v"].attrs["units"] == "m/s"
+
+
 def test_basins(scene):
     """The fractions of the full grid are met on another one, and single starts by slow steps."""
     grid = (

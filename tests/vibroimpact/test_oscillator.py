@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator
+from vibroimpact import Oscillator, simulate
 from vibroimpact.oscillator import PARAMETERS, POINT
 
 GOOD = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.0}
@@ -111,3 +111,51 @@ def test_a_point_holds_every_parameter_under_its_name():
     (point,) = Oscillator(**given).at(x0=-3.0, v0=7.0)
     assert point.dtype == POINT
     assert {name: point[name] for name in POINT.names} == given | {"x0": -3.0, "v0": 7.0}
+
+
+@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 5), [0.1, 0.2], (1.0,)])
+def test_many_values_are_told_where_to_go(name, values):
+    """An array is no number, and the message says what takes one; it stays one line."""
+    with pytest.raises(TypeError, match=r"for many points.*vibroimpact\.integrate") as refusal:
+        Oscillator(**GOOD | {name: values})
+    assert "\n" not in str(refusal.value)
+
+
+RIG = {
+    "mass": 0.5, "stiffness": 8000.0, "damping": 4.0, "force": 8.0, "frequency": 10.0,
+    "gap": 0.0005, "R": 0.7,
+}  # fmt: skip
+
+
+def test_a_rig_moves_as_its_own_equation():
+    """The steady free motion of the rig, from its complex amplitude in SI units, is a motion."""
+    osc = Oscillator.from_rig(**RIG | {"gap": 1.0})
+    w = 2.0 * math.pi * RIG["frequency"]
+    impedance = RIG["stiffness"] - RIG["mass"] * w**2 + 1j * w * RIG["damping"]
+    amplitude = -RIG["force"] / impedance
+    x0, v0 = amplitude.imag, (1j * w * amplitude).imag
+    tr = simulate(osc, periods=3, steps_per_period=50, x0=x0, v0=v0)
+    expected = (amplitude * np.exp(1j * w * tr.t)).imag
+    np.testing.assert_allclose(tr.x, expected, atol=1e-12 * abs(amplitude))
+
+
+def test_a_rig_and_back():
+    """Both ways, to rounding, and with the names of the arguments."""
+    osc = Oscillator.from_rig(**RIG)
+    assert osc.to_rig(RIG["mass"]) == pytest.approx(RIG, rel=1e-15)
+    again = Oscillator.from_rig(**osc.to_rig(mass=2.0))
+    assert dataclasses.astuple(again) == pytest.approx(dataclasses.astuple(osc), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("mass", 0.0), ("stiffness", -1.0), ("damping", -0.1), ("force", -1.0), ("frequency", 0.0),
+     ("gap", math.inf), ("R", 1.2)],
+)  # fmt: skip
+def test_a_rig_that_cannot_be(name, value):
+    """The message has the word of the rig, with its unit, and not that of the oscillator."""
+    with pytest.raises(ValueError, match=rf"^{name} [\[(].*must be a .*, not {value}"):
+        Oscillator.from_rig(**RIG | {name: value})
+    with pytest.raises(TypeError, match=rf"^{name} "):
+        Oscillator.from_rig(**RIG | {name: "1"})
