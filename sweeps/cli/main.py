@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from sweeps.cli import begin as cli_begin
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
@@ -77,21 +78,13 @@ def _common(
 
 
 for command in (
+    cli_begin.init,
     cli_run.run,
     cli_zoom.zoom,
     cli_plot.plot,
     cli_read.attractors,
     cli_read.info,
     cli_read.export,
+    cli_begin.schema,
 ):
     app.command()(command)
-
-
-@app.command()
-def schema() -> None:
-    """Show the JSON schema of a sweep's configuration, for editors."""
-    import json
-
-    from sweeps.config.sweep import json_schema
-
-    say(json.dumps(json_schema(), indent=2))

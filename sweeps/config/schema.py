@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -36,7 +37,7 @@ from sweeps.config.values import (
 )
 from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.integrate import MOST_STEPS
-from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 
@@ -65,7 +66,23 @@ def _parameter(name: str) -> Any:
         f"{parameter.meaning}{unit}: {parameter.allowed}; "
         "to sweep it, a list of such numbers or {start, stop, num, spacing: linear or log}"
     )
-    return Field(... if parameter.default is None else parameter.default, description=text)
+    return Field(
+        ... if parameter.default is None else parameter.default,
+        description=text,
+        json_schema_extra=partial(_with_bounds, parameter),
+    )
+
+
+def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
+    """Put the bounds of a parameter into every form of its values, for editors."""
+    bounds: dict[str, Any] = {"type": "number"}
+    if parameter.low > -math.inf:
+        bounds["exclusiveMinimum" if parameter.low_open else "minimum"] = parameter.low
+    if parameter.high < math.inf:
+        bounds["maximum"] = parameter.high
+    ends = {"properties": {"start": bounds, "stop": bounds}}
+    number, values, extent = schema["oneOf"]
+    schema["oneOf"] = [{**number, **bounds}, {**values, "items": bounds}, {**extent, **ends}]
 
 
 class ParameterConfig(Group):

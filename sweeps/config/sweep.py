@@ -44,6 +44,9 @@ from vibroimpact.integrate import MOST_STEPS, default_steps
 #: How a complete file can be compressed.
 COMPRESSIONS = ("none", "gzip")
 
+#: The name of the JSON schema, of this shape of the configuration; nothing is fetched from there.
+_SCHEMA_ID = "https://github.com/vibroimpact/vibroimpact/sweep.schema.json"
+
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
@@ -346,5 +349,6 @@ def _plain(value: Any) -> Any:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of the configuration file."""
-    return SweepConfig.model_json_schema()
+    """Return the JSON schema of the configuration file, with the bounds of every number."""
+    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
+    return {**about, **SweepConfig.model_json_schema()}

@@ -154,6 +154,22 @@ def test_units_are_names_only():
         assert "units" in refused("run", "small.yaml", "--set", f"units={value}")
 
 
+def test_init_writes_a_scene_to_begin_from():
+    assert done("init") == "quickstart.yaml\nnext: vibroimpact run quickstart.yaml\n"
+    assert Path("quickstart.yaml").read_text() == (ROOT / "configs/quickstart.yaml").read_text()
+    done("run", "quickstart.yaml", "--dry-run")
+    done("init", "hysteresis")
+    assert Path("hysteresis.yaml").read_text().startswith("# Hysteresis at a stop")
+    Path("cascade.yaml").write_text("mine")
+    assert "cascade.yaml exists" in refused("init", "cascade")
+    message = refused("init", "hysteresys")
+    assert "did you mean hysteresis?" in message
+    for path in (ROOT / "configs").glob("*.yaml"):
+        assert path.stem in message
+    for name in ("../configs/basins", "pictures", ""):
+        assert "there is no scene" in refused("init", name)
+
+
 def test_zoom_computes_and_draws_a_piece():
     done("run", "small.yaml", "--quiet")
     printed = done("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")

@@ -1,0 +1,45 @@
+"""The commands ``init`` and ``schema``, for who writes a configuration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sweeps.cli.terminal import say
+from sweeps.errors import Refused
+
+
+def init(
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="The name of a scene of the gallery.")
+    ] = "quickstart",
+) -> None:
+    """Write the configuration of a scene, with comments, into the folder: SCENE.yaml."""
+    from sweeps.config.scenes import scenes
+    from sweeps.text import nearest, suggestion
+
+    texts = scenes()
+    if scene not in texts:
+        raise Refused(
+            f"there is no scene {scene!r}{suggestion(nearest(scene, texts))}; "
+            f"expected: {', '.join(texts)}"
+        )
+    path = Path(f"{scene}.yaml")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(texts[scene])
+    except FileExistsError:
+        raise Refused(f"{path} exists, and is left as it is; remove it, or rename it") from None
+    say(path)
+    say(f"next: vibroimpact run {path}")
+
+
+def schema() -> None:
+    """Show the JSON schema of a sweep's configuration, for editors."""
+    import json
+
+    from sweeps.config.sweep import json_schema
+
+    say(json.dumps(json_schema(), indent=2))

@@ -1,0 +1,20 @@
+"""The scenes that come with the program: configurations with comments, to begin from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+
+def scenes() -> Mapping[str, str]:
+    """Return the text of every scene by its name.
+
+    They are those of ``configs/``, which a wheel has as ``sweeps/scenes``.
+    """
+    folder: Traversable = files("sweeps") / "scenes"
+    if not folder.is_dir():  # in a checkout
+        folder = Path(__file__).parents[2] / "configs"
+    names = sorted(file.name for file in folder.iterdir() if file.name.endswith(".yaml"))
+    return {name[:-5]: (folder / name).read_text(encoding="utf-8") for name in names}
