@@ -357,6 +357,36 @@ def test_a_launch_into_the_stop_is_no_orbit():
     assert not any(orbit.exists for orbit in pressed)
 
 
+@pytest.mark.parametrize(
+    ("R", "omega", "n"),
+    [
+        (0.23928355917506167, 0.5999761292783834, 3),
+        (0.8, 0.50001, 1),
+        (0.5, 0.49999, 1),
+        (0.7, 0.66667, 2),
+        (0.7, 0.75, 1),
+        (0.6, 2.2, 1),
+    ],
+)
+def test_a_fold_near_a_multiple_of_the_natural_period(R, omega, n):
+    """At h = 0, against its closed form in 40 digits, where 1 - cos(p T) is nearly 0.
+
+    The motion between two impacts is symmetric in time, which makes the impact conditions
+    (sigma + a v)^2 + (b v)^2 = X^2 with a = (1 + R) cot(pi n p / omega) / (2 p),
+    b = (1 - R) / (2 omega), X = f / (p^2 - omega^2). They have a double root v > 0 where
+    sigma^2 = X^2 (1 + a^2 / b^2) and sigma a < 0.
+    """
+    with mp.workdps(40):
+        w, r = mp.mpf(omega), mp.mpf(R)
+        a, b = (1 + r) * mp.cot(mp.pi * n / w) / 2, (1 - r) / (2 * w)
+        fold = float(-mp.sign(a) * mp.sqrt(1 + (a / b) ** 2) / abs(1 - w**2))
+    bracket = sorted((0.5 * fold, 1.5 * fold))
+    value = bifurcation(Oscillator(0.0, R, omega, 1.0), "fold", "clearance", *bracket, n)
+    turns = n / omega
+    moved = 2.2e-16 * turns / abs(turns - round(turns))  # by a change of omega in its last digit
+    assert value == pytest.approx(fold, rel=3.0 * moved + 1e-14)
+
+
 def test_two_orbits_and_the_fold_where_they_meet():
     """The faster is a node, the slower a saddle; they meet at the fold's closed form, and end."""
     slow, fast = one_impact_orbits(TWO)

@@ -150,10 +150,24 @@ def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     reach = line / across
     radial = np.array([0.0, reach[1], reach[2]])
     # Cramer's rule for the point of the line nearest to the axis of the cylinder.
-    middle = sigma * (1.0 - xx) * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
+    fallen = _one_minus(xx, xv, osc, T)
+    middle = sigma * fallen * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
     middle /= across
     discriminant = 1.0 - middle[1] ** 2 - middle[2] ** 2
     return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
+
+
+def _one_minus(xx: float, xv: float, osc: Oscillator, T: float) -> float:
+    """Return 1 - xx without the cancellation where T is nearly a multiple of the natural period.
+
+    det M = exp(-2 h T), vv = xx - 2 h xv and vx = -p^2 xv make
+    (xx - h xv)^2 = exp(-2 h T) - (p^2 - h^2) xv^2, whose difference from 1 is small with T and xv.
+    """
+    root = xx - osc.h * xv
+    if root <= 0.0:
+        return 1.0 - xx
+    below_1 = -math.expm1(-2.0 * osc.h * T) + (osc.p**2 - osc.h**2) * xv**2
+    return below_1 / (1.0 + root) - osc.h * xv
 
 
 def _checked_periods(n: object) -> int:
