@@ -68,7 +68,7 @@ def plot(
         typer.Option(
             metavar="NAME",
             help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
-            "slowest_impact, max_penetration or status.",
+            "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status.",
         ),
     ] = None,
     exact: Annotated[

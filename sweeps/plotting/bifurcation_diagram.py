@@ -13,7 +13,7 @@ from sweeps.analysis.exact_branches import lines_of
 from sweeps.analysis.selection import Cut, Setting
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panels
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
-from sweeps.plotting.exact_branches import draw_branches
+from sweeps.plotting.exact_branches import draw_branches, name_parts
 from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale
 from sweeps.plotting.lines import refuse_empty, select_line, split_directions
 from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
@@ -90,12 +90,14 @@ def bifurcation(
         _draw_markers(panel, values, records)
     if len(records) > 1:
         _name_directions(panel, axis, dense)
+    parts = draw_branches(panel, orbits, coordinate) if orbits else {}
+    if parts:
+        low, high = panel.dataLim.intervaly
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     widen_if_constant(panel.set_ylim, low, high)
     page.set_limits(panel)
-    if orbits:
-        draw_branches(panel, orbits, coordinate)
+    name_parts(panel, parts)
     mark_status(panel, values, line["status"].values)
     for scalar_panel, name in zip(lower, below, strict=True):
         draw_scalar(scalar_panel, axis, branches, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 
 from sweeps.analysis.exact_branches import (
     Line,
@@ -30,6 +32,8 @@ from vibroimpact.orbits.trees import Tree
 
 #: Markers of the bifurcations of a branch.
 _MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
+#: What the legend calls the lines, by whether the orbits are stable.
+_STABILITY = {True: "exact orbits, stable", False: "exact orbits, unstable"}
 #: The lines over the points of one direction and of two: of two directions the markers are to be
 #: seen through the lines, whose colour is near that of neither.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
@@ -65,8 +69,8 @@ def compare(
     texts = []
     for line in lines:
         start = f"{line.dataset[DIRECTION].item()}: " if DIRECTION in line.dataset.coords else ""
-        found = [deviation.told(axis) for deviation in deviations(line, tree, coordinate)]
-        texts += [start + text for text in found or ["no point follows a stable exact branch"]]
+        followed = [deviation.told(axis) for deviation in deviations(line, tree, coordinate)]
+        texts += [start + text for text in followed or ["no point follows a stable exact branch"]]
     return texts + told(tree)
 
 
@@ -78,7 +82,7 @@ def write_exact(
     write_csv(path, as_dataset(grow(lines_of(dataset, axis, at))))
 
 
-def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> Tree:
+def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> dict[str, list[Line2D]]:
     """Draw the branches of all periodic motions, solid where stable, and their bifurcations.
 
     Parameters
@@ -88,17 +92,19 @@ def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> Tree:
         The points that the orbits are drawn over, once for each direction.
     coordinate : str
         One of ``sweeps.plotting.lines.COORDINATES``.
+
+    Returns
+    -------
+    dict of str to list of Line2D
+        What was drawn of each part, by what the legend calls it.
     """
     look = _OVER_BOTH if len(lines) > 1 else _OVER_ONE
     tree, phase = grow(lines), lines[0].phase
-    drawn = set()
+    parts: dict[str, list[Line2D]] = {text: [] for text in (*_STABILITY.values(), *_MARKERS)}
     for branch in tree.branches:
         if branch.q or not coordinate.startswith("impact"):
-            drawn |= _draw_branch(panel, branch, coordinate, phase, look)
-    for stable in (True, False):
-        if stable in drawn:
-            text = f"exact orbits, {'stable' if stable else 'unstable'}"
-            panel.plot([], [], label=text, **look, linestyle=_line_style(stable))
+            for stable, pieces in _draw_branch(panel, branch, coordinate, phase, look):
+                parts[_STABILITY[stable]] += pieces
     for kind, marker in _MARKERS.items():
         x, y = [], []
         for branch in tree.branches:
@@ -108,10 +114,28 @@ def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> Tree:
                     x += [point.value] * len(shown)
                     y += shown.tolist()
         if x:
-            (points,) = panel.plot(x, y, marker, label=kind)
+            (points,) = panel.plot(x, y, marker, label="_")
             points.set(color=look["color"], markerfacecolor="white", markersize=3.5, zorder=5)
             points.set_markeredgewidth(0.7)
-    return tree
+            parts[kind].append(points)
+    return parts
+
+
+def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:
+    """Label one line of each part of `draw_branches` that is seen within the panel's limits."""
+    (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
+    view = Bbox([(left, bottom), (right, top)])
+    for text, pieces in parts.items():
+        seen = (piece for piece in pieces if _is_seen(piece, view))
+        if (piece := next(seen, None)) is not None:
+            piece.set_label(text)
+
+
+def _is_seen(line: Line2D, view: Bbox) -> bool:
+    path = line.get_path()
+    if line.get_linestyle() == "None":
+        return bool(view.count_contains(path.vertices))
+    return bool(path.intersects_bbox(view, filled=False))
 
 
 def _is_wide(branch: Branch, tree: Tree) -> bool:
@@ -122,8 +146,8 @@ def _is_wide(branch: Branch, tree: Tree) -> bool:
 
 def _draw_branch(
     panel: Axes, branch: Branch, coordinate: str, phase: float, look: dict[str, Any]
-) -> set[bool]:
-    """Draw one branch in pieces of one stability; return which there are."""
+) -> Iterator[tuple[bool, list[Line2D]]]:
+    """Draw one branch in pieces of one stability, and yield these with their lines."""
     x, y, breaks = (
         branch.values,
         _ordinates(branch, coordinate, phase),
@@ -131,16 +155,12 @@ def _draw_branch(
     )
     # A special point ends the pieces on both sides, and belongs to the stable one.
     stable = branch.stable[1:] | branch.stable[:-1]
-    drawn = set()
     for state, steps in groupby(range(len(stable)), key=lambda i: (bool(stable[i]), breaks[i])):
         piece = list(steps)
         if state[1] >= 0:
-            drawn.add(state[0])
             part = slice(piece[0], piece[-1] + 2)
-            panel.plot(
-                x[part], y[part], zorder=4, label="_", **look, linestyle=_line_style(state[0])
-            )
-    return drawn
+            style = _line_style(state[0])
+            yield state[0], panel.plot(x[part], y[part], zorder=4, label="_", **look, ls=style)
 
 
 def _ordinates(branch: Branch, coordinate: str, phase: float) -> np.ndarray:

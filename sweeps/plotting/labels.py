@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colorbar import Colorbar
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
@@ -16,6 +17,8 @@ from sweeps.store import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
+#: Letters of a line of the label beside a colour bar.
+_BAR_LABEL = 36
 #: In a narrower figure an ordinate has its label in two lines [inch].
 _NARROW = 4.2
 
@@ -26,6 +29,13 @@ def label(variable: xr.DataArray, gap: str = " ") -> str:
     units = attributes["units"]
     unit = "" if units == "1" else f" [{units.replace('^2', '$^2$')}]"
     return f"{attributes['long_name']}{gap}${attributes['symbol']}${unit}"
+
+
+def label_colour_bar(bar: Colorbar, variable: xr.DataArray) -> None:
+    """Label a colour bar, in several lines where the words are long."""
+    words = variable.attrs["long_name"]
+    gap = "\n" if len(words) > _BAR_LABEL - 12 else " "  # about what symbol and unit take
+    bar.set_label(label(variable.assign_attrs(long_name=fill(words, _BAR_LABEL)), gap))
 
 
 def label_ordinate(panel: Axes, variable: xr.DataArray) -> None:

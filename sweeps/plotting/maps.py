@@ -1,8 +1,9 @@
-"""Maps over two swept axes: the class of the motion, its Lyapunov exponent, its slowest impact."""
+"""Maps over two swept axes: the class of the motion, or a number of each point."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -22,7 +23,14 @@ from sweeps.errors import Refused
 from sweeps.plotting.canvas import PAGE, Page, figure_of, in_style, new_panel
 from sweeps.plotting.cells import Cells, draw_cells, draw_kinds, failed_cells
 from sweeps.plotting.exact_curves import draw_curves
-from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale, tick_in_decades
+from sweeps.plotting.labels import (
+    add_title,
+    label,
+    label_colour_bar,
+    label_ordinate,
+    set_scale,
+    tick_in_decades,
+)
 from sweeps.plotting.palette import (
     BLUE,
     MOTIONS,
@@ -57,10 +65,10 @@ def period_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
         kinds.append(Cells(text, colour, where))
         periodic = periodic & ~where
     kinds.append(Cells("other m/q", OTHER_PERIODIC, periodic))
-    for other, (text, colour) in MOTIONS.items():
-        if other is Motion.UNDECIDED and "lyapunov" not in cut:
+    for kind, (text, colour) in MOTIONS.items():
+        if kind is Motion.UNDECIDED and "lyapunov" not in cut:
             text = "no repetition found"
-        kinds.append(Cells(text, colour, motion == other))
+        kinds.append(Cells(text, colour, motion == kind))
     return kinds
 
 
@@ -80,8 +88,10 @@ def lyapunov_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     low, high = np.quantile(finite, [0.01, 1.0]) if len(finite) else (-1.0, 1.0)
     limit = max(-low, high, 1e-12)
     norm = Normalize(-limit, limit)
-    name = label(cut["lyapunov"]).replace(r"\lambda", r"\lambda_1").replace("Lyap", "larger Lyap")
-    _draw_values(panel, cut, np.ma.masked_invalid(larger), norm, _SIGNED, name)
+    variable = cut["lyapunov"]
+    about = {"long_name": f"larger {variable.long_name}", "symbol": rf"{variable.symbol}_1"}
+    exponent = variable.assign_attrs(about)
+    _draw_values(panel, cut, np.ma.masked_invalid(larger), norm, _SIGNED, exponent)
     return [Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", np.isneginf(larger))]
 
 
@@ -90,36 +100,53 @@ def rest_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     fraction = cut["rest_fraction"].values
     rests = np.ma.masked_where(~(fraction > 0.0), fraction)
     norm = Normalize(0.0, float(rests.max()) if rests.count() else 1.0)
-    _draw_values(panel, cut, rests, norm, _LOW_IS_DARK, label(cut["rest_fraction"]))
+    _draw_values(panel, cut, rests, norm, _LOW_IS_DARK, cut["rest_fraction"])
     return [Cells("no rest", WHITE, fraction == 0.0)]
 
 
-def impacts_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour the impacts per period; where the mass rests they are no property of the motion."""
-    rests = cut["rest_fraction"].values > 0.0
-    return _draw_log(panel, cut, "impacts_per_period", "no impact", rests)
+def log_map(
+    panel: Axes, cut: xr.Dataset, *, name: str, zero: str = "no impact", at_rest: bool = True
+) -> list[Cells]:
+    """Colour a quantity >= 0 on a logarithmic scale.
 
-
-def slowest_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour the speed of the slowest impact, dark at a graze; a chatter has no slowest."""
-    rests = cut["rest_fraction"].values > 0.0
-    return _draw_log(panel, cut, "slowest_impact", "no impact", rests)
-
-
-def penetration_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour the deepest penetration."""
-    no_rests = np.zeros(cut["status"].shape, dtype=bool)
-    return _draw_log(panel, cut, "max_penetration", "none", no_rests)
+    Parameters
+    ----------
+    panel : Axes
+    cut : Dataset
+        Of two dimensions.
+    name : str
+        Of the quantity.
+    zero : str
+        What the legend calls its value 0.
+    at_rest : bool
+        Whether it is a property of motions with rest, too. The number of impacts and the slowest
+        one are not: a chatter has no end of them.
+    """
+    values = cut[name].values
+    rests = (cut["rest_fraction"].values > 0.0) & (not at_rest)
+    positive = np.ma.masked_where(rests | ~(values > 0.0), values)
+    shown = positive.compressed()
+    low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
+    norm = LogNorm(low, max(high, low * 1.001))
+    _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, cut[name])
+    computed = ~np.isin(cut["status"].values, [outcome for outcome in Status if outcome.failed])
+    return [
+        Cells(zero, WHITE, computed & ~rests & ~(values > 0.0)),
+        Cells("with rest on the stop", REST, rests),
+    ]
 
 
 #: What a map can show: variables of the file.
 QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
     "period": period_map,
-    "impacts_per_period": impacts_map,
+    "impacts_per_period": partial(log_map, name="impacts_per_period", at_rest=False),
     "lyapunov": lyapunov_map,
     "rest_fraction": rest_map,
-    "slowest_impact": slowest_map,
-    "max_penetration": penetration_map,
+    "slowest_impact": partial(log_map, name="slowest_impact", at_rest=False),
+    "fastest_impact": partial(log_map, name="fastest_impact"),
+    "impulse": partial(log_map, name="impulse"),
+    "energy_lost": partial(log_map, name="energy_lost"),
+    "max_penetration": partial(log_map, name="max_penetration", zero="none"),
     "status": status_map,
 }
 
@@ -191,30 +218,13 @@ def parameter_map(
     return figure_of(panel)
 
 
-def _draw_log(
-    panel: Axes, cut: xr.Dataset, name: str, zero_label: str, rests: np.ndarray
-) -> list[Cells]:
-    """Draw a positive quantity on a logarithmic scale, except where the mass `rests`."""
-    values = cut[name].values
-    positive = np.ma.masked_where(rests | ~(values > 0.0), values)
-    shown = positive.compressed()
-    low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
-    norm = LogNorm(low, max(high, low * 1.001))
-    _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, label(cut[name]))
-    computed = ~np.isin(cut["status"].values, [outcome for outcome in Status if outcome.failed])
-    return [
-        Cells(zero_label, WHITE, computed & ~rests & ~(values > 0.0)),
-        Cells("with rest on the stop", REST, rests),
-    ]
-
-
 def _draw_values(
     panel: Axes,
     cut: xr.Dataset,
     values: np.ma.MaskedArray,
     norm: Normalize,
     colours: str | Colormap,
-    text: str,
+    variable: xr.DataArray,
 ) -> None:
     """Draw values with their colour bar, which has an arrow if some are below it."""
     mesh = draw_cells(panel, cut, values, norm, colours)
@@ -225,6 +235,6 @@ def _draw_values(
     bar = figure_of(panel).colorbar(
         mesh, ax=panel, pad=0.02, aspect=35, extend="min" if below else "neither"
     )
-    bar.set_label(text)
+    label_colour_bar(bar, variable)
     if isinstance(norm, LogNorm) and high < 100.0 * low:
         tick_in_decades(bar.ax.yaxis)

@@ -10,9 +10,10 @@ from sweeps.analysis.exact_tables import write_csv
 from sweeps.analysis.selection import select
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
+from sweeps.plotting.canvas import Page
 from sweeps.plotting.exact_branches import compare
 from sweeps.plotting.lines import COORDINATES
-from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbit, sections
 from vibroimpact.oscillator import Oscillator
 
 CONFIG = """
@@ -123,6 +124,28 @@ def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
     (legend,) = figure.legends
     texts = [text.get_text() for text in legend.get_texts()]
     assert texts[:2] == ["exact orbits, stable", "exact orbits, unstable"]
+
+
+def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact):
+    """Where the points alone would leave the unstable branch out; and of a part of the axis."""
+    plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]
+    with_all = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v", exact=True)
+    low, high = with_all.axes[0].get_ylim()
+    y = np.concatenate([curves(with_all, dashed)[:, 1] for dashed in (False, True)])
+    assert low <= y.min() and y.max() <= high
+    assert low <= plain.get_ylim()[0] and plain.get_ylim()[1] <= high
+
+    def named(**limits):
+        page = Page(**limits)
+        figure = bifurcation(exact, at={"R": 0.8}, exact=True, page=page)
+        return [text.get_text() for text in figure.legends[0].get_texts()] if figure.legends else []
+
+    assert {"exact orbits, stable", "exact orbits, unstable", "flip"} <= {*named()}
+    assert named(xlim=(2.4, 2.6)) == ["exact orbits, stable"]
+    oscillator = Oscillator(0.05, 0.8, 3.45, 1.0)
+    ((x, _),) = sections(oscillator, one_impact_orbit(oscillator), 1.0)
+    assert named(xlim=(3.4, 3.5), ylim=(x - 0.02, x + 0.02)) == ["exact orbits, unstable"]
+    assert named(ylim=(5.0, 6.0)) == []
 
 
 def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):

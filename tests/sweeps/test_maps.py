@@ -30,6 +30,9 @@ PLAIN = {
     "rest_fraction": 0.0,
     "impacts_per_period": 1.0,
     "slowest_impact": 0.5,
+    "fastest_impact": 0.5,
+    "impulse": 0.9,
+    "energy_lost": 0.045,
     "max_penetration": 0.0,
     "lyapunov": -0.3,
 }
@@ -167,6 +170,21 @@ def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
     steps = np.diff(mesh.norm([1e-2, 1e-1, 1.0]).data)
     assert steps[0] == pytest.approx(steps[1])  # a logarithmic scale
     assert texts(figure)[1, :2].tolist() == ["no impact", "with rest on the stop"]
+
+
+@pytest.mark.parametrize("quantity", ["energy_lost", "impulse", "fastest_impact"])
+def test_a_chatter_has_a_loss_and_a_fastest_impact(quantity):
+    values = {(0, 0): 1e-3, (0, 1): 1e-2, (0, 2): 1e-1, (1, 0): 0.0, (1, 1): 0.02}
+    dataset = hand_made(rest_fraction={(1, 1): 0.1}, **{quantity: values})
+    figure = parameter_map(dataset, quantity=quantity)
+    mesh = figure.axes[0].collections[0]
+    assert mesh.get_array()[1, 1] == 0.02
+    steps = np.diff(mesh.norm([1e-2, 1e-1, 1.0]).data)
+    assert steps[0] == pytest.approx(steps[1])  # a logarithmic scale
+    assert texts(figure)[1, 0] == "no impact"
+    bar = figure.axes[1]
+    figure.draw_without_rendering()
+    assert bar.yaxis.label.get_window_extent().height < 1.05 * bar.get_window_extent().height
 
 
 def test_zero_divides_the_colours_of_the_exponent():
