@@ -64,8 +64,8 @@ class Grid:
         """
         if whole is not None and (at_any_size or len(self.axes[whole]) <= size):
             at, n = list(self.axes).index(whole), len(self.axes[whole])
-            others = {name: values for name, values in self.axes.items() if name != whole}
-            for block in Grid(others, self.fixed).blocks(max(1, size // n)):
+            other_axes = {name: values for name, values in self.axes.items() if name != whole}
+            for block in Grid(other_axes, self.fixed).blocks(max(1, size // n)):
                 yield (*block[:at], slice(0, n), *block[at:])
             return
         trailing = 1

@@ -88,12 +88,12 @@ def find_bifurcations(
         )
     free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
     data = select(dataset, at, free=[along, *free])
-    others = [str(name) for name in data["status"].dims if name != along]
+    other_axes = [str(name) for name in data["status"].dims if name != along]
     data = data.sortby(along)
     result = []
-    for index in product(*(range(data.sizes[name]) for name in others)):
-        line = data.isel(dict(zip(others, index, strict=True))).load()
-        values = {name: line[name].item() for name in others}
+    for index in product(*(range(data.sizes[name]) for name in other_axes)):
+        line = data.isel(dict(zip(other_axes, index, strict=True))).load()
+        values = {name: line[name].item() for name in other_axes}
         orbits = _Orbits(line, along)
         for change in changes(line[along].values, labels(line)):
             result.append(Bifurcation(values, change, *orbits.explain(change)))
@@ -122,10 +122,10 @@ class _Orbits:
         if change.kind in ("rest", "chaos", "unbounded"):
             at_other = ends[1] is not None and ends[1][0] == "edge"
             return ("basin", np.nan) if at_other else (change.kind, np.nan)
-        known = [end for end in ends if end is not None and end[0] in _KINDS]
-        if not known:
+        exact_ends = [end for end in ends if end is not None and end[0] in _KINDS]
+        if not exact_ends:
             return change.kind, np.nan
-        kind, value = known[0]
+        kind, value = exact_ends[0]
         return _KINDS[kind], value
 
     def _end(self, start: float, end: float) -> tuple[str, float] | None:
@@ -244,11 +244,11 @@ def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> Non
     OSError
         If the file cannot be written.
     """
-    others = list(bifurcations[0].at) if bifurcations else []
+    other_axes = list(bifurcations[0].at) if bifurcations else []
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]
-        writer.writerow([*others, *head])
+        writer.writerow([*other_axes, *head])
         for item in bifurcations:
             change = item.change
             value = "" if np.isnan(item.value) else repr(item.value)

@@ -96,8 +96,8 @@ def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Cha
     classes : sequence of Label or None, length n
         Of the motions there, as from `labels`.
     """
-    known = [i for i, label in enumerate(classes) if label is not None]
-    for i, j in pairwise(known):
+    classified = [i for i, label in enumerate(classes) if label is not None]
+    for i, j in pairwise(classified):
         before, after = classes[i], classes[j]
         if before is not None and after is not None and before != after:
             yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)

@@ -113,11 +113,11 @@ def _numbered(points: PointNumbers, ends: Outcomes, groups: Groups) -> _Attracto
     """Number the attractors, those that are not periodic among them."""
     motion = ends.motion
     representative = groups.representative.copy()
-    others = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
-    if len(others):
-        kinds = points.parameter[others] * len(Motion) + motion[others]
+    not_periodic = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
+    if len(not_periodic):
+        kinds = points.parameter[not_periodic] * len(Motion) + motion[not_periodic]
         _, first, inverse = np.unique(kinds, return_index=True, return_inverse=True)
-        representative[others] = others[first][inverse]
+        representative[not_periodic] = not_periodic[first][inverse]
     at, of_point = np.unique(representative, return_inverse=True)
     of_point = of_point - int(len(at) > 0 and at[0] < 0)
     at = at[at >= 0]
@@ -166,9 +166,9 @@ def _tracked(
     ranks = np.empty(len(shares), np.int64)
     ranks[np.argsort(-shares, kind="stable")] = np.arange(len(shares))
     number[periodic] = ranks[chain]
-    other = np.flatnonzero(motion[at] != Motion.PERIODIC)
-    _, kinds = np.unique(motion[at[other]], return_inverse=True)
-    number[other] = len(shares) + kinds
+    not_periodic = np.flatnonzero(motion[at] != Motion.PERIODIC)
+    _, kinds = np.unique(motion[at[not_periodic]], return_inverse=True)
+    number[not_periodic] = len(shares) + kinds
     return lengths[at], number
 
 

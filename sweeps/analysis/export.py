@@ -67,8 +67,8 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
         if path.suffix == ".parquet":
             _frame(scalars).to_parquet(unfinished, index=False)
         else:
-            each = scalars["status"].size // scalars.sizes[axes[0]] if axes else 1
-            step = max(1, _PART // each)
+            points_per_value = scalars["status"].size // scalars.sizes[axes[0]] if axes else 1
+            step = max(1, _PART // points_per_value)
             cuts = range(0, scalars.sizes[axes[0]], step) if axes else (0,)
             for start in cuts:
                 part = scalars.isel({axes[0]: slice(start, start + step)}) if axes else scalars

@@ -52,6 +52,7 @@ class PointNumbers:
         shape = tuple(dataset.sizes[name] for name in axes)
 
         def numbers(kept: tuple[str, ...]) -> np.ndarray:
+            """Count the points along the axes kept; points that differ along others are one."""
             sizes = [dataset.sizes[name] if name in kept else 1 for name in axes]
             counted = np.arange(np.prod(sizes, dtype=np.int64)).reshape(sizes)
             return np.broadcast_to(counted, shape).ravel()
@@ -143,9 +144,11 @@ def group_periodic(
             rows = np.flatnonzero(period[at] == m)
             turns = shortest_turn(points.cycles(at[rows], states[rows, -m:]).states, tolerance)
             for turn in np.unique(turns).tolist():
-                same = rows[turns == turn]
-                heads = _represent(at[same], states[same, -turn:], points, first, tolerance)
-                parts.setdefault(turn, []).append((at[same[heads]], states[same[heads], -turn:]))
+                members = rows[turns == turn]
+                heads = _represent(at[members], states[members, -turn:], points, first, tolerance)
+                parts.setdefault(turn, []).append(
+                    (at[members[heads]], states[members[heads], -turn:])
+                )
     final, by_period, heads_of = np.arange(period.size), {}, {}
     for m, pieces in parts.items():
         at, states = (np.concatenate(column) for column in zip(*pieces, strict=True))

@@ -15,7 +15,7 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, doubled, peri
 from vibroimpact.oscillator import Oscillator
 
 #: A motion is near an orbit if no section is off by more than this share of the record's size.
-_NEAR = 0.2
+_NEARNESS = 0.2
 #: A motion may be farther from its orbit in the second half of its record by this share: rounding.
 _ROUNDING = 1e-6
 #: So many periods are tried where the record does not repeat: those after which it nearly does.
@@ -74,7 +74,7 @@ def goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
     beside = orbit[(last + np.arange(1 - len(record), 1)) % len(orbit)]
     apart = (np.abs(record - beside) / size).max(axis=1)
     first, second = np.array_split(apart, 2)
-    return bool(apart.max() <= _NEAR and second.max() <= first.max() + _ROUNDING)
+    return bool(apart.max() <= _NEARNESS and second.max() <= first.max() + _ROUNDING)
 
 
 def _nearly_repeats(record: np.ndarray) -> list[int]:
@@ -83,4 +83,4 @@ def _nearly_repeats(record: np.ndarray) -> list[int]:
     size = np.abs(record).max(axis=0)
     apart = [(np.abs(record[-m:] - record[-2 * m : -m]) / size).max() for m in range(1, most + 1)]
     best = np.argsort(apart, kind="stable")[:_TRIED_PERIODS]
-    return sorted(int(i) + 1 for i in best if apart[i] < _NEAR)
+    return sorted(int(i) + 1 for i in best if apart[i] < _NEARNESS)

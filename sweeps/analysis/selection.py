@@ -75,6 +75,7 @@ def _parsed(configuration: str) -> Mapping[str, Any]:
 
 
 def listed(names: Iterable[str]) -> str:
+    """Write names with commas between them."""
     return ", ".join(names)
 
 
@@ -97,10 +98,10 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
         If there is no such swept axis, a value is outside it, or there is no such direction.
     """
     axes = swept_axes(dataset)
-    found: dict[str, float | str] = {}
+    fixed_at: dict[str, float | str] = {}
     for name, value in at.items():
         if name == DIRECTION:
-            found[name] = _direction(dataset, str(value))
+            fixed_at[name] = _direction(dataset, str(value))
             continue
         if name not in axes:
             raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
@@ -112,8 +113,8 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
         if not low - slack <= value <= high + slack:
             raise Refused(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
         closest = float(values[np.argmin(np.abs(values - value))])
-        found[name] = value if abs(closest - value) <= slack else closest
-    return found
+        fixed_at[name] = value if abs(closest - value) <= slack else closest
+    return fixed_at
 
 
 def _direction(dataset: xr.Dataset, name: str) -> str:
@@ -147,7 +148,7 @@ def select(dataset: xr.Dataset, at: Cut | None, free: Collection[str] = ()) -> x
     return dataset.isel(index)
 
 
-def chosen_axes(dataset: xr.Dataset, asked: Sequence[str], count: int, kind: str) -> list[str]:
+def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind: str) -> list[str]:
     """Return the swept axes that a picture shows, by default the longest; of equals, the first.
 
     Raises
@@ -158,16 +159,16 @@ def chosen_axes(dataset: xr.Dataset, asked: Sequence[str], count: int, kind: str
     axes = swept_axes(dataset)
     if not axes:
         raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
-    for name in asked:
+    for name in requested:
         if name not in axes:
             raise Refused(f"{name or repr(name)} is not a swept axis; the file has {listed(axes)}")
     needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
     if len(axes) < count:
         raise Refused(f"{needed}; the file has only {listed(axes)}")
     longest = sorted(axes, key=lambda name: -dataset.sizes[name])
-    chosen = [*dict.fromkeys(asked), *(name for name in longest if name not in asked)]
-    if len(asked) > count or len(set(asked)) < len(asked):
-        raise Refused(f"{needed}, not {listed(asked)}")
+    chosen = [*dict.fromkeys(requested), *(name for name in longest if name not in requested)]
+    if len(requested) > count or len(set(requested)) < len(requested):
+        raise Refused(f"{needed}, not {listed(requested)}")
     return chosen[:count]
 
 

@@ -194,7 +194,8 @@ def _over_parameters(dataset: xr.Dataset, result: xr.Dataset, table: Sequence[Ro
     axes, counted = parameter_axes(dataset), result["attractors"]
     head = ("attractor", "class", *axes, "parameter points", "fraction of the starts there")
     lines = _columns(
-        head, [_summary(number, same, axes) for number, same in _by_number(table).items()]
+        head,
+        [_summary(number, appearances, axes) for number, appearances in _by_number(table).items()],
     )
     starts = result["attractor"].size // counted.size
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
@@ -210,21 +211,27 @@ def _by_number(table: Sequence[Row]) -> dict[int, list[Row]]:
     return dict(sorted(by_number.items()))
 
 
-def classes(same: Sequence[Row], most: int = 3) -> str:
+def classes(appearances: Sequence[Row], most: int = 3) -> str:
     """Name the classes m/q that one attractor has along the axes, as 1/1, 2/2."""
-    names = {row.name: None for row in sorted(same, key=lambda row: (row.m, row.q))}
+    names = {row.name: None for row in sorted(appearances, key=lambda row: (row.m, row.q))}
     more = ", ..." if len(names) > most else ""
     return ", ".join(list(names)[:most]) + more
 
 
-def _summary(number: int, same: Sequence[Row], axes: Sequence[str]) -> tuple[str, ...]:
+def _summary(number: int, appearances: Sequence[Row], axes: Sequence[str]) -> tuple[str, ...]:
     ranges = []
     for name in axes:
-        values = [row.parameters[name] for row in same]
+        values = [row.parameters[name] for row in appearances]
         low, high = min(values), max(values)
         ranges.append(f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}")
-    mean = float(np.mean([row.fraction for row in same]))
-    return (same[0].shown_number, classes(same), *ranges, f"{len(same):,}", f"{mean:.4f}")
+    mean = float(np.mean([row.fraction for row in appearances]))
+    return (
+        appearances[0].shown_number,
+        classes(appearances),
+        *ranges,
+        f"{len(appearances):,}",
+        f"{mean:.4f}",
+    )
 
 
 def _columns(head: tuple[str, ...], body: Sequence[tuple[str, ...]]) -> list[str]:

@@ -169,8 +169,8 @@ class _Extension:
         """Enter the stable orbit that a motion goes to, where there is one."""
         parameter = int(self._points.parameter[i])
         orbits = self._orbits.setdefault(parameter, [])
-        known = next((orbit for orbit in orbits if goes_to(record, orbit[2])), None)
-        if known is None:
+        class_and_cycle = next((orbit for orbit in orbits if goes_to(record, orbit[2])), None)
+        if class_and_cycle is None:
             if failures[parameter] >= _MOST_FAILURES:
                 return
             state = self._states[i]
@@ -179,11 +179,11 @@ class _Extension:
             if orbit is None:
                 failures[parameter] += 1
                 return
-            known = orbit.m, orbit.q, orbit.sections(self._setting.phase)
-            orbits.append(known)
+            class_and_cycle = orbit.m, orbit.q, orbit.sections(self._setting.phase)
+            orbits.append(class_and_cycle)
         result = self._result
         result.motion[i] = Motion.PERIODIC
-        result.period[i], result.impacts[i], result.cycles[i] = known
+        result.period[i], result.impacts[i], result.cycles[i] = class_and_cycle
 
 
 def orbit_speeds(

@@ -120,12 +120,12 @@ class BlockFile:
                 write_all(self.descriptor, data[at : at + count * width], place)
                 at += count * width
 
-    def refuse_loss(self, given: Path, *, thoroughly: bool = False) -> None:
+    def refuse_loss(self, user_path: Path, *, thoroughly: bool = False) -> None:
         """Refuse to go on where another program has removed, replaced or changed the file.
 
         Parameters
         ----------
-        given : Path
+        user_path : Path
             The name of the file to say.
         thoroughly : bool
             Whether to read the ledger, and to compare what is outside of the blocks, too.
@@ -134,21 +134,21 @@ class BlockFile:
         ------
         Lost
         """
-        what = ""
+        loss = ""
         here = os.fstat(self.descriptor)
         try:
             there = os.stat(self.path)
             if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
-                what = "replaced"
+                loss = "replaced"
         except OSError:
-            what = "removed"
-        if not what and here.st_size != self.size:
-            what = "truncated" if here.st_size < self.size else "changed"
-        if not what and thoroughly and not self._is_intact():
-            what = "changed"
-        if what:
+            loss = "removed"
+        if not loss and here.st_size != self.size:
+            loss = "truncated" if here.st_size < self.size else "changed"
+        if not loss and thoroughly and not self._is_intact():
+            loss = "changed"
+        if loss:
             raise Lost(
-                f"{given} was {what} by another program while it was written, and what was "
+                f"{user_path} was {loss} by another program while it was written, and what was "
                 "computed is lost"
             )
 

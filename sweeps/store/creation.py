@@ -119,13 +119,13 @@ def pack(
 
 def _fill_checksums(layout: Layout) -> list[int]:
     """Return the checksum of each block as it is laid out: one for each shape that blocks have."""
-    known: dict[tuple[int, ...], int] = {}
+    by_shape: dict[tuple[int, ...], int] = {}
     checksums = []
     for block in layout.blocks:
         box = tuple(cut.stop - cut.start for cut in block)
-        if box not in known:
-            known[box] = checksum(layout.fill_values(block).values())
-        checksums.append(known[box])
+        if box not in by_shape:
+            by_shape[box] = checksum(layout.fill_values(block).values())
+        checksums.append(by_shape[box])
     return checksums
 
 
@@ -263,10 +263,10 @@ def places(file: h5py.File) -> dict[str, int]:
     dict of str to int
         The place of its first byte, by the name of the variable.
     """
-    held = [name for name in VARIABLES if name in file]
-    if any(file[name].chunks for name in held):
+    names = [name for name in VARIABLES if name in file]
+    if any(file[name].chunks for name in names):
         return {}
-    return {name: file[name].id.get_offset() for name in held}
+    return {name: file[name].id.get_offset() for name in names}
 
 
 def _fill(descriptor: int, start: int, count: int, value: np.generic) -> None:

@@ -32,15 +32,15 @@ def merged(
     dict of str to ndarray
         Arrays of shape (n, ...).
     """
-    given = np.isin(values, list(points))
+    is_new = np.isin(values, list(points))
     old = sweep.layout.axes[axis]
     left, right = np.searchsorted(old, values[[0, -1]])
     stored = sweep.read((slice(int(left), int(right) + 1),))
-    kept = np.isin(old[left : right + 1], values[~given])
+    kept = np.isin(old[left : right + 1], values[~is_new])
     results = {}
     for name, array in stored.items():
         results[name] = np.empty((len(values), *array.shape[1:]), array.dtype)
-        results[name][~given] = array[kept]
-        for i in np.flatnonzero(given):
+        results[name][~is_new] = array[kept]
+        for i in np.flatnonzero(is_new):
             results[name][i] = points[float(values[i])][name]
     return results

@@ -90,10 +90,10 @@ class Layout:
         directions : sequence of str
             In which an axis is followed; of two, the data have a leading dimension.
         """
-        held = held_variables(widths, diagnostics)
+        recorded = held_variables(widths, diagnostics)
         records = {
             record: np.arange({**widths, **FIXED_WIDTHS}[record])
-            for record in dict.fromkeys(v.record for v in held.values() if v.record)
+            for record in dict.fromkeys(v.record for v in recorded.values() if v.record)
         }
         if "section" in records:
             records["section"] += first_section
@@ -112,7 +112,7 @@ class Layout:
         if len(directions) > 1:
             axes = {DIRECTION: np.array(directions, object), **axes}
             blocks = ((slice(0, len(directions)), *block) for block in blocks)
-        return cls(axes, grid.fixed, records, tuple(held), tuple(blocks), attributes)
+        return cls(axes, grid.fixed, records, tuple(recorded), tuple(blocks), attributes)
 
     @property
     def shape(self) -> tuple[int, ...]:

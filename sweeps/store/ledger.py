@@ -114,13 +114,13 @@ class Ledger:
             return None
         end = max(size - _TAIL, 0) + end_in_tail
         seal = tail[end_in_tail - _SEAL.size : end_in_tail]
-        n_rows, n_spans, rest, own, _ = _SEAL.unpack(seal)
+        n_rows, n_spans, rest, seal_crc, _ = _SEAL.unpack(seal)
         start = end - ledger_size(n_rows, n_spans) + _ALIGNMENT
         spans_at = start + SUMMARY.itemsize + n_rows * ROW.itemsize
         if start < 0 or n_spans < 2:
             raise DamageError
         spans = os.pread(descriptor, n_spans * _SPAN.itemsize, spans_at)
-        if zlib.crc32(spans + _SEAL.pack(n_rows, n_spans, rest, 0, _MAGIC)) != own:
+        if zlib.crc32(spans + _SEAL.pack(n_rows, n_spans, rest, 0, _MAGIC)) != seal_crc:
             raise DamageError
         changing = [(int(at), int(length)) for at, length in np.frombuffer(spans, _SPAN).tolist()]
         if _checksum_without(descriptor, changing) != rest:
@@ -230,8 +230,8 @@ def seal(
     write_all(descriptor, np.float64(np.nan).tobytes(), duration)
     write_all(descriptor, summary.tobytes() + rows.tobytes() + spans.tobytes(), start)
     rest = _checksum_without(descriptor, spans.tolist())
-    own = zlib.crc32(spans.tobytes() + _SEAL.pack(len(rows), n_spans, rest, 0, _MAGIC))
-    write_all(descriptor, _SEAL.pack(len(rows), n_spans, rest, own, _MAGIC), end - _SEAL.size)
+    seal_crc = zlib.crc32(spans.tobytes() + _SEAL.pack(len(rows), n_spans, rest, 0, _MAGIC))
+    write_all(descriptor, _SEAL.pack(len(rows), n_spans, rest, seal_crc, _MAGIC), end - _SEAL.size)
     os.fsync(descriptor)
 
 

@@ -117,8 +117,8 @@ def open_regular(path: Path) -> int:
         raise StoreError(f"{path} does not exist") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
-    what = "a directory" if stat.S_ISDIR(mode) else kind(mode)
-    raise StoreError(f"{path} is {what} and so not the file of a sweep")
+    file_type = "a directory" if stat.S_ISDIR(mode) else kind(mode)
+    raise StoreError(f"{path} is {file_type} and so not the file of a sweep")
 
 
 def _refuse_other_files(path: Path) -> None:

@@ -100,9 +100,9 @@ class SweepFile:
                     break
                 with suppress(DamageError):
                     self.ledger.reread()  # the run may go on meanwhile
-                same = self.ledger.rows[unfit] == rows[unfit]
-                damaged[unfit[same]] = True
-                suspects = unfit[~same]
+                unchanged = self.ledger.rows[unfit] == rows[unfit]
+                damaged[unfit[unchanged]] = True
+                suspects = unfit[~unchanged]
         return damaged
 
     def _fits(self, index: int) -> bool:
@@ -182,12 +182,12 @@ def _opened(path: Path, stack: ExitStack) -> SweepFile:
 def _layout(file: h5py.File) -> Layout:
     """Read what a file holds from its datasets and their scales."""
     variables = tuple(name for name in VARIABLES if name in file)
-    held = dict.fromkeys(VARIABLES[name].record for name in variables)
+    record_names = dict.fromkeys(VARIABLES[name].record for name in variables)
     axes = [scale for dimension in file["status"].dims for scale in dimension.values()]
     return Layout(
         {scale.name.strip("/"): _values(scale) for scale in axes},
         {name: float(file[name][()]) for name in str(file.attrs[COORDINATES]).split()},
-        {record: file[record][()] for record in held if record},
+        {record: file[record][()] for record in record_names if record},
         variables,
         [tuple(slice(*cut) for cut in block) for block in file[BLOCKS][()].tolist()],
         {name: value for name, value in file.attrs.items() if name not in _NOT_LAID_OUT},

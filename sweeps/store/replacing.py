@@ -29,9 +29,9 @@ def replacing(path: Path) -> Iterator[Path]:
 def remove_leftovers(path: Path) -> None:
     """Remove the new files that killed writers of `path` have left, and none of another name."""
     leftover = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.new")
-    for other in path.parent.iterdir():
-        if leftover.fullmatch(other.name):
-            other.unlink(missing_ok=True)
+    for entry in path.parent.iterdir():
+        if leftover.fullmatch(entry.name):
+            entry.unlink(missing_ok=True)
 
 
 def _sync_folder(path: Path) -> None:

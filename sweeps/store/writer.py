@@ -58,27 +58,27 @@ def sweep_writer(
     Failed
         If it cannot be created. No file is left behind, and an old one is untouched.
     """
-    given, path = Path(path), Path(path).resolve()
-    check_output(given, overwrite=overwrite, resume=resume)
+    user_path, path = Path(path), Path(path).resolve()
+    check_output(user_path, overwrite=overwrite, resume=resume)
     remove_leftovers(path)
     damaged = np.zeros(0, int)
     damage = ""
     if resume and path.exists() and path.stat().st_size > 0:
-        with sweep_file(given) as sweep:
+        with sweep_file(user_path) as sweep:
             refuse_other(sweep, layout)
             damaged = np.flatnonzero(sweep.damaged())
             if damaged.size:
                 damage = sweep.named(damaged)
         if damaged.size and sweep.layout.refined:
             raise StoreError(
-                f"{given} is damaged: {damage}; points that were added to its grid cannot be "
+                f"{user_path} is damaged: {damage}; points that were added to its grid cannot be "
                 "computed again one by one: give --overwrite to begin anew"
             )
     else:
-        with _failure(given, "created"), replacing(path) as new:
+        with _failure(user_path, "created"), replacing(path) as new:
             create(new, layout)
-    with _failure(given, "written"):
-        writer = SweepWriter(BlockFile.opened(path), given, damage)
+    with _failure(user_path, "written"):
+        writer = SweepWriter(BlockFile.opened(path), user_path, damage)
     try:
         if damaged.size:
             writer.mend(damaged)
@@ -102,7 +102,7 @@ class SweepWriter:
     Parameters
     ----------
     file : BlockFile
-    given : Path
+    user_path : Path
         The name of the file for messages.
     damage : str
         The blocks that are damaged, in words.
@@ -113,9 +113,9 @@ class SweepWriter:
         The blocks that were damaged and are pending again; empty if none.
     """
 
-    def __init__(self, file: BlockFile, given: Path, damage: str = "") -> None:
+    def __init__(self, file: BlockFile, user_path: Path, damage: str = "") -> None:
         self._file = file
-        self._given = given
+        self._user_path = user_path
         self.damage = damage
         self._began = time.monotonic()
         self._spent = 0.0 if math.isnan(file.ledger.seconds) else file.ledger.seconds
@@ -146,7 +146,7 @@ class SweepWriter:
             As from `write`.
         """
         self._complete, self._changed = False, True
-        with _failure(self._given, "mended"):
+        with _failure(self._user_path, "mended"):
             if not self._file.places:  # a compressed file has no places to write to
                 self._copy_into(self.layout, without=damaged)
                 return
@@ -178,14 +178,14 @@ class SweepWriter:
         index = self._numbers[_corners(block)]
         arrays = self._checked(block, results)
         samples = max((np.shape(a)[-1] for n, a in arrays.items() if _sampled(n)), default=0)
-        with _failure(self._given, "written"):
-            self._file.refuse_loss(self._given)
+        with _failure(self._user_path, "written"):
+            self._file.refuse_loss(self._user_path)
             self._changed = True
             if samples > self._samples:
                 wider = self.layout.with_samples(max(samples, self._samples * 5 // 4))
                 self._copy_into(wider)
             self._file.write(index, _fitted(arrays, self._samples), samples)
-            self._file.refuse_loss(self._given)
+            self._file.refuse_loss(self._user_path)
 
     def finish(self, *, compressed: bool = False) -> None:
         """Give a complete file its final form: trajectories cut to the longest, compression.
@@ -202,7 +202,7 @@ class SweepWriter:
         """
         longest = int(self._file.ledger.rows["samples"].max(initial=0))
         if longest < self._samples or (compressed and self._file.places):
-            with _failure(self._given, "completed"):
+            with _failure(self._user_path, "completed"):
                 self._copy_into(self.layout.with_samples(longest), compressed=compressed)
         self._changed |= not self._complete
         self._complete = True
@@ -224,16 +224,17 @@ class SweepWriter:
             As from `write`.
         """
         layout = self.layout.with_points(axis, np.array(list(points)))
-        self._file.refuse_loss(self._given, thoroughly=True)
-        with _failure(self._given, "refined"), sweep_file(self._file.path) as sweep:
+        self._file.refuse_loss(self._user_path, thoroughly=True)
+        with _failure(self._user_path, "refined"), sweep_file(self._file.path) as sweep:
             sweep.refuse_damage()
 
-            def read(index: int) -> dict[str, np.ndarray]:
+            def merged_block(index: int) -> dict[str, np.ndarray]:
+                """Return the results of a block of the new layout."""
                 return merged(sweep, axis, layout.axes[axis][layout.blocks[index][0]], points)
 
             longest = int(self._file.ledger.rows["samples"].max(initial=0))
             samples = dict.fromkeys(range(len(layout.blocks)), longest)
-            self._replace(lambda new: _copy(new, layout, read, samples))
+            self._replace(lambda new: _copy(new, layout, merged_block, samples))
 
     @property
     def refined(self) -> bool:
@@ -249,12 +250,12 @@ class SweepWriter:
             As from `write`.
         """
         try:
-            with _failure(self._given, "written"):
-                self._file.refuse_loss(self._given)
+            with _failure(self._user_path, "written"):
+                self._file.refuse_loss(self._user_path)
                 if self._changed:
                     state = State.DONE if self._complete else State.PENDING
                     self._file.ledger.summarize(state, self._seconds())
-                    self._file.refuse_loss(self._given, thoroughly=True)
+                    self._file.refuse_loss(self._user_path, thoroughly=True)
         finally:
             os.close(self._file.descriptor)
 
@@ -273,11 +274,11 @@ class SweepWriter:
         box = tuple(cut.stop - cut.start for cut in block)
         arrays = {}
         for name in self.layout.variables:
-            given = np.shape(results[name])
+            shape = np.shape(results[name])
             record = self.layout.shape_of(name)[len(box) :]
-            expected = (math.prod(box), *(given[-1:] if _sampled(name) else record))
-            if given != expected:
-                raise ValueError(f"{name} has the shape {given} instead of {expected}")
+            expected = (math.prod(box), *(shape[-1:] if _sampled(name) else record))
+            if shape != expected:
+                raise ValueError(f"{name} has the shape {shape} instead of {expected}")
             array = np.asarray(results[name], VARIABLES[name].dtype)
             arrays[name] = array.reshape((*box, *expected[1:]))
         return arrays
@@ -286,17 +287,18 @@ class SweepWriter:
         self, layout: Layout, *, compressed: bool = False, without: np.ndarray | None = None
     ) -> None:
         """Replace the file by one of another layout with the same blocks in it."""
-        self._file.refuse_loss(self._given, thoroughly=True)
+        self._file.refuse_loss(self._user_path, thoroughly=True)
         width = len(layout.records.get("sample", ()))
         rows = self._file.ledger.rows
-        done = np.flatnonzero(self._file.ledger.are(State.DONE))
-        done = np.setdiff1d(done, [] if without is None else without)
+        finished = np.flatnonzero(self._file.ledger.are(State.DONE))
+        finished = np.setdiff1d(finished, [] if without is None else without)
         with sweep_file(self._file.path) as sweep:
 
-            def read(index: int) -> dict[str, np.ndarray]:
+            def undamaged(index: int) -> dict[str, np.ndarray]:
+                """Return the results of a block in the new width."""
                 arrays = sweep.read(layout.blocks[index])
                 if checksum(arrays.values()) != rows["crc"][index]:
-                    raise Failed(f"{self._given} was damaged while it was written")
+                    raise Failed(f"{self._user_path} was damaged while it was written")
                 return _fitted(arrays, width)
 
             if compressed:
@@ -304,13 +306,13 @@ class SweepWriter:
                 new_rows["state"], new_rows["samples"] = State.DONE, rows["samples"]
                 for index in range(len(rows)):
                     check()
-                    new_rows["crc"][index] = checksum(read(index).values())
+                    new_rows["crc"][index] = checksum(undamaged(index).values())
                 self._replace(
                     lambda new: pack(new, layout, new_rows, lambda name, cut: sweep.file[name][cut])
                 )
             else:
-                samples = {i: int(rows["samples"][i]) for i in done.tolist()}
-                self._replace(lambda new: _copy(new, layout, read, samples))
+                samples = {i: int(rows["samples"][i]) for i in finished.tolist()}
+                self._replace(lambda new: _copy(new, layout, undamaged, samples))
 
     def _replace(self, write: Callable[[Path], None]) -> None:
         """Replace the file by another one, which is written into an empty file."""
@@ -322,7 +324,7 @@ class SweepWriter:
                 os.fsync(file.descriptor)
             finally:
                 os.close(file.descriptor)
-            self._file.refuse_loss(self._given)
+            self._file.refuse_loss(self._user_path)
         os.close(self._file.descriptor)
         self._file = BlockFile.opened(self._file.path)
         self._changed = True
@@ -356,19 +358,22 @@ def _sampled(name: str) -> bool:
 def _fitted(arrays: Mapping[str, np.ndarray], width: int) -> dict[str, np.ndarray]:
     """Cut or pad the trajectories to a width."""
 
-    def fitted(array: np.ndarray) -> np.ndarray:
+    def cut_or_padded(array: np.ndarray) -> np.ndarray:
+        """Return an array of that width along its last axis."""
         missing = [(0, 0)] * (array.ndim - 1) + [(0, max(0, width - array.shape[-1]))]
         return np.pad(array[..., :width], missing, constant_values=math.nan)
 
-    return {name: fitted(array) if _sampled(name) else array for name, array in arrays.items()}
+    return {
+        name: cut_or_padded(array) if _sampled(name) else array for name, array in arrays.items()
+    }
 
 
 @contextmanager
-def _failure(path: Path, what: str) -> Iterator[None]:
+def _failure(path: Path, action: str) -> Iterator[None]:
     """Turn what goes wrong with an accepted file into a failure."""
     try:
         yield
     except StoreError as error:
         raise Failed(str(error)) from error
     except (OSError, RuntimeError, ValueError, OverflowError) as error:
-        raise Failed(f"{path} cannot be {what}: {reason(error)}") from error
+        raise Failed(f"{path} cannot be {action}: {reason(error)}") from error
