@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import sweeps
+from sweep_files import data
 from sweeps import open_sweep
 from vibroimpact.status import Status
 
@@ -133,13 +134,6 @@ class Forks:
         """Run a command to its end."""
         self.start(*arguments)
         return self.ended()
-
-
-def data(path: Path) -> object:
-    """Return what a file holds, without its attributes: these tell when it was written."""
-    with open_sweep(path) as dataset:
-        dataset.load()
-    return dataset.drop_attrs(deep=False)
 
 
 def pending(path: Path) -> int:

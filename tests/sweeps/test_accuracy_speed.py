@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
+from commands import call
 from sweeps.bench import accuracy_speed, section_map, work_precision
 from sweeps.bench.accuracy_speed import Measurement, Plan, measure
 from sweeps.bench.peers import PEERS
@@ -27,7 +27,6 @@ from sweeps.bench.scenes import (
     Method,
 )
 from sweeps.bench.work_precision import MEAN
-from sweeps.cli.main import app
 from vibroimpact import Status, bifurcation, one_impact_orbit
 from vibroimpact.integrate import integrate
 
@@ -321,17 +320,6 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
 # The command
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Work in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-
-def call(*arguments):
-    """Run the command and return its result."""
-    return CliRunner().invoke(app, ["bench", "accuracy-speed", *map(str, arguments)])
-
-
 def test_the_command(monkeypatch):
     """All methods and scenes on a short ladder: picture, rows and tables."""
     plan = replace(
@@ -345,7 +333,8 @@ def test_the_command(monkeypatch):
         peers=("SciPy DOP853",),
     )
     monkeypatch.setattr(accuracy_speed, "QUICK", plan)
-    result = call("--quick", "-o", "chart.png", "--csv", "all.csv", "--threads", 1)
+    options = ("--quick", "-o", "chart.png", "--csv", "all.csv", "--threads", 1)
+    result = call("bench", "accuracy-speed", *options)
     assert result.exit_code == 0, result.output
     assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
     assert result.stdout.splitlines()[-2:] == ["chart.png", "all.csv"]
@@ -380,7 +369,7 @@ def test_the_command(monkeypatch):
 )
 def test_a_wrong_request_is_refused_before_work_begins(monkeypatch, arguments, parts):
     monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: pytest.fail("it was run"))
-    result = call(*arguments)
+    result = call("bench", "accuracy-speed", *arguments)
     assert result.exit_code == 2, result.output
     assert result.stderr.startswith("vibroimpact: error: ") and result.stdout == ""
     assert result.stderr.count("\n") == 1
@@ -393,7 +382,7 @@ def test_what_cannot_be_written_fails_and_leaves_nothing(monkeypatch):
     few = [made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)]
     monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: few)
     Path("all.csv").mkdir()
-    result = call("--csv", "all.csv")
+    result = call("bench", "accuracy-speed", "--csv", "all.csv")
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1].startswith("vibroimpact: error: ")
     assert sorted(path.name for path in Path().iterdir()) == ["accuracy-speed.png", "all.csv"]
@@ -404,7 +393,7 @@ def test_an_interrupt_exits_with_1(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(accuracy_speed, "measure", interrupt)
-    result = call()
+    result = call("bench", "accuracy-speed")
     assert result.exit_code == 1
     assert result.stderr == "vibroimpact: error: interrupted\n"
     assert not list(Path().iterdir())

@@ -8,12 +8,12 @@ import pytest
 import xarray as xr
 import yaml
 from matplotlib.colors import to_hex
-from typer.testing import CliRunner
 
+from commands import call
+from sweep_files import run_in
 from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.table import cut, rows
-from sweeps.cli.main import app
 from sweeps.errors import Refused
 from sweeps.plotting import attractor_diagram, basins, plot
 from vibroimpact import Oscillator, one_impact_orbit
@@ -33,10 +33,8 @@ def computed(tmp_path_factory):
 
     def make(*overrides):
         if overrides not in opened:
-            config, path = folder / f"{len(opened)}.yaml", folder / f"{len(opened)}.h5"
-            config.write_text(CONFIG)
-            run_sweep(load_config(config, overrides), path, progress=False)
-            opened[overrides] = open_sweep(path)
+            name = f"{len(opened)}.h5"
+            opened[overrides] = open_sweep(run_in(folder, CONFIG, *overrides, name=name))
         return opened[overrides]
 
     yield make
@@ -149,7 +147,7 @@ def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed):
 
 
 def test_the_table_says_which_share_was_followed_on(computed):
-    result = CliRunner().invoke(app, ["attractors", computed(*SLOW).encoding["source"]])
+    result = call("attractors", computed(*SLOW).encoding["source"])
     slow = (computed(*SLOW)["period"].values == 0).mean()
     assert f"{100 * slow:.1f} % of the starts had not settled in their record" in result.stdout
     assert "unsettled" not in result.stdout and "undecided" not in result.stdout
@@ -172,7 +170,7 @@ def test_what_never_settles_is_unsettled_and_no_attractor(computed):
     )
     found = attractors(dataset)
     assert found["attractors"].item() == 0
-    lines = CliRunner().invoke(app, ["attractors", dataset.encoding["source"]]).stdout.splitlines()
+    lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
     assert lines[1].split()[:2] == ["-", "unsettled"]
 
 
@@ -481,7 +479,7 @@ def test_no_two_attractors_of_a_point_have_one_number(computed):
 def test_the_table_and_its_file(computed, tmp_path):
     dataset = computed()
     file = dataset.encoding["source"]
-    result = CliRunner().invoke(app, ["attractors", file, "--csv", str(tmp_path / "a.csv")])
+    result = call("attractors", file, "--csv", str(tmp_path / "a.csv"))
     assert result.exit_code == 0, result.stderr
     lines = result.stdout.splitlines()
     assert lines[1].split()[:5] == ["0", "2/3", "0.703,", "1.114,", "2.254"]
@@ -499,9 +497,9 @@ def test_the_table_over_a_parameter(computed):
         "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
     )
     file = dataset.encoding["source"]
-    result = CliRunner().invoke(app, ["attractors", file])
+    result = call("attractors", file)
     assert "0          1/1, 2/2" in result.stdout and "9 starts at each" in result.stdout
-    result = CliRunner().invoke(app, ["attractors", file, "--at", "omega=1.3001"])
+    result = call("attractors", file, "--at", "omega=1.3001")
     assert "2/3" in result.stdout and "1/1" in result.stdout
     assert "shown at omega = 1.3" in result.stderr
     assert len(rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3})))) == 2
@@ -516,7 +514,7 @@ def test_the_table_over_a_parameter(computed):
     ],
 )
 def test_requests_that_do_not_fit_are_refused(computed, arguments, text):
-    result = CliRunner().invoke(app, ["attractors", computed().encoding["source"], *arguments])
+    result = call("attractors", computed().encoding["source"], *arguments)
     assert result.exit_code == 2
     assert text in " ".join(result.stderr.split())
 

@@ -5,11 +5,11 @@ import csv
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from typer.testing import CliRunner
 
-from sweeps import load_config, open_sweep, run_sweep
+from commands import accepted, call
+from sweep_files import run_in
+from sweeps import open_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
-from sweeps.cli.main import app
 from vibroimpact import Oscillator, one_impact_orbit
 
 RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
@@ -20,9 +20,8 @@ def sweep(tmp_path):
     """Return a function that runs an oscillator, and returns the path of the file."""
 
     def run(oscillator, *lines):
-        config = tmp_path / "c.yaml"
-        config.write_text("\n".join([f"oscillator: {{{oscillator}}}", *lines, RECORD]))
-        return run_sweep(load_config(config), tmp_path / "out.h5", overwrite=True)
+        config = "\n".join([f"oscillator: {{{oscillator}}}", *lines, RECORD])
+        return run_in(tmp_path, config, overwrite=True)
 
     return run
 
@@ -30,12 +29,6 @@ def sweep(tmp_path):
 def bifurcations(path, **options):
     with open_sweep(path) as dataset:
         return find_bifurcations(dataset, **options)[1]
-
-
-def told(*arguments):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.stderr
-    return result.stdout
 
 
 @pytest.mark.parametrize(
@@ -82,7 +75,7 @@ def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     (change,) = bifurcations(path)
     assert (str(change.change.before), str(change.change.after)) == ("2/3", "1/1")
     assert change.kind == "basin" and np.isnan(change.value)
-    assert " basin" in told("info", path, "--bifurcations")
+    assert " basin" in accepted("info", path, "--bifurcations")
 
 
 def test_along_a_start_the_basin_changes(sweep):
@@ -102,15 +95,13 @@ def grid(sweep):
 
 
 def test_a_map_is_summed_up_and_its_lines_are_listed(grid, tmp_path):
-    lines = told("info", grid, "--bifurcations", "--axis", "omega").splitlines()
+    lines = accepted("info", grid, "--bifurcations", "--axis", "omega").splitlines()
     assert len(lines) < 45 and lines[0].split() == ["kind", "classes", "times", "omega", "R"]
     assert max(len(word) for line in lines for word in line.split()) <= 10
     flips = [line for line in lines if line.startswith("flip") and "1/1 -> 2/2" in line]
     assert len(flips) == 1
     written = tmp_path / "b.csv"
-    result = CliRunner().invoke(
-        app, ["info", str(grid), "--bifurcations", "--at", "R=0.8", "--csv", str(written)]
-    )
+    result = call("info", str(grid), "--bifurcations", "--at", "R=0.8", "--csv", str(written))
     assert result.exit_code == 0, result.stderr
     row = next(line for line in result.stdout.splitlines() if "1/1 -> 2/2" in line)
     assert row.split()[-3:] == ["flip", "at", "2.65888454668"] and "R =" not in row
@@ -135,5 +126,5 @@ def test_a_map_is_summed_up_and_its_lines_are_listed(grid, tmp_path):
 )
 def test_requests_that_do_not_fit_are_refused(sweep, arguments, text):
     path = sweep("h: 0.05, R: 0.8, f: 1, omega: [2.6, 2.7]")
-    result = CliRunner().invoke(app, ["info", str(path), *arguments])
+    result = call("info", str(path), *arguments)
     assert result.exit_code == 2 and text in " ".join(result.stderr.split())

@@ -16,11 +16,10 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import sweeps
+from commands import accepted, call, refused
 from sweeps import interrupts
-from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.engine import run as runner
 from sweeps.engine.run import block_size
@@ -42,40 +41,6 @@ record: {transient: 3, periods: 4, impacts: 2}
 ROOT = Path(sweeps.__file__).parents[1]
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Work in an empty folder that holds a good configuration."""
-    monkeypatch.chdir(tmp_path)
-    Path("small.yaml").write_text(CONFIG)
-    return tmp_path
-
-
-def call(*arguments):
-    """Run a command and return its result."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def done(*arguments):
-    """Run a command that must succeed, and return what it prints."""
-    result = call(*arguments)
-    assert result.exit_code == 0, result.stderr
-    assert result.stderr == "" or "--quiet" not in arguments
-    return result.stdout
-
-
-def refused(*arguments):
-    """Run a command that must be refused without a trace, and return the message."""
-    before = {path: path.stat().st_mtime_ns for path in Path().rglob("*")}
-    result = call(*arguments)
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    assert "Traceback" not in result.stderr
-    assert isinstance(result.exception, SystemExit)
-    assert {path: path.stat().st_mtime_ns for path in Path().rglob("*")} == before
-    assert result.stderr.startswith("vibroimpact: error: ")
-    return result.stderr
-
-
 def process(*arguments, **variables):
     """Run the command line in its own process, as a user does, with variables around it."""
     command = [sys.executable, "-m", "sweeps.cli", *arguments]
@@ -87,14 +52,14 @@ def process(*arguments, **variables):
 
 
 def test_run_info_and_plot():
-    printed = done("run", "small.yaml", "--threads", 1)
+    printed = accepted("run", "sweep.yaml", "--threads", 1)
     assert "small.h5: 10 points" in printed
     assert re.search(r" in \S+ s$", printed, re.MULTILINE)
     assert printed.splitlines()[-1] == "next: vibroimpact plot small.h5"
     with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
         assert dict(dataset["poincare_x"].sizes) == {"omega": 5, "clearance": 2, "section": 4}
 
-    shown = done("info", "small.h5")
+    shown = accepted("info", "small.h5")
     assert re.search(r"name +small\n", shown)
     assert re.search(r"points +10 points, all certified: ", shown)
     assert "omega = 1.5 .. 3 [rad/time], 5 values" in shown
@@ -102,25 +67,25 @@ def test_run_info_and_plot():
     for part in ("vibroimpact_version", "numba_version", "duration", "integrator: exact"):
         assert part in shown
 
-    assert done("plot", "small.h5") == "small.png\n"
+    assert accepted("plot", "small.h5") == "small.png\n"
     assert Path("small.png").read_bytes().startswith(b"\x89PNG")
     options = ("--kind", "bifurcation", "--axis", "omega", "--at", "clearance=0.1")
-    assert done("plot", "small.h5", "-o", "b.pdf", *options, "--coordinate", "impact_v")
+    assert accepted("plot", "small.h5", "-o", "b.pdf", *options, "--coordinate", "impact_v")
     assert Path("b.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_the_configuration_of_a_file_runs_again():
-    done("run", "small.yaml", "--quiet")
-    again = done("info", "small.h5", "--config")
+    accepted("run", "sweep.yaml", "--quiet")
+    again = accepted("info", "small.h5", "--config")
     assert again == sweeps.open_sweep("small.h5").attrs["configuration"]
     Path("again.yaml").write_text(again)
-    done("run", "again.yaml", "-o", "again.h5", "--quiet")
-    done("run", "small.h5", "-o", "other.h5", "--set", "oscillator.omega.start=2.0", "--quiet")
+    accepted("run", "again.yaml", "-o", "again.h5", "--quiet")
+    accepted("run", "small.h5", "-o", "other.h5", "--set", "oscillator.omega.start=2.0", "--quiet")
     first, second, other = map(sweeps.open_sweep, ("small.h5", "again.h5", "other.h5"))
     assert first.drop_attrs().identical(second.drop_attrs())
     np.testing.assert_array_equal(other["omega"], np.linspace(2.0, 3.0, 5))
     assert "small.h5 exists" in refused("run", "small.h5")
-    assert "output            small.h5" in done("run", "small.h5", "--resume", "--dry-run")
+    assert "output            small.h5" in accepted("run", "small.h5", "--resume", "--dry-run")
     assert "--set oscillator.omga.start" in refused(
         "run", "small.h5", "--set", "oscillator.omga.start=2"
     )
@@ -171,11 +136,11 @@ def test_init_writes_a_scene_to_begin_from():
 
 
 def test_zoom_computes_and_draws_a_piece():
-    done("run", "small.yaml", "--quiet")
-    printed = done("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
+    accepted("run", "sweep.yaml", "--quiet")
+    printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
     assert Path("small-omega-2.25-2.5.png").read_bytes().startswith(b"\x89PNG")
-    done("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
+    accepted("zoom", "small.h5", "clearance=0.1:0.2", "omega=2:3", "-o", "two.h5")
     whole, piece, two = map(sweeps.open_sweep, ("small.h5", "small-omega-2.25-2.5.h5", "two.h5"))
     np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
     np.testing.assert_array_equal(two["clearance"], [0.1, 0.2])
@@ -201,20 +166,20 @@ def test_zoom_computes_and_draws_a_piece():
     ],
 )
 def test_a_zoom_that_cannot_be(pieces, reason):
-    done("run", "small.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
     assert reason in refused("zoom", "small.h5", *pieces)
 
 
 def test_a_map_and_the_exact_orbits():
-    done("run", "small.yaml", "--quiet", "--set", "record.diagnostics=[period]")
-    assert done("plot", "small.h5", "--kind", "map") == "small.png\n"
+    accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
+    assert accepted("plot", "small.h5", "--kind", "map") == "small.png\n"
     axes = ("--axis", "clearance", "--axis", "omega", "--quantity", "slowest_impact")
-    assert done("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
+    assert accepted("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
     assert b"forcing frequency" in Path("map.svg").read_bytes()
-    assert done("plot", "small.h5", "--kind", "impacts", "--at", "omega=1.5") == "small.png\n"
+    assert accepted("plot", "small.h5", "--kind", "impacts", "--at", "omega=1.5") == "small.png\n"
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
-    done("run", "small.yaml", "--quiet", "--overwrite", *cut)
-    followed, *_, picture = done("plot", "small.h5", "--exact").splitlines()
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite", *cut)
+    followed, *_, picture = accepted("plot", "small.h5", "--exact").splitlines()
     assert re.match(r"1/1: \d points follow the stable branch; largest deviation \d", followed)
     assert picture == "small.png"
 
@@ -222,7 +187,7 @@ def test_a_map_and_the_exact_orbits():
 def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
-    printed = done("run", "small.yaml", "other.yaml", "--set", "oscillator.h=0.3")
+    printed = accepted("run", "sweep.yaml", "other.yaml", "--set", "oscillator.h=0.3")
     outcomes = [line.split(" in ")[0] for line in printed.splitlines()]
     certified = "10 points, all certified: every impact found, none missed"
     assert outcomes[:2] == [f"small.h5: {certified}", f"sub/o.h5: {certified}"]
@@ -233,9 +198,9 @@ def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
     ):
         xr.testing.assert_equal(first, second)
         assert (first.attrs["name"], second.attrs["name"]) == ("small", "other")
-    assert done("plot", "small.h5", "sub/o.h5") == "small.png\nsub/o.png\n"
+    assert accepted("plot", "small.h5", "sub/o.h5") == "small.png\nsub/o.png\n"
     assert Path("sub/o.png").stat().st_size > 10_000
-    plans = done("run", "small.yaml", "other.yaml", "--overwrite", "--dry-run").split("\n\n")
+    plans = accepted("run", "sweep.yaml", "other.yaml", "--overwrite", "--dry-run").split("\n\n")
     assert [plan.split()[1] for plan in plans] == ["small", "other"]
 
 
@@ -243,13 +208,13 @@ def test_several_are_refused_before_any_is_run_or_drawn():
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other"))
     Path("wrong.yaml").write_text(CONFIG.replace("h: 0.1", "h: -1"))
     Path("same.yaml").write_text(CONFIG)
-    assert "wrong.yaml, line 3" in refused("run", "small.yaml", "wrong.yaml")
-    message = refused("run", "small.yaml", "other.yaml", "-o", "a.h5")
+    assert "wrong.yaml, line 3" in refused("run", "sweep.yaml", "wrong.yaml")
+    message = refused("run", "sweep.yaml", "other.yaml", "-o", "a.h5")
     assert "-o a.h5 is not allowed here: it is for a single file, and 2 are given" in message
-    message = refused("run", "small.yaml", "same.yaml")
-    assert "small.yaml and same.yaml would both write small.h5" in message
-    done("run", "other.yaml", "--quiet")
-    assert "other.h5 exists" in refused("run", "small.yaml", "other.yaml")
+    message = refused("run", "sweep.yaml", "same.yaml")
+    assert "sweep.yaml and same.yaml would both write small.h5" in message
+    accepted("run", "other.yaml", "--quiet")
+    assert "other.h5 exists" in refused("run", "sweep.yaml", "other.yaml")
     assert "missing.h5 does not exist" in refused("plot", "other.h5", "missing.h5")
     assert "-o a.png is not allowed here" in refused("plot", "other.h5", "other.h5", "-o", "a.png")
     assert "other.h5 and other.h5 would both write" in refused("plot", "other.h5", "other.h5")
@@ -257,10 +222,10 @@ def test_several_are_refused_before_any_is_run_or_drawn():
 
 
 def test_the_configuration_in_info_can_be_run_again():
-    done("run", "small.yaml", "--quiet", "--set", "oscillator.h=0.3")
-    configuration = done("info", "small.h5").split("\n\n", 1)[1]
+    accepted("run", "sweep.yaml", "--quiet", "--set", "oscillator.h=0.3")
+    configuration = accepted("info", "small.h5").split("\n\n", 1)[1]
     Path("again.yaml").write_text(configuration)
-    done("run", "again.yaml", "--quiet", "-o", "again.h5")
+    accepted("run", "again.yaml", "--quiet", "-o", "again.h5")
     with (
         xr.open_dataset("small.h5", engine="h5netcdf") as first,
         xr.open_dataset("again.h5", engine="h5netcdf") as second,
@@ -270,25 +235,25 @@ def test_the_configuration_in_info_can_be_run_again():
 
 
 def test_quiet_prints_nothing():
-    assert done("run", "small.yaml", "--quiet") == ""
+    assert accepted("run", "sweep.yaml", "--quiet") == ""
     assert Path("small.h5").exists()
 
 
 def test_overwrite_replaces_the_output():
-    done("run", "small.yaml", "--quiet")
-    done("run", "small.yaml", "--quiet", "--overwrite", "--set", "oscillator.omega.num=3")
+    accepted("run", "sweep.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite", "--set", "oscillator.omega.num=3")
     with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
         assert dataset.sizes["omega"] == 3
 
 
 def test_output_option_wins_over_the_configuration():
-    done("run", "small.yaml", "--quiet", "--set", "output=a.h5", "-o", "b.h5")
+    accepted("run", "sweep.yaml", "--quiet", "--set", "output=a.h5", "-o", "b.h5")
     assert Path("b.h5").exists() and not Path("a.h5").exists()
 
 
 def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
-    printed = done("run", "small.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
+    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
     # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, nine numbers and the status.
     size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 9) + 1)
@@ -308,33 +273,33 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     ]
     assert re.fullmatch(r"about \d\S* s", time)
     assert re.fullmatch(r"about \d+ kB for the blocks in work", memory)
-    assert [path.name for path in Path().iterdir()] == ["small.yaml"]
+    assert [path.name for path in Path().iterdir()] == ["sweep.yaml"]
 
 
 def test_every_start_says_what_it_takes():
-    planned = done("run", "small.yaml", "--dry-run").splitlines()
-    started = call("run", "small.yaml").stderr
+    planned = accepted("run", "sweep.yaml", "--dry-run").splitlines()
+    started = call("run", "sweep.yaml").stderr
     for line in planned:
         assert line in started or line.startswith("expected time")
     assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
 
 
 def test_dry_run_shows_the_steps_chosen_for_the_worst_point():
-    printed = done("run", "small.yaml", "--dry-run", "--set", "method={}")
+    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "method={}")
     steps = math.ceil(2 * math.pi * (1.2 / 1.5 + 1) / LONGEST_STEP)
     assert re.search(rf"steps per period +{steps}\n", printed)
-    printed = done("run", "small.yaml", "--dry-run", "--set", "method={impact: plain}")
+    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "method={impact: plain}")
     assert re.search(r"steps per period +100\n", printed)
 
 
 def test_no_unit_is_shown_where_there_is_none():
-    printed = done("run", "small.yaml", "--dry-run", "--set", "oscillator.R=[0.5, 0.8]")
+    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "oscillator.R=[0.5, 0.8]")
     assert "R = 0.5 .. 0.8, 2 values" in printed
 
 
 def test_what_became_of_the_points_is_told(monkeypatch, folder):
-    assert "10 points, all certified: every impact found, none missed in " in done(
-        "run", "small.yaml"
+    assert "10 points, all certified: every impact found, none missed in " in accepted(
+        "run", "sweep.yaml"
     )
     compute = runner.compute_block
 
@@ -344,26 +309,26 @@ def test_what_became_of_the_points_is_told(monkeypatch, folder):
         return results
 
     monkeypatch.setattr(runner, "compute_block", settled)
-    done("run", "small.yaml", "--quiet", "--overwrite")
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite")
     assert re.search(
         rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
-        done("info", "small.h5"),
+        accepted("info", "small.h5"),
     )
     monkeypatch.setattr(runner, "compute_block", compute)
-    printed = done("run", "small.yaml", "--overwrite", "--set", "method={impact: plain}")
+    printed = accepted("run", "sweep.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
 
 
 def test_a_run_without_impacts_says_so():
     """Far from the stop; at the stop under a preload, the mass rests there without an impact."""
     said = "no impact in any record: no motion meets the stop"
-    free = done("run", "small.yaml", "--set", "oscillator.clearance=50")
-    assert said in free and said in done("info", "small.h5")
+    free = accepted("run", "sweep.yaml", "--set", "oscillator.clearance=50")
+    assert said in free and said in accepted("info", "small.h5")
     pressed = ("--set", "oscillator.clearance=-50", "--set", "start.x0=-50", "--overwrite")
-    assert said not in done("run", "small.yaml", *pressed)
+    assert said not in accepted("run", "sweep.yaml", *pressed)
     with h5py.File("small.h5") as file:
         assert (file["rest_fraction"][()] > 0.999).all()
-    assert said not in done("run", "small.yaml", "--overwrite")
+    assert said not in accepted("run", "sweep.yaml", "--overwrite")
 
 
 def test_an_unstable_step_is_refused_or_allowed_and_said():
@@ -376,17 +341,17 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
     message = refused("run", "unstable.yaml")
     assert "line 2: method.steps_per_period: 25 are not enough for euler" in message
     assert "an integer from 105 to" in message and "allow_unstable" in message
-    text = done("run", "unstable.yaml", "--set", "method.allow_unstable=true")
+    text = accepted("run", "unstable.yaml", "--set", "method.allow_unstable=true")
     assert "2 points, of which 1 NON_FINITE (the state overflowed: the step is unstable" in text
-    done("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")
+    accepted("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")
 
 
 def test_diagnostics_are_computed_where_they_are_asked_for():
     with unittest.mock.patch("vibroimpact.points.computation.period_class") as period:
-        done("run", "small.yaml", "--quiet")
+        accepted("run", "sweep.yaml", "--quiet")
     assert not period.called
     both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
-    done("run", "small.yaml", "--quiet", "--overwrite", *both)
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite", *both)
     with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
         assert dict(dataset["lyapunov"].sizes) == {"omega": 5, "clearance": 2, "exponent": 2}
         assert np.isfinite(dataset["lyapunov"].values).all()
@@ -398,9 +363,9 @@ def test_diagnostics_are_computed_where_they_are_asked_for():
 
 def test_any_block_size_gives_the_same_data(monkeypatch):
     small = ("--set", "method={}", "--set", "record.diagnostics=[period, lyapunov]")
-    done("run", "small.yaml", "--quiet", *small)
+    accepted("run", "sweep.yaml", "--quiet", *small)
     monkeypatch.setattr("sweeps.engine.run.block_size", lambda _: 3)
-    done("run", "small.yaml", "--quiet", *small, "-o", "blocks.h5")
+    accepted("run", "sweep.yaml", "--quiet", *small, "-o", "blocks.h5")
     with (
         xr.open_dataset("small.h5", engine="h5netcdf") as first,
         xr.open_dataset("blocks.h5", engine="h5netcdf") as second,
@@ -422,7 +387,7 @@ def test_a_block_is_done_in_about_a_second(monkeypatch, record, points, expected
     monkeypatch.setattr("sweeps.engine.plan._available_memory", lambda: 20 * 10**9)
     method = "method={impact: plain, steps_per_period: 10}"
     num = f"oscillator.omega={{start: 1, stop: 2, num: {points}}}"
-    config = load_config("small.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])
+    config = load_config("sweep.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])
     assert block_size(config) == pytest.approx(expected, rel=0.05)
 
 
@@ -441,14 +406,14 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
     monkeypatch.setitem(
         sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
     )
-    result = call("run", "small.yaml")
+    result = call("run", "sweep.yaml")
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
     assert result.stderr.count("\n") == 1
 
 
 def test_an_interrupted_run_says_what_is_kept(monkeypatch):
-    done("run", "small.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
 
     def run_sweep(*_, **__):
         with h5py.File("small.h5", "r+") as file:
@@ -458,14 +423,14 @@ def test_an_interrupted_run_says_what_is_kept(monkeypatch):
     monkeypatch.setitem(
         sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
     )
-    result = call("run", "small.yaml", "--overwrite")
+    result = call("run", "sweep.yaml", "--overwrite")
     assert result.exit_code == 1
     assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
 
 
 @pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
 def test_an_interrupted_command_exits_with_1(monkeypatch, command):
-    done("run", "small.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
 
     def interrupt(*_, **__):
         raise KeyboardInterrupt
@@ -476,7 +441,7 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
     file = {
         "info": ["small.h5"],
         "plot": ["small.h5"],
-        "run": ["small.yaml"],
+        "run": ["sweep.yaml"],
         "schema": [],
         "zoom": ["small.h5", "omega=2:3"],
     }
@@ -488,7 +453,7 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run(folder, number):
     endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
-    command = [sys.executable, "-m", "sweeps.cli", "run", "small.yaml", *endless]
+    command = [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *endless]
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
         deadline = time.monotonic() + 120
@@ -527,7 +492,7 @@ def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd,
 
     monkeypatch.setattr(runner.SweepWriter, "write", write)
     monkeypatch.setattr(runner, "block_size", lambda _: 2)
-    result = call("run", "small.yaml", "--quiet")
+    result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
     assert len(written) == 1
@@ -572,34 +537,34 @@ def test_a_missing_configuration():
 
 
 def test_a_wrong_override():
-    message = refused("run", "small.yaml", "--set", "oscillator.R=1.2")
+    message = refused("run", "sweep.yaml", "--set", "oscillator.R=1.2")
     assert "--set oscillator.R=1.2: oscillator.R = 1.2" in message
     assert "a number from 0 to 1" in message
 
 
 @pytest.mark.parametrize("dry", [[], ["--dry-run"]])
 def test_an_output_folder_that_does_not_exist(dry):
-    message = refused("run", "small.yaml", "-o", "nowhere/out.h5", *dry)
+    message = refused("run", "sweep.yaml", "-o", "nowhere/out.h5", *dry)
     assert "folder nowhere" in message and "does not exist" in message
 
 
 def test_an_output_that_exists():
     Path("small.h5").write_text("precious")
-    message = refused("run", "small.yaml")
+    message = refused("run", "sweep.yaml")
     assert "small.h5 exists" in message and "--overwrite" in message
     assert Path("small.h5").read_text() == "precious"
 
 
 @pytest.mark.parametrize("threads", [0, -1, 100_000])
 def test_threads_that_numba_does_not_have(threads):
-    message = refused("run", "small.yaml", "--threads", threads)
+    message = refused("run", "sweep.yaml", "--threads", threads)
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
 @pytest.mark.parametrize("command", ["plot", "info"])
 def test_a_file_that_is_not_a_sweep(command):
-    message = refused(command, "small.yaml")
-    assert "small.yaml is not an HDF5 file" in message
+    message = refused(command, "sweep.yaml")
+    assert "sweep.yaml is not an HDF5 file" in message
     with h5py.File("other.h5", "w") as file:
         file["x"] = [1.0]
     assert "other.h5 is an HDF5 file, but not one" in refused(command, "other.h5")
@@ -625,7 +590,7 @@ def test_a_file_that_is_not_a_sweep(command):
     ],
 )
 def test_a_picture_that_cannot_be_drawn(arguments, parts):
-    done("run", "small.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
     Path("link.png").symlink_to("small.h5")
     Path("folder").mkdir()
     message = refused("plot", "small.h5", *arguments)
@@ -634,7 +599,7 @@ def test_a_picture_that_cannot_be_drawn(arguments, parts):
 
 
 def test_a_cut_off_the_grid_is_told():
-    done("run", "small.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
     result = call("plot", "small.h5", "--at", "clearance=0.06")
     assert (result.exit_code, result.stdout) == (0, "small.png\n")
     assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"
@@ -646,25 +611,25 @@ def test_a_cut_off_the_grid_is_told():
 def test_more_than_the_disk_holds(monkeypatch, dry):
     usage = types.SimpleNamespace(free=1000)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
-    message = refused("run", "small.yaml", *dry)
+    message = refused("run", "sweep.yaml", *dry)
     assert re.search(r"the sweep takes about \d\.\d+ kB, .* has only 1 kB left", message)
 
 
 def test_a_grid_beyond_all_bounds():
     axis = "{start: 0, stop: 1, num: 1e7}"
     three = [f"oscillator.{name}={axis}" for name in ("h", "R", "f")]
-    message = refused("run", "small.yaml", *(part for text in three for part in ("--set", text)))
+    message = refused("run", "sweep.yaml", *(part for text in three for part in ("--set", text)))
     assert "a grid of 10,000,000,000,000,000,000,000 points" in message
     assert "at most 1,000,000,000" in message
 
 
 @pytest.mark.parametrize("name", ["z.txt", "z.png", "z.yaml"])
 def test_an_output_with_the_ending_of_another_kind(name):
-    assert "did you mean z.h5?" in refused("run", "small.yaml", "-o", name)
+    assert "did you mean z.h5?" in refused("run", "sweep.yaml", "-o", name)
 
 
 @pytest.mark.parametrize(
-    "arguments", [["run"], ["run", "small.yaml", "--foo"], ["fly"], ["run", "a", "--threads", "x"]]
+    "arguments", [["run"], ["run", "sweep.yaml", "--foo"], ["fly"], ["run", "a", "--threads", "x"]]
 )
 def test_bad_arguments(arguments):
     result = call(*arguments)
@@ -676,12 +641,12 @@ def test_bad_arguments(arguments):
 
 
 def test_schema_is_json():
-    schema = json.loads(done("schema"))
+    schema = json.loads(accepted("schema"))
     assert "oscillator" in schema["properties"]
 
 
 def test_version():
-    assert done("--version").startswith("vibroimpact")
+    assert accepted("--version").startswith("vibroimpact")
 
 
 @pytest.mark.parametrize(
@@ -713,13 +678,13 @@ def test_help_imports_nothing_heavy(arguments, typers):
 
 
 def test_a_process_exits_like_the_command(folder):
-    result = process("run", "small.yaml", "--set", "oscillator.R=2")
+    result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
     assert result.returncode == 2
     assert result.stdout == ""
     assert result.stderr.startswith("vibroimpact: error: --set oscillator.R=2: ")
     assert result.stderr.count("\n") == 1
-    assert process("run", "small.yaml", "--dry-run").returncode == 0
-    assert [path.name for path in folder.iterdir()] == ["small.yaml"]
+    assert process("run", "sweep.yaml", "--dry-run").returncode == 0
+    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
 
 
 # What other programs and people put in the way
@@ -727,16 +692,16 @@ def test_a_process_exits_like_the_command(folder):
 
 def test_what_a_file_says_reaches_the_terminal_escaped(monkeypatch):
     odd = '"a\\e]0;owned\\x07\\x9b31m\\u202E.h5"'
-    message = refused("run", "small.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
+    message = refused("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
     assert message.isascii() and printable(message) == message
-    printed = done("run", "small.yaml", "--set", f"output={odd}", "--dry-run")
+    printed = accepted("run", "sweep.yaml", "--set", f"output={odd}", "--dry-run")
     assert r"a\x1b]0;owned\x07\x9b31m\u202e.h5" in printed and printable(printed) == printed
-    result = call("run", "small.yaml", "--set", f"output={odd}", "--set", "name=a[red]\u202eb")
+    result = call("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=a[red]\u202eb")
     assert result.exit_code == 0
     assert printable(result.stdout) == result.stdout and r"\u202e.h5" in result.stdout
-    for text in (result.stderr, done("info", next(Path().glob("*.h5")))):
+    for text in (result.stderr, accepted("info", next(Path().glob("*.h5")))):
         assert r"a[red]\u202eb" in text and "\u202e" not in text
-    bad = refused("run", "small.yaml", "--set", 'oscillator.h="\\e[31m"')
+    bad = refused("run", "sweep.yaml", "--set", 'oscillator.h="\\e[31m"')
     assert r"oscillator.h = \x1b[31m is not a number" in bad and "\x1b" not in bad
     assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
 
@@ -748,8 +713,8 @@ def test_a_folder_is_no_file_of_a_sweep(name):
 
 
 def test_a_picture_with_a_long_name():
-    done("run", "small.yaml", "--quiet")
-    assert done("plot", "small.h5", "-o", "a" * 251 + ".png")
+    accepted("run", "sweep.yaml", "--quiet")
+    assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
     Path("loop.png").symlink_to("loop.png")
     for name in ("a" * 252 + ".png", "/proc/x.png"):
         result = call("plot", "small.h5", "-o", name)
@@ -761,7 +726,7 @@ def test_a_picture_with_a_long_name():
 
 def test_a_followed_sweep_that_records_no_impacts():
     followed = ("--set", "follow={axis: omega}", "--set", "record.impacts=0")
-    done("run", "small.yaml", "--quiet", *followed)
+    accepted("run", "sweep.yaml", "--quiet", *followed)
     with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
         assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
 
@@ -777,7 +742,7 @@ def test_a_followed_sweep_that_records_no_impacts():
 )
 def test_odd_settings_of_numba_are_refused(setting, told):
     name, value = setting.split("=")
-    result = process("run", "small.yaml", **{name: value})
+    result = process("run", "sweep.yaml", **{name: value})
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr.startswith("vibroimpact: error: numba cannot work with its settings: ")
     assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
@@ -785,11 +750,11 @@ def test_odd_settings_of_numba_are_refused(setting, told):
 
 def test_an_odd_date_is_refused(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
-    assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "small.yaml")
+    assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "sweep.yaml")
 
 
 def test_odd_settings_of_matplotlib_are_refused():
-    done("run", "small.yaml", "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
     result = process("plot", "small.h5", MPLBACKEND="nonsense")
     assert result.returncode == 2 and not Path("small.png").exists()
     assert "matplotlib cannot work with its settings: " in result.stderr
@@ -797,7 +762,7 @@ def test_odd_settings_of_matplotlib_are_refused():
 
 
 def test_an_encoding_that_lacks_a_character():
-    result = process("run", "small.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
+    result = process("run", "sweep.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
     assert result.returncode == 0, result.stderr
     assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
 

@@ -25,12 +25,11 @@ import xarray as xr
 from distributed import Client, LocalCluster
 from distributed.core import Server
 from distributed.security import Security
-from typer.testing import CliRunner
 
 import sweeps
+from commands import call, refused
+from sweep_files import data, load
 from sweeps import interrupts
-from sweeps.cli.main import app
-from sweeps.config.loading import load_config
 from sweeps.engine import client as clients
 from sweeps.engine.client import check_address
 from sweeps.engine.cluster import Cluster
@@ -67,46 +66,24 @@ def client(cluster):
         yield client
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("sweep.yaml").write_text(CONFIG)
-
-
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Let a sweep have enough blocks to be stopped between two of them."""
     monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 20)
 
 
-def config(*overrides):
-    return load_config("sweep.yaml", overrides)
-
-
-def data(path):
-    with open_sweep(path) as dataset:
-        dataset.load()
-    return dataset.drop_attrs(deep=False)
-
-
 def assert_same_bits(path):
     """Compare a file with that of a run on this machine alone."""
     if not Path("here.h5").exists():
-        run_sweep(config(), "here.h5")
+        run_sweep(load(CONFIG), "here.h5")
     xr.testing.assert_identical(data(path), data("here.h5"))
 
 
-def call(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def refused(*arguments):
-    """Run a command that must be refused without a trace, and return the message."""
-    result = call("run", "sweep.yaml", "-o", "out.h5", *arguments)
-    assert result.exit_code == 2, result.output
-    assert result.stderr.startswith("vibroimpact: error: ") and result.stderr.count("\n") == 1
-    assert sorted(path.name for path in Path().iterdir()) == ["sweep.yaml"]
-    return result.stderr
+def refused_run(*arguments):
+    """Run a sweep that must be refused in one line, and return the message."""
+    message = refused("run", "sweep.yaml", "-o", "out.h5", *arguments)
+    assert message.count("\n") == 1
+    return message
 
 
 def on_write(monkeypatch, number, action):
@@ -145,8 +122,8 @@ def on_write(monkeypatch, number, action):
     ],
 )
 def test_a_cluster_computes_the_same_bits(client, overrides):
-    run_sweep(config(*overrides), "there.h5", client=client)
-    run_sweep(config(*overrides), "here.h5", threads=1)
+    run_sweep(load(CONFIG, *overrides), "there.h5", client=client)
+    run_sweep(load(CONFIG, *overrides), "here.h5", threads=1)
     xr.testing.assert_identical(data("there.h5"), data("here.h5"))
 
 
@@ -161,17 +138,17 @@ def test_what_one_machine_began_a_cluster_ends_and_the_other_way_round(
     first, second = (None, client) if begins_here else (client, None)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         on_write(patch, 4, stop)
-        run_sweep(config(), "out.h5", client=first)
+        run_sweep(load(CONFIG), "out.h5", client=first)
     with open_sweep("out.h5") as dataset:
         assert 0 < (dataset["status"] != Status.PENDING).sum() < 300
-    run_sweep(config(), "out.h5", client=second, resume=True)
+    run_sweep(load(CONFIG), "out.h5", client=second, resume=True)
     assert_same_bits("out.h5")
 
 
 def test_an_interrupt_takes_the_tasks_off_the_cluster(monkeypatch, client, small_blocks):
     on_write(monkeypatch, 2, stop)
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(config(), "out.h5", client=client)
+        run_sweep(load(CONFIG), "out.h5", client=client)
     deadline = time.monotonic() + 60
     while left := [key for keys in left_on(client) for key in keys]:
         assert time.monotonic() < deadline, left
@@ -184,7 +161,7 @@ def left_on(client):
 
 
 def test_a_list_of_points_is_computed_like_a_block(client):
-    sweep = config()
+    sweep = load(CONFIG)
     points = [sweep.grid.points((slice(i, i + 7),)) for i in range(0, 70, 7)]
     found = list(Cluster(client).computed(compute, sweep, points))
     assert len(found) == 10
@@ -193,7 +170,7 @@ def test_a_list_of_points_is_computed_like_a_block(client):
 
 
 def test_a_long_axis_travels_without_a_warning(client):
-    sweep = config("oscillator.omega.num=2000000")
+    sweep = load(CONFIG, "oscillator.omega.num=2000000")
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
     for block, results in Cluster(client).computed(compute_block, sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
@@ -207,9 +184,9 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
         os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
 
     written = on_write(monkeypatch, 3, kill)
-    run_sweep(config("record.transient=2000"), "out.h5", client=client)
+    run_sweep(load(CONFIG, "record.transient=2000"), "out.h5", client=client)
     assert len(written) == len(set(written)) == 15
-    run_sweep(config("record.transient=2000"), "here.h5")
+    run_sweep(load(CONFIG, "record.transient=2000"), "here.h5")
     assert_same_bits("out.h5")
     client.wait_for_workers(WORKERS, timeout=60)
 
@@ -220,7 +197,7 @@ def test_workers_may_come_when_the_run_has_begun():
         assert Cluster(client).described() == ", waiting for a worker"
         later = threading.Timer(0.5, cluster.scale, [1])
         later.start()
-        run_sweep(config(), "out.h5", client=client)
+        run_sweep(load(CONFIG), "out.h5", client=client)
         later.join()
         assert Cluster(client).described() == " on 1 worker"
     assert_same_bits("out.h5")
@@ -271,7 +248,7 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blo
     found = re.fullmatch(pattern, result.stderr)
     assert found, result.stderr
     assert 60 <= int(found[1]) < 300
-    run_sweep(config(), "out.h5", resume=True)
+    run_sweep(load(CONFIG), "out.h5", resume=True)
     assert_same_bits("out.h5")
 
 
@@ -280,7 +257,7 @@ def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
         raise OSError("no such luck")
 
     with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with OSError: no such"):
-        list(Cluster(client).computed(fails, config(), range(20)))
+        list(Cluster(client).computed(fails, load(CONFIG), range(20)))
 
 
 # Workers with another version
@@ -307,11 +284,11 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
     pretend, address = stranger
     pretend()
     with pytest.raises(Refused) as caught:
-        run_sweep(config(), "out.h5", client=client)
+        run_sweep(load(CONFIG), "out.h5", client=client)
     assert not isinstance(caught.value, Failed)
     for part in (address, "0123456789abcdef", NUMERICS):
         assert part in str(caught.value)
-    assert refused("--dask", client.scheduler.address, "--quiet") == (
+    assert refused_run("--dask", client.scheduler.address, "--quiet") == (
         f"vibroimpact: error: {caught.value}\n"
     )
 
@@ -323,10 +300,10 @@ def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client,
     with monkeypatch.context() as patch:
         on_write(patch, 2, pretend)
         with pytest.raises(Failed) as caught:
-            run_sweep(config(), "out.h5", client=client)
+            run_sweep(load(CONFIG), "out.h5", client=client)
     for part in (address, "0123456789abcdef", NUMERICS):
         assert part in str(caught.value)
-    run_sweep(config(), "out.h5", resume=True)
+    run_sweep(load(CONFIG), "out.h5", resume=True)
     assert_same_bits("out.h5")
 
 
@@ -366,7 +343,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         inside -= 1
         return results
 
-    sweep = config()
+    sweep = load(CONFIG)
     blocks = list(sweep.grid.blocks(20))
     options = {"processes": False, "n_workers": 1, "threads_per_worker": 4}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
@@ -394,7 +371,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
         return {"number": np.full(1000, number)}
 
     taken = 0
-    for number, results in Cluster(client).computed(work, config(), items()):
+    for number, results in Cluster(client).computed(work, load(CONFIG), items()):
         assert (results["number"] == number).all()
         taken += 1
         assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side
@@ -402,7 +379,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
 
 
 def test_a_block_is_worth_sending(client):
-    sweep, size = config("oscillator.omega.num=1e6"), 10**6
+    sweep, size = load(CONFIG, "oscillator.omega.num=1e6"), 10**6
     computer = Cluster(client)
     assert computer.cores == WORKERS
     for seconds in (5.0, 50.0, 500.0):
@@ -464,7 +441,7 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
         }
         for host, port in encrypted:
             assert not answers_tls(host, port, ssl._create_unverified_context())
-            assert "no Dask scheduler answers" in refused("--dask", f"tcp://{host}:{port}")
+            assert "no Dask scheduler answers" in refused_run("--dask", f"tcp://{host}:{port}")
         for host, port in ports - encrypted:
             for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
                 with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -527,7 +504,7 @@ def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
             Path("out.h5").unlink()
             Path("here.h5").unlink()
             with dask.config.set(dict.fromkeys(certificates)):
-                message = refused("--dask", address)
+                message = refused_run("--dask", address)
     assert f"no Dask scheduler answers at {address} (" in message
     assert "distributed.comm.tls in Dask's configuration" in message
 
@@ -555,7 +532,7 @@ def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
     addresses = queue.SimpleQueue()
     threading.Thread(target=asyncio.run, args=[serve()], daemon=True).start()
     monkeypatch.setattr(clients, "_PATIENCE", 1)
-    message = refused("--dask", addresses.get(timeout=60))
+    message = refused_run("--dask", addresses.get(timeout=60))
     assert "answers, but does not take this process in" in message
     gc.collect()  # a client that was thrown away says nothing (pytest would)
 
@@ -598,7 +575,7 @@ def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
 )
 def test_an_address_that_is_none_is_refused_without_dask(monkeypatch, address, told):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    message = refused("--dask", address)
+    message = refused_run("--dask", address)
     assert f"--dask {address} is not allowed; expected: " in message and told in message
 
 
@@ -609,7 +586,7 @@ def test_an_address(address):
 
 def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    message = refused("--dask", "local:1")
+    message = refused_run("--dask", "local:1")
     assert "pip install 'vibroimpact[distributed]'" in message
     assert "pip install '.[distributed]'" in message
 
@@ -624,7 +601,7 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
             server.listen()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         told = f"no Dask scheduler answers at {address} (no answer in 1 s); start one"
-        assert told in refused("--dask", address)
+        assert told in refused_run("--dask", address)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # Dask's socket
@@ -658,11 +635,11 @@ def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
 
 def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
     address = next(iter(client.nthreads()))
-    assert "(it is the address of a worker)" in refused("--dask", address)
+    assert "(it is the address of a worker)" in refused_run("--dask", address)
 
 
 def test_threads_are_those_of_the_workers(client):
-    message = refused("--threads", 1, "--dask", client.scheduler.address)
+    message = refused_run("--threads", 1, "--dask", client.scheduler.address)
     assert "--threads 1 is not allowed with --dask" in message
     with pytest.raises(ValueError, match="threads is not allowed with a client"):
-        run_sweep(config(), "out.h5", client=client, threads=1)
+        run_sweep(load(CONFIG), "out.h5", client=client, threads=1)

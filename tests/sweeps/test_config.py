@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from sweep_files import load
 from sweeps.config import sweep as config_module
 from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig, StartConfig
@@ -30,31 +31,14 @@ output: results/frequency.h5
 OSCILLATOR = {"h": "0.1", "R": "0.8", "omega": "2.0", "f": "1.0"}
 
 
-@pytest.fixture
-def load(tmp_path):
-    """Load a text as a configuration file."""
-
-    def _load(text, overrides=()):
-        path = tmp_path / "sweep.yaml"
-        path.write_text(text, encoding="utf-8")
-        return load_config(path, overrides)
-
-    return _load
-
-
-@pytest.fixture
-def refusal(load):
+def refusal(text, overrides=()):
     """Return the message with which a text is refused."""
-
-    def _refusal(text, overrides=()):
-        with pytest.raises(ConfigError) as caught:
-            load(text, overrides)
-        message = str(caught.value)
-        for jargon in ("Input should", "type=", "input_value", "errors.pydantic.dev", "<mapping>"):
-            assert jargon not in message
-        return message
-
-    return _refusal
+    with pytest.raises(ConfigError) as caught:
+        load(text, *overrides)
+    message = str(caught.value)
+    for jargon in ("Input should", "type=", "input_value", "errors.pydantic.dev", "<mapping>"):
+        assert jargon not in message
+    return message
 
 
 def oscillator(**values):
@@ -66,7 +50,7 @@ def oscillator(**values):
 # What is read
 
 
-def test_a_mapping_is_read_as_its_yaml(load):
+def test_a_mapping_is_read_as_its_yaml():
     typed = load(EXAMPLE)
     data = yaml.safe_load(EXAMPLE)
     assert load_config(data) == typed
@@ -89,7 +73,7 @@ def test_a_mapping_that_cannot_be():
     assert "unknown key oscillator.gap (did you mean clearance?)" in third
 
 
-def test_the_example_is_read_as_written(load):
+def test_the_example_is_read_as_written():
     config = load(EXAMPLE)
     assert (config.name, config.output) == ("frequency-bifurcation", Path("results/frequency.h5"))
     assert (config.method.integrator, config.method.impact) == ("exact", "exact")
@@ -101,7 +85,7 @@ def test_the_example_is_read_as_written(load):
     }  # fmt: skip
 
 
-def test_the_defaults_are_the_documented_ones(load):
+def test_the_defaults_are_the_documented_ones():
     config, example = load(oscillator()), load(EXAMPLE)
     assert (config.name, config.output) == ("sweep", Path("sweep.h5"))
     for group in ("start", "method", "record"):
@@ -113,7 +97,7 @@ def test_the_defaults_are_the_documented_ones(load):
             assert config.grid.fixed[name] == parameter.default
 
 
-def test_the_output_is_named_after_the_sweep(load):
+def test_the_output_is_named_after_the_sweep():
     assert load("name: other\n" + oscillator()).output == Path("other.h5")
 
 
@@ -131,25 +115,25 @@ def test_the_groups_have_every_parameter():
          ["omega", "R", "x0"]),
     ],
 )  # fmt: skip
-def test_the_axes_are_in_the_order_of_the_file(load, text, axes):
+def test_the_axes_are_in_the_order_of_the_file(text, axes):
     config = load(text)
     assert list(config.grid.axes) == axes
     assert config.grid.shape == tuple(len(values) for values in config.grid.axes.values())
 
 
-def test_one_value_in_a_list_or_range_is_an_axis(load):
+def test_one_value_in_a_list_or_range_is_an_axis():
     axes = load(oscillator(h="[0.3]", f="{start: 2, stop: 2, num: 1}")).grid.axes
     assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
 
 
-def test_log_spacing(load):
+def test_log_spacing():
     values = load(oscillator(h="{start: 1e-4, stop: 1, num: 5, spacing: log}")).grid.axes["h"]
     np.testing.assert_allclose(values, [1e-4, 1e-3, 1e-2, 1e-1, 1.0], rtol=1e-14)
     assert (values[0], values[-1]) == (1e-4, 1.0)
 
 
 @pytest.mark.parametrize("spacing", ["linear", "log"])
-def test_no_value_of_a_range_is_rounded_out_of_it(load, spacing):
+def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
     low = math.nextafter(1.0, 0.0)
     text = f"{{start: {low!r}, stop: 1, num: 50, spacing: {spacing}}}"
     values = load(oscillator(R=text)).grid.axes["R"]
@@ -157,27 +141,27 @@ def test_no_value_of_a_range_is_rounded_out_of_it(load, spacing):
 
 
 @pytest.mark.parametrize("text", ["1e-3", "'1e-3'", "1E-3", "+.001", "0.001"])
-def test_numbers_are_read_however_they_are_written(load, text):
+def test_numbers_are_read_however_they_are_written(text):
     assert load(oscillator(h=text)).oscillator.h == 1e-3
 
 
-def test_integers_may_be_written_as_floats(load):
+def test_integers_may_be_written_as_floats():
     config = load(oscillator() + "record: {transient: 1e3, periods: 20.0}\n")
     assert (config.record.transient, config.record.periods) == (1000, 20)
 
 
-def test_a_trajectory_is_asked_for_by_every(load):
+def test_a_trajectory_is_asked_for_by_every():
     config = load(oscillator() + "record: {trajectory: {every: 5}}\n")
     assert config.record.trajectory and config.record.trajectory.every == 5
 
 
-def test_the_configuration_is_frozen(load):
+def test_the_configuration_is_frozen():
     config = load(EXAMPLE)
     with pytest.raises(ValueError):
         config.method.integrator = "rk4"
 
 
-def test_every_integrator_and_impact_rule_is_accepted(load):
+def test_every_integrator_and_impact_rule_is_accepted():
     for integrator in INTEGRATORS:
         for impact in IMPACT_RULES:
             if impact != "exact" or integrator == "exact":
@@ -199,7 +183,7 @@ def test_every_integrator_and_impact_rule_is_accepted(load):
         ({}, "steps_per_period: ~", 8),
     ],
 )
-def test_the_steps_are_those_of_the_worst_point(load, values, method, steps):
+def test_the_steps_are_those_of_the_worst_point(values, method, steps):
     config = load(oscillator(**values) + f"method: {{{method}}}\n")
     assert LONGEST_STEP == 1.31  # that the numbers above are for
     assert config.steps == steps
@@ -208,14 +192,14 @@ def test_the_steps_are_those_of_the_worst_point(load, values, method, steps):
     assert load(written).steps == steps
 
 
-def test_the_widths_are_those_of_the_record(load):
+def test_the_widths_are_those_of_the_record():
     record = "record: {periods: 7, impacts: 3, trajectory: {every: 4}}\n"
     widths = load(oscillator() + record).widths
     assert widths == {"section": 7, "impact": 3, "sample": 7 * 8 // 4 + 1}
     assert load(oscillator()).widths["sample"] == 0
 
 
-def test_diagnostics_are_asked_for_by_name(load):
+def test_diagnostics_are_asked_for_by_name():
     config = load(oscillator() + "record: {diagnostics: [lyapunov, period]}\n")
     assert config.record.diagnostics == ("lyapunov", "period")
     config = load(oscillator() + "method: {impact: plain}\nrecord: {diagnostics: [period]}\n")
@@ -244,7 +228,7 @@ def test_diagnostics_are_asked_for_by_name(load):
           "at most 10,000,000"]),
     ],
 )  # fmt: skip
-def test_settings_that_do_not_go_together(refusal, lines, parts):
+def test_settings_that_do_not_go_together(lines, parts):
     message = refusal(oscillator() + lines + "\n")
     assert message.count("\n") == 0
     for part in parts:
@@ -280,17 +264,17 @@ def test_settings_that_do_not_go_together(refusal, lines, parts):
          ["line 3: method.allow_unstable = maybe is neither true nor false"]),
     ],
 )  # fmt: skip
-def test_an_unstable_step_is_refused(refusal, load, values, method, parts):
+def test_an_unstable_step_is_refused(values, method, parts):
     text = f"# a comment\n{oscillator(**values)}method: {{impact: plain, {method}}}\n"
     message = refusal(text)
     assert message.count("\n") == 0
     for part in parts:
         assert part in message
-    assert load(text, ["method.allow_unstable=True"]).method.allow_unstable is True
+    assert load(text, "method.allow_unstable=True").method.allow_unstable is True
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(load, refusal, integrator):
+def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(integrator):
     """Against every point of random grids, below, across and above critical damping."""
     rng = np.random.default_rng(6)
     for _ in range(30):
@@ -298,24 +282,24 @@ def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(load, re
         h, p = (f"{{start: {a!r}, stop: {b!r}, num: 41}}" for a, b in np.array(ends).tolist())
         text = oscillator(h=h, p=p, omega="[0.01, 0.007]")
         text += f"method: {{integrator: {integrator}, impact: plain}}\n"
-        config = load(text, ["method.allow_unstable=true"])
+        config = load(text, "method.allow_unstable=true")
         mesh = np.meshgrid(config.grid.axes["h"], config.grid.axes["p"])
         least = least_stable_steps(integrator, *mesh, 0.007).max()
         assert config.steps == max(100, least) if least <= 1e6 else 100
         if 4 < least <= 1e6:
-            load(text, [f"method.steps_per_period={least:.0f}"])
+            load(text, f"method.steps_per_period={least:.0f}")
             message = refusal(text, [f"method.steps_per_period={least - 1:.0f}"])
             assert f"expected: an integer from {least:.0f} to" in message
 
 
 @pytest.mark.parametrize("values", [{"omega": "1e-9"}, {"omega": "1e-300"}, {"h": "1e308"}])
-def test_more_steps_than_can_be_computed(refusal, values):
+def test_more_steps_than_can_be_computed(values):
     message = refusal("# a comment\n" + oscillator(**values))
     assert "line 2: oscillator.omega: exact impacts would need" in message
     assert "at most 1000000" in message and message.count("\n") == 0
 
 
-def test_a_grid_that_is_too_large(refusal, load):
+def test_a_grid_that_is_too_large():
     axis = "{start: 0, stop: 1, num: 1e3}"
     assert load(oscillator(h=axis, R=axis, f=axis)).grid.size == 10**9
     message = refusal("# a comment\n" + oscillator(h=axis, R=axis, f=axis, p="[1, 2]"))
@@ -326,7 +310,7 @@ def test_a_grid_that_is_too_large(refusal, load):
 # --set
 
 
-def test_overrides_replace_and_add_in_order(load):
+def test_overrides_replace_and_add_in_order():
     overrides = [
         "oscillator.h=0.2",
         "oscillator.omega.num=7",
@@ -334,15 +318,15 @@ def test_overrides_replace_and_add_in_order(load):
         "record.trajectory={every: 2}",
         "name=renamed",
     ]
-    config = load(EXAMPLE, overrides)
+    config = load(EXAMPLE, *overrides)
     assert config.oscillator.h == 0.2
     assert config.grid.shape == (7, 2)
     assert config.record.trajectory and config.record.trajectory.every == 2
     assert config.name == "renamed"
 
 
-def test_overrides_may_add_a_group(load):
-    assert load(oscillator(), ["method.impact=plain"]).method.impact == "plain"
+def test_overrides_may_add_a_group():
+    assert load(oscillator(), "method.impact=plain").method.impact == "plain"
 
 
 @pytest.mark.parametrize(
@@ -365,7 +349,7 @@ def test_overrides_may_add_a_group(load):
         ("<scalar>=1", ["unknown key <scalar>"]),
     ],
 )
-def test_a_wrong_override_is_reported_as_one(refusal, override, parts):
+def test_a_wrong_override_is_reported_as_one(override, parts):
     message = refusal(EXAMPLE.replace("false", "{every: 1}"), [override])
     for line in message.splitlines():
         assert line.startswith(f"--set {override}")
@@ -387,7 +371,7 @@ def test_a_wrong_override_is_reported_as_one(refusal, override, parts):
         f"name: '1.0'\n{oscillator(h='0.30000000000000004', f='[1e22, 3]')}",
     ],
 )
-def test_to_yaml_round_trip(load, text):
+def test_to_yaml_round_trip(text):
     config = load(text)
     written = config.to_yaml()
     again = load(written)
@@ -401,7 +385,7 @@ def test_to_yaml_round_trip(load, text):
     assert again.steps == config.steps
 
 
-def test_to_yaml_is_complete_and_keeps_the_order(load):
+def test_to_yaml_is_complete_and_keeps_the_order():
     plain = yaml.safe_load(load("start: {v0: 1}\n" + oscillator()).to_yaml())
     assert list(plain) == ["name", "start", "oscillator", "method", "record"]
     assert list(plain["start"]) == ["v0", "x0"]
@@ -444,7 +428,7 @@ def test_to_yaml_is_complete_and_keeps_the_order(load):
          "linear or log"),
     ],
 )  # fmt: skip
-def test_refused_values(refusal, values, key, given, allowed):
+def test_refused_values(values, key, given, allowed):
     message = refusal("# a comment\n" + oscillator(**values))
     assert message.count("\n") == 0
     assert "sweep.yaml, line 2: " in message
@@ -480,20 +464,20 @@ def test_refused_values(refusal, values, key, given, allowed):
         ("output: {a: b}", "output", "{a: b}", "a path"),
     ],
 )  # fmt: skip
-def test_refused_settings(refusal, line, key, given, allowed):
+def test_refused_settings(line, key, given, allowed):
     message = refusal(oscillator() + line + "\n")
     assert message.count("\n") == 0
     assert "sweep.yaml, line 2: " in message
     assert f"{key} = {given}" in message and allowed in message
 
 
-def test_unknown_key(refusal):
+def test_unknown_key():
     message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  omga: 1\n  omega: 1\n  f: 1\n")
     assert "line 4: unknown key oscillator.omga (did you mean omega?)" in message
     assert "keys among h, R, omega, f, p, clearance" in message
 
 
-def test_a_misspelt_key_is_not_reported_missing_as_well(refusal):
+def test_a_misspelt_key_is_not_reported_missing_as_well():
     message = refusal("oscilator: {h: 1}\n")
     assert "unknown key oscilator (did you mean oscillator?)" in message
     assert message.count("\n") == 0
@@ -503,13 +487,13 @@ def test_a_misspelt_key_is_not_reported_missing_as_well(refusal):
 
 
 @pytest.mark.parametrize(("values", "errors"), [("[[1], [2]]", 2), ("[[1, 2], 3]", 1)])
-def test_a_nested_list_is_reported_once_per_item(refusal, values, errors):
+def test_a_nested_list_is_reported_once_per_item(values, errors):
     message = refusal(oscillator(h=values))
     assert message.count("is not a number") == errors
     assert len(message.splitlines()) == errors
 
 
-def test_unknown_key_in_another_case(refusal):
+def test_unknown_key_in_another_case():
     assert "(did you mean R?)" in refusal(oscillator(r="1"))
 
 
@@ -541,19 +525,19 @@ def test_unknown_key_in_another_case(refusal):
         (None, "filename", "output"),
     ],
 )
-def test_a_name_of_other_programs_leads_to_the_key(refusal, place, name, key):
+def test_a_name_of_other_programs_leads_to_the_key(place, name, key):
     dotted = f"{place}.{name}" if place else name
     text = oscillator(f="{start: 1, stop: 2, num: 2}") + "method: {}\nrecord: {}\n"
     message = refusal(text, [f"{dotted}=1"])
     assert f"unknown key {dotted} (did you mean {key}?)" in message and message.count("\n") == 0
 
 
-def test_a_key_under_another_name_is_not_reported_missing_as_well(refusal):
+def test_a_key_under_another_name_is_not_reported_missing_as_well():
     message = refusal("oscillator: {damping: 0.1, restitution: 0.8, frequency: 2, F: 1}\n")
     assert message.count("\n") == 3 and "missing" not in message
 
 
-def test_of_many_errors_the_first_are_said_and_the_number_of_all(refusal):
+def test_of_many_errors_the_first_are_said_and_the_number_of_all():
     message = refusal(oscillator(h=f"[{', '.join('a' * 60_000)}]"))
     lines = message.splitlines()
     assert "line 1: oscillator.h[7] = a is not a number" in lines[7]
@@ -571,18 +555,18 @@ def test_of_many_errors_the_first_are_said_and_the_number_of_all(refusal):
         r'oscillator: {h: "\UFFFFFFFF"}',
     ],
 )
-def test_an_escape_that_is_no_character_is_refused(refusal, text):
+def test_an_escape_that_is_no_character_is_refused(text):
     assert "sweep.yaml" in refusal(text + "\n")
     if text.startswith("osc"):
         assert "--set oscillator.h=" in refusal(oscillator(), [r'oscillator.h="\UFFFFFFFF"'])
 
 
 @pytest.mark.parametrize("escape", [r"\x1b[31m", r"\x9b31m", r"\x7f", r"\r"])
-def test_a_name_with_a_control_character_is_refused(refusal, escape):
+def test_a_name_with_a_control_character_is_refused(escape):
     assert "without slashes and control characters" in refusal(f'name: "a{escape}"\n{oscillator()}')
 
 
-def test_to_yaml_can_be_shown_and_read_back(load):
+def test_to_yaml_can_be_shown_and_read_back():
     name = "\u202egnp.x \u200b é"  # written from right to left
     config = load(f'name: "{name}"\n{oscillator()}')
     written = config.to_yaml()
@@ -591,12 +575,12 @@ def test_to_yaml_can_be_shown_and_read_back(load):
     assert "name: é" in load(f"name: é\n{oscillator()}").to_yaml()
 
 
-def test_missing_key_names_the_line_of_its_group(refusal):
+def test_missing_key_names_the_line_of_its_group():
     message = refusal("name: a\noscillator:\n  h: 0.1\n  R: 1\n  omega: 1\n")
     assert "line 2: oscillator.f is missing; expected: forcing amplitude" in message
 
 
-def test_missing_group(refusal):
+def test_missing_group():
     assert "line 1: oscillator is missing" in refusal("name: a\n")
 
 
@@ -605,7 +589,7 @@ def test_missing_group(refusal):
     [("0.5", "0.2"), ("[-1, 0.5]", "1"), ("0.5", "[1, 0.2]"),
      ("{start: 0, stop: 0.5, num: 2}", "{start: 0.2, stop: 3, num: 4}")],
 )  # fmt: skip
-def test_start_beyond_the_stop(refusal, load, x0, clearance):
+def test_start_beyond_the_stop(x0, clearance):
     text = oscillator(clearance=clearance) + f"start: {{x0: {x0}}}\n"
     if clearance == "1":
         assert load(text).grid.size == 2
@@ -615,12 +599,12 @@ def test_start_beyond_the_stop(refusal, load, x0, clearance):
     assert "every x0 must be <= every clearance" in message
 
 
-def test_default_start_beyond_the_stop(refusal):
+def test_default_start_beyond_the_stop():
     message = refusal("name: a\n" + oscillator(clearance="-0.1"))
     assert "line 2: oscillator.clearance: x0 = 0 lies beyond the stop" in message
 
 
-def test_all_errors_are_reported(refusal):
+def test_all_errors_are_reported():
     message = refusal(oscillator(R="2", h="-1") + "recrod: {}\n")
     assert len(message.splitlines()) == 3
     assert all("sweep.yaml, line" in line for line in message.splitlines())
@@ -644,14 +628,14 @@ def test_all_errors_are_reported(refusal):
         ("just text", ["just text", "expected: a mapping"]),
     ],
 )  # fmt: skip
-def test_what_is_not_a_mapping_in_yaml(refusal, text, parts):
+def test_what_is_not_a_mapping_in_yaml(text, parts):
     message = refusal(text)
     assert "sweep.yaml" in message
     for part in parts:
         assert part in message
 
 
-def test_duplicate_key(refusal):
+def test_duplicate_key():
     message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  h: 0.2\n")
     assert "line 4: oscillator.h is given twice" in message and "line 2" in message
 

@@ -11,11 +11,11 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
-from sweeps.cli.main import app
+from commands import call
+from sweep_files import fill, random_results
 from sweeps.errors import StoreError
-from sweeps.grid import Grid
+from sweeps.grid import Grid, block_points
 from sweeps.store import VARIABLES, Layout, open_sweep, sweep_writer
 from sweeps.store.ledger import _SEAL, _SPAN, ROW, SUMMARY, Ledger, State, _row_check
 from vibroimpact.status import Status
@@ -40,26 +40,11 @@ def layout():
 
 def results(block):
     """Results that depend on the block alone, all certified."""
-    points = int(np.prod([cut.stop - cut.start for cut in block]))
-    random = np.random.default_rng([cut.start for cut in block])
-    arrays = {}
-    for name, variable in VARIABLES.items():
-        width = {**WIDTHS, "exponent": 2, None: None}[variable.record]
-        shape = (points,) if width is None else (points, width)
-        arrays[name] = random.normal(scale=100.0, size=shape).astype(variable.dtype)
-    arrays["status"] = np.full(points, Status.CERTIFIED, np.int8)
-    return arrays
+    arrays = random_results(block_points(block), WIDTHS, [cut.start for cut in block])
+    return arrays | {"status": np.full(block_points(block), Status.CERTIFIED, np.int8)}
 
 
-def fill(path, blocks=None, compressed=False, **kwargs):
-    with sweep_writer(path, layout(), **kwargs) as store:
-        for block in store.pending()[:blocks]:
-            store.write(block, results(block))
-        if not store.pending():
-            store.finish(compressed=compressed)
-
-
-def data(path):
+def contents(path):
     with open_sweep(path) as dataset:
         return dataset.load()
 
@@ -68,7 +53,7 @@ class Base:
     """A good file, its bytes, where what lies in them, and what a reader may see of it."""
 
     def __init__(self, path, blocks, compressed=False, torn=False):
-        fill(path, blocks, compressed)
+        fill(path, layout(), results, blocks, compressed)
         if torn:  # a kill in the middle of the next block
             with sweep_writer(path, layout(), resume=True) as store:
                 block = store.pending()[0]
@@ -79,7 +64,7 @@ class Base:
         self.name = path.name
         self.path = path.with_name("damaged.h5")
         self.content = path.read_bytes()
-        self.data = data(path)
+        self.data = contents(path)
         self.torn = torn
         with open(path, "rb") as file:
             ledger = Ledger.read(file.fileno())
@@ -225,7 +210,7 @@ def judge(base, change, seed):
         changed = np.frombuffer(content, np.uint8) != np.frombuffer(base.content, np.uint8)
         same = not (changed & ~base.may_change()).any()
     try:
-        seen = data(base.path)
+        seen = contents(base.path)
     except StoreError as error:
         assert not same, error
         assert "damaged.h5" in str(error)
@@ -239,15 +224,15 @@ def judge(base, change, seed):
 
 def judge_commands(path, same, whole):
     """The commands answer in words, and a resumed run ends with the right data or not at all."""
-    result = CliRunner().invoke(app, ["info", str(path)])
+    result = call("info", str(path))
     assert result.exit_code == (0 if same else 2), result.output
     assert isinstance(result.exception, SystemExit | type(None)), result.exception
     try:
-        fill(path, resume=True)
+        fill(path, layout(), results, resume=True)
     except StoreError:
         assert not same
     else:
-        xr.testing.assert_equal(data(path), whole)
+        xr.testing.assert_equal(contents(path), whole)
 
 
 def judged(bases, seeds, commands):
@@ -343,5 +328,5 @@ def test_damaged_blocks_of_an_incomplete_file_are_computed_again(bases):
         base.path.write_bytes(content)
         with pytest.raises(StoreError, match=r"is damaged: block 5 .*--resume"):
             open_sweep(base.path)
-        fill(base.path, resume=True)
-        xr.testing.assert_equal(data(base.path), bases["complete"].data)
+        fill(base.path, layout(), results, resume=True)
+        xr.testing.assert_equal(contents(base.path), bases["complete"].data)

@@ -3,7 +3,8 @@ import csv
 import numpy as np
 import pytest
 
-from sweeps import load_config, open_sweep, run_sweep
+from sweep_files import run_in
+from sweeps import open_sweep
 from sweeps.analysis import exact_branches
 from sweeps.analysis.exact_branches import Line, _distance, branches, grow
 from sweeps.analysis.exact_tables import write_csv
@@ -26,10 +27,8 @@ FLIPS = {1: 2.65888454668484, 2: 3.33809052026845}
 
 
 def computed(folder, *overrides):
-    source = folder / "c.yaml"
-    source.write_text(CONFIG)
-    config = load_config(source, overrides)
-    return open_sweep(run_sweep(config, folder / f"{len(list(folder.iterdir()))}.h5"))
+    name = f"{len(list(folder.iterdir()))}.h5"
+    return open_sweep(run_in(folder, CONFIG, *overrides, name=name))
 
 
 @pytest.fixture(scope="module")

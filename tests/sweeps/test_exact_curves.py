@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
+from commands import call
+from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
 from sweeps.analysis.exact_curves import find_curves
-from sweeps.cli.main import app
 from sweeps.errors import Refused
 
 CONFIG = """
@@ -23,9 +23,7 @@ record: {transient: 300, periods: 16, diagnostics: [period]}
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("map")
-    (folder / "c.yaml").write_text(CONFIG)
-    return run_sweep(load_config(folder / "c.yaml"), folder / "map.h5")
+    return run_in(tmp_path_factory.mktemp("map"), CONFIG)
 
 
 def test_the_flips_of_the_map_are_on_the_closed_form(path):
@@ -44,7 +42,7 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
 def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
     picture, table = tmp_path / "map.png", tmp_path / "curves.csv"
     command = ["plot", str(path), "--kind", "map", "--exact", "-o", str(picture)]
-    result = CliRunner().invoke(app, [*command, "--csv", str(table)])
+    result = call(*command, "--csv", str(table))
     assert result.exit_code == 0, result.output
     assert "exact curve" in result.output and "(100.0 %)" in result.output
     assert picture.stat().st_size > 1000
@@ -57,7 +55,7 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
 
 
 def test_info_lists_the_exact_bifurcations(path):
-    result = CliRunner().invoke(app, ["info", str(path), "--bifurcations", "--at", "R=0.9"])
+    result = call("info", str(path), "--bifurcations", "--at", "R=0.9")
     assert result.exit_code == 0, result.output
     flip = 2.6528859  # the upper edge of the stable window of model.md, section 3
     lines = [line.split() for line in result.output.splitlines()]

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
+from commands import call
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.cli.main import app
 from vibroimpact.status import Status
 
 CONFIG = """\
@@ -26,7 +25,7 @@ def file(tmp_path, monkeypatch):
 
 
 def exported(file, name="points.csv"):
-    result = CliRunner().invoke(app, ["export", str(file), "-o", name])
+    result = call("export", str(file), "-o", name)
     assert result.exit_code == 0, result.stderr
     with open(name, newline="") as text:
         return result.stdout, list(csv.DictReader(text))
@@ -69,7 +68,7 @@ def test_a_single_point_is_a_row(tmp_path, monkeypatch):
 def test_parquet_where_pyarrow_is_there(file, monkeypatch):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
-    assert CliRunner().invoke(app, ["export", str(file), "-o", "p.parquet"]).exit_code == 0
+    assert call("export", str(file), "-o", "p.parquet").exit_code == 0
     exported(file)
     pandas.testing.assert_frame_equal(
         pandas.read_parquet("p.parquet"), pandas.read_csv("points.csv")
@@ -83,6 +82,6 @@ def test_what_cannot_be_written_is_refused(file, monkeypatch):
         ("no/points.csv", "in an existing folder"),
         ("points.parquet", "needs the package pyarrow"),
     ):
-        result = CliRunner().invoke(app, ["export", str(file), "-o", name])
+        result = call("export", str(file), "-o", name)
         assert result.exit_code == 2 and text in " ".join(result.stderr.split())
     assert sorted(path.name for path in Path().iterdir()) == ["c.yaml", "out.h5"]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
-from typer.testing import CliRunner
 
 import sweeps
+from commands import call
+from sweep_files import data, load
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.cli.main import app
 from sweeps.engine import plan as limits
 from sweeps.engine import run as runner
 from sweeps.engine.compute import computation, compute, compute_block
@@ -46,28 +46,14 @@ SWEEP = {
 }
 
 
-@pytest.fixture
-def load(tmp_path, monkeypatch):
-    """Work in an empty folder, and load the sweep with changes from there."""
-    monkeypatch.chdir(tmp_path)
-
-    def _load(*changes, sweep=SWEEP):
-        Path("sweep.yaml").write_text(yaml.safe_dump(sweep, sort_keys=False))
-        return load_config("sweep.yaml", changes)
-
-    return _load
+def configured(*changes, sweep=SWEEP):
+    return load(sweep, *changes)
 
 
 def whole(config):
     """The block of the whole file of a sweep."""
     block = tuple(slice(0, n) for n in config.grid.shape)
     return (slice(0, 2), *block) if len(config.directions) == 2 else block
-
-
-def data(path):
-    with open_sweep(path) as dataset:
-        dataset.load()
-    return dataset.drop_attrs(deep=False)
 
 
 def ran(config, path="out.h5"):
@@ -107,9 +93,9 @@ def by_hand(config, point, axis, values):
 
 @pytest.mark.parametrize("phase", [0, 1.3])
 @pytest.mark.parametrize("axis", ["omega", "R", "clearance"])
-def test_a_chain_is_what_calls_by_hand_give(load, axis, phase):
+def test_a_chain_is_what_calls_by_hand_give(axis, phase):
     """To the bit, whatever the order in the file; the other axes and the directions apart."""
-    config = load(f"record.phase={phase}", f"follow.axis={axis}")
+    config = configured(f"record.phase={phase}", f"follow.axis={axis}")
     dataset = ran(config)
     assert dataset["poincare_x"].dims == ("direction", "R", "omega", "clearance", "section")
     others = [name for name in config.grid.axes if name != axis]
@@ -131,15 +117,15 @@ def test_a_chain_is_what_calls_by_hand_give(load, axis, phase):
 
 
 @pytest.mark.parametrize("way", ["up", "down"])
-def test_one_direction_has_no_dimension_and_is_that_of_both(load, way):
-    both = ran(load()).sel(direction=way, drop=True)
-    one = ran(load(f"follow.direction={way}"))
+def test_one_direction_has_no_dimension_and_is_that_of_both(way):
+    both = ran(configured()).sel(direction=way, drop=True)
+    one = ran(configured(f"follow.direction={way}"))
     assert "direction" not in one.coords
     xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
 
 
-def test_the_first_point_of_a_chain_starts_as_every_point(load):
-    followed, alone = ran(load()), ran(load("follow=null"))
+def test_the_first_point_of_a_chain_starts_as_every_point():
+    followed, alone = ran(configured()), ran(configured("follow=null"))
     for way, first in (("up", 0.6), ("down", 2.7)):
         chain = followed.sel(direction=way, omega=first, drop=True)
         xr.testing.assert_equal(chain, alone.sel(omega=first, drop=True))
@@ -147,14 +133,14 @@ def test_the_first_point_of_a_chain_starts_as_every_point(load):
         assert (later != alone["poincare_x"].sel(omega=2.4)).any()
 
 
-def test_a_start_that_is_swept_starts_chains_of_its_own(load):
-    config = load("start.x0=[-1, -0.2]", "record.trajectory=false")
+def test_a_start_that_is_swept_starts_chains_of_its_own():
+    config = configured("start.x0=[-1, -0.2]", "record.trajectory=false")
     assert ran(config)["poincare_x"].sizes["x0"] == 2
 
 
-def test_a_stop_that_moves_past_the_mass_takes_it_along(load):
+def test_a_stop_that_moves_past_the_mass_takes_it_along():
     """At rest under a steady push (f = 0 and a stop below x = 0) the mass lies on each stop."""
-    config = load(
+    config = configured(
         "oscillator={h: 0.5, R: 0.3, omega: 1, f: 0, clearance: [-0.1, -0.2, -0.3]}",
         "start.x0=-0.4",
         "follow={axis: clearance, direction: down}",
@@ -179,10 +165,10 @@ UNSTABLE = (
 )
 
 
-def test_after_a_failure_a_chain_begins_anew(load):
-    config = load(*UNSTABLE, "follow={axis: p, direction: down}")
+def test_after_a_failure_a_chain_begins_anew():
+    config = configured(*UNSTABLE, "follow={axis: p, direction: down}")
     followed = ran(config)
-    alone = ran(load(*UNSTABLE, "follow=null"))
+    alone = ran(configured(*UNSTABLE, "follow=null"))
     assert (followed["status"].sel(p=[15.0, 12.0]) == Status.NON_FINITE).all()
     assert np.isfinite(followed["poincare_x"].sel(p=[1.5, 1.2, 1.0])).all()
     xr.testing.assert_equal(followed.sel(p=[15.0, 12.0, 1.5]), alone.sel(p=[15.0, 12.0, 1.5]))
@@ -190,9 +176,9 @@ def test_after_a_failure_a_chain_begins_anew(load):
 
 
 @pytest.mark.parametrize("status", [Status.UNRESOLVED, Status.NON_FINITE, Status.COMPUTED])
-def test_only_the_chain_that_failed_begins_anew(load, status):
+def test_only_the_chain_that_failed_begins_anew(status):
     """Seen by what the kernel is given: the state before, or the start; a NaN is no state."""
-    config = load("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
+    config = configured("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
     calls = []
 
     def run(points, at_section):
@@ -222,19 +208,19 @@ def test_only_the_chain_that_failed_begins_anew(load, status):
 
 
 @pytest.mark.parametrize(("size", "direction"), [(3, "both"), (10, "both"), (15, "down")])
-def test_neither_blocks_nor_threads_change_the_data(load, monkeypatch, size, direction):
-    config = load(f"follow.direction={direction}")
+def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
+    config = configured(f"follow.direction={direction}")
     expected = ran(config)
     monkeypatch.setattr(runner, "block_size", lambda _: size)
     for threads in (1, 2):
         run_sweep(config, "blocks.h5", threads=threads, overwrite=True)
         xr.testing.assert_identical(data("blocks.h5"), expected)
-    packed = load(f"follow.direction={direction}", "compression=gzip")
+    packed = configured(f"follow.direction={direction}", "compression=gzip")
     xr.testing.assert_identical(ran(packed, "packed.h5"), expected)
 
 
-def test_an_interrupted_run_goes_on_to_the_same_data(load, monkeypatch):
-    config = load()
+def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
+    config = configured()
     expected = ran(config)
     monkeypatch.setattr(runner, "block_size", lambda _: 5)
     done = []
@@ -256,14 +242,14 @@ def test_an_interrupted_run_goes_on_to_the_same_data(load, monkeypatch):
     run_sweep(config, "stopped.h5", resume=True)
     xr.testing.assert_identical(data("stopped.h5"), expected)
     with pytest.raises(StoreError, match=r"follow\.direction was both and is up"):
-        run_sweep(load("follow.direction=up"), "stopped.h5", resume=True)
+        run_sweep(configured("follow.direction=up"), "stopped.h5", resume=True)
     with pytest.raises(StoreError, match=r"follow\.axis was omega and is not given"):
-        run_sweep(load("follow=null"), "stopped.h5", resume=True)
+        run_sweep(configured("follow=null"), "stopped.h5", resume=True)
 
 
-def test_a_damaged_block_is_named_and_computed_again(load, monkeypatch):
+def test_a_damaged_block_is_named_and_computed_again(monkeypatch):
     monkeypatch.setattr(runner, "block_size", lambda _: 5)
-    config = load()
+    config = configured()
     expected = ran(config)
     content = bytearray(Path("out.h5").read_bytes())
     place = content.find(expected["poincare_x"].sel(direction="down").values[1].tobytes())
@@ -275,8 +261,8 @@ def test_a_damaged_block_is_named_and_computed_again(load, monkeypatch):
     xr.testing.assert_identical(data("out.h5"), expected)
 
 
-def test_any_reader_finds_a_direction_by_its_name(load):
-    ran(load())
+def test_any_reader_finds_a_direction_by_its_name():
+    ran(configured())
     with xr.open_dataset("out.h5", engine="h5netcdf") as dataset, open_sweep("out.h5") as ours:
         xr.testing.assert_identical(dataset, ours)
         assert dataset["direction"].values.tolist() == ["up", "down"]
@@ -284,35 +270,35 @@ def test_any_reader_finds_a_direction_by_its_name(load):
         assert "followed" in dataset["direction"].attrs["long_name"]
     again = yaml.safe_load(dataset.attrs["configuration"])
     assert again["follow"] == {"axis": "omega", "direction": "both"}
-    assert "follow" not in yaml.safe_load(load("follow=null").to_yaml())
+    assert "follow" not in yaml.safe_load(configured("follow=null").to_yaml())
 
 
-def test_points_are_counted_in_each_direction(load):
-    load()
-    printed = CliRunner().invoke(app, ["run", "sweep.yaml", "--dry-run"]).stdout
+def test_points_are_counted_in_each_direction():
+    configured()
+    printed = call("run", "sweep.yaml", "--dry-run").stdout
     assert "follow            omega, up and down\n" in printed
     assert "points            60\n" in printed and "forcing periods   780\n" in printed
-    result = CliRunner().invoke(app, ["run", "sweep.yaml", "-o", "out.h5"])
+    result = call("run", "sweep.yaml", "-o", "out.h5")
     assert result.stdout.startswith("out.h5: 60 points")
     assert "60/60 points" in result.stderr
-    shown = CliRunner().invoke(app, ["info", "out.h5"]).stdout
+    shown = call("info", "out.h5").stdout
     assert "direction = up, down\n" in shown
     assert "status (direction: 2, R: 3, omega: 5, clearance: 2)" in shown
 
 
-def test_the_points_of_a_long_block_are_told_as_they_come(load):
-    config = load()
+def test_the_points_of_a_long_block_are_told_as_they_come():
+    config = configured()
     told = []
     results = compute_block(config, whole(config), None, told.append)
     assert told == [12] * 5 and len(results["status"]) == 60
-    alone, told = load("follow=null"), []
+    alone, told = configured("follow=null"), []
     results = compute_block(alone, whole(alone), None, told.append)
     assert told == [30]
     expected = compute(alone, alone.grid.points(whole(alone)), None)
     np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
 
 
-def test_a_run_that_was_left_computes_no_further_in_its_block(load, monkeypatch):
+def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     begun = threading.Semaphore(0)
 
     def computing(config, block, threads, advance):
@@ -331,16 +317,16 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(load, monkeypatch)
     monkeypatch.setattr(runner, "compute_block", computing)
     monkeypatch.setattr(runner.SweepWriter, "write", full)
     with pytest.raises(Failed, match="full"):
-        run_sweep(load(), "out.h5")
+        run_sweep(configured(), "out.h5")
     assert not begun.acquire(blocking=False)
 
 
 # Memory
 
 
-def test_a_block_holds_whole_chains(load, monkeypatch):
+def test_a_block_holds_whole_chains(monkeypatch):
     long = "oscillator.omega={start: 1, stop: 2, num: 3000}"
-    many = load(long, "oscillator.R={start: 0.5, stop: 0.8, num: 100}")
+    many = configured(long, "oscillator.R={start: 0.5, stop: 0.8, num: 100}")
     for memory in (10**11, 10**9):
         monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
         size = block_size(many)
@@ -355,8 +341,8 @@ def test_a_block_holds_whole_chains(load, monkeypatch):
     assert not Path("out.h5").exists()
 
 
-def test_the_memory_and_the_file_that_are_told_are_those_of_both_directions(load):
-    config = load("record.trajectory=false")
+def test_the_memory_and_the_file_that_are_told_are_those_of_both_directions():
+    config = configured("record.trajectory=false")
     arrays = sum(a.nbytes for a in compute_block(config, whole(config), None).values())
     cost = estimate(config)
     assert cost.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
@@ -377,18 +363,20 @@ def test_an_axis_is_not_split_at_any_size():
 # What else a sweep can ask for
 
 
-def test_a_followed_sweep_is_not_scaled(load):
+def test_a_followed_sweep_is_not_scaled():
     changes = ["oscillator.f=[0.5, 1]", "oscillator.clearance=0"]
-    config = load(*changes)
-    alone = load(*changes, "follow=null")
+    config = configured(*changes)
+    alone = configured(*changes, "follow=null")
     assert not computation(config).scaled and computation(alone).scaled
     run_sweep(config, "out.h5")
     with open_sweep("out.h5") as dataset:
         assert "scaled_along" not in dataset.attrs
 
 
-def test_an_accuracy_chooses_the_method_of_a_followed_sweep(load):
-    config = load("method={accuracy: 1e-3}", "record.trajectory=false", "record.diagnostics=[]")
+def test_an_accuracy_chooses_the_method_of_a_followed_sweep():
+    config = configured(
+        "method={accuracy: 1e-3}", "record.trajectory=false", "record.diagnostics=[]"
+    )
     run_sweep(config, "out.h5")
     with open_sweep("out.h5") as dataset:
         again = yaml.safe_load(dataset.attrs["configuration"])
@@ -440,7 +428,7 @@ def test_a_single_point_cannot_be_followed(tmp_path):
 # Physics
 
 
-def test_where_attractors_coexist_the_directions_differ(load):
+def test_where_attractors_coexist_the_directions_differ():
     """model.md, section 3: at omega = 1.3 period 1, and period 2 with three impacts."""
     sweep = {
         "oscillator": {
@@ -452,7 +440,7 @@ def test_where_attractors_coexist_the_directions_differ(load):
         "follow": {"axis": "omega", "direction": "both"},
         "record": {"transient": 400, "periods": 40, "impacts": 6, "diagnostics": ["period"]},
     }
-    dataset = ran(load(sweep=sweep))
+    dataset = ran(configured(sweep=sweep))
     at = dataset.sel(omega=1.3, method="nearest")
     up, down = at.sel(direction="up"), at.sel(direction="down")
     assert (up["period"], up["period_impacts"]) == (2, 3)
@@ -464,7 +452,7 @@ def test_where_attractors_coexist_the_directions_differ(load):
     np.testing.assert_allclose(ends.sel(direction="up"), ends.sel(direction="down"), rtol=1e-6)
 
 
-def test_a_followed_sweep_keeps_to_the_closed_form_branch_up_to_its_flip(load):
+def test_a_followed_sweep_keeps_to_the_closed_form_branch_up_to_its_flip():
     """Steps of 1e-3 in omega; the flip is the one of model.md, at 2.65888454668484."""
     sweep = {
         "oscillator": {
@@ -476,7 +464,7 @@ def test_a_followed_sweep_keeps_to_the_closed_form_branch_up_to_its_flip(load):
         "follow": {"axis": "omega"},
         "record": {"transient": 400, "periods": 20, "impacts": 4, "diagnostics": ["period"]},
     }
-    dataset = ran(load(sweep=sweep))
+    dataset = ran(configured(sweep=sweep))
     assert "direction" not in dataset.coords
     flip = 2.65888454668484
     for omega, v in dataset["impact_v"].groupby("omega"):

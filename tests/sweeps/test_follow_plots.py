@@ -1,18 +1,17 @@
 """Pictures of sweeps that were followed up and down: both branches, or the one asked for."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
-from typer.testing import CliRunner
 
+from commands import call
+from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.selection import swept_axes
-from sweeps.cli.main import app
 from sweeps.engine import run as runner
 from sweeps.engine.compute import compute_block
 from sweeps.errors import Refused
@@ -22,38 +21,32 @@ from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
-SWEEP = {
-    "name": "both ways",
-    "oscillator": {
-        "h": [0.05, 0.06],
-        "R": 0.8,
-        "f": 1,
-        "clearance": 1.5,
-        "omega": {"start": 1.2, "stop": 1.8, "num": 25},
+CONFIG = yaml.safe_dump(
+    {
+        "name": "both ways",
+        "oscillator": {
+            "h": [0.05, 0.06],
+            "R": 0.8,
+            "f": 1,
+            "clearance": 1.5,
+            "omega": {"start": 1.2, "stop": 1.8, "num": 25},
+        },
+        "follow": {"axis": "omega", "direction": "both"},
+        "record": {
+            "transient": 150,
+            "periods": 4,
+            "trajectory": {"every": 8},
+            "diagnostics": ["period"],
+        },
     },
-    "follow": {"axis": "omega", "direction": "both"},
-    "record": {
-        "transient": 150,
-        "periods": 4,
-        "trajectory": {"every": 8},
-        "diagnostics": ["period"],
-    },
-}
+    sort_keys=False,
+)
 UP, DOWN = DIRECTION_COLOURS
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("sweep.yaml").write_text(yaml.safe_dump(SWEEP, sort_keys=False))
-    return tmp_path
 
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sweep")
-    (folder / "sweep.yaml").write_text(yaml.safe_dump(SWEEP, sort_keys=False))
-    return run_sweep(load_config(folder / "sweep.yaml"), folder / "out.h5")
+    return run_in(tmp_path_factory.mktemp("sweep"), CONFIG)
 
 
 @pytest.fixture
@@ -173,18 +166,18 @@ def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
 
 
 def test_the_command_line(stored):
-    def call(*arguments):
-        return CliRunner().invoke(app, ["plot", str(stored), "-o", "picture.png", *arguments])
+    def drawn(*arguments):
+        return call("plot", str(stored), "-o", "picture.png", *arguments)
 
-    assert call("--at", "direction=down").exit_code == 0
+    assert drawn("--at", "direction=down").exit_code == 0
     for kind in ("section", "impacts", "trajectory", "map"):
-        assert call("--kind", kind, "--at", "direction=up").stdout == "picture.png\n"
-    told = call("--exact", "--at", "direction=down").stdout.splitlines()
+        assert drawn("--kind", kind, "--at", "direction=up").stdout == "picture.png\n"
+    told = drawn("--exact", "--at", "direction=down").stdout.splitlines()
     assert told[0].startswith("down: 1/1: ") and told[-1] == "picture.png"
-    wrong = call("--at", "direction=dwn")
+    wrong = drawn("--at", "direction=dwn")
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr
-    assert "direction is not a swept axis" in call("--axis", "direction").stderr
+    assert "direction is not a swept axis" in drawn("--axis", "direction").stderr
 
 
 def test_a_direction_is_refused_where_there_is_one_only(folder):

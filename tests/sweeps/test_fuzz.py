@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 import sweeps
+from commands import call
 from environments import ENVIRONMENTS
 from mutations import BASES, FULL, mutated
-from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError, StoreError
 from sweeps.store.reader import open_sweep
@@ -37,7 +36,7 @@ settings.register_profile(
 def answered(text):
     """Run a configuration dry, and return the exit code."""
     Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
-    result = CliRunner().invoke(app, ["run", "fuzz.yaml", "--dry-run"])
+    result = call("run", "fuzz.yaml", "--dry-run")
     assert result.exit_code in (0, 2), result.output
     assert isinstance(result.exception, (SystemExit, type(None)))
     assert "Traceback" not in result.output
@@ -51,7 +50,7 @@ def run_and_checked(text):
     config = load_config("fuzz.yaml")
     if config.size * (config.record.transient + config.record.periods) * config.steps > 300_000:
         return False
-    result = CliRunner().invoke(app, ["run", "fuzz.yaml", "--quiet", "--threads", "1"])
+    result = call("run", "fuzz.yaml", "--quiet", "--threads", "1")
     assert result.exit_code == 0, result.output
     assert result.output == ""
     with open_sweep(config.output) as dataset:
@@ -194,7 +193,7 @@ def test_what_is_out_of_bounds_is_refused(tmp_path, monkeypatch, text, told):
     monkeypatch.chdir(tmp_path)
     Path("fuzz.yaml").write_text(text)
     for options in (["--dry-run"], []):
-        result = CliRunner().invoke(app, ["run", "fuzz.yaml", *options])
+        result = call("run", "fuzz.yaml", *options)
         assert result.exit_code == 2 and told in result.stderr
     assert [path.name for path in Path().iterdir()] == ["fuzz.yaml"]
 

@@ -17,10 +17,9 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
+from commands import call
 from interruptions import (
-    CONFIG,
     KINDS,
     MOMENTS,
     Forks,
@@ -33,7 +32,6 @@ from interruptions import (
     signalled,
 )
 from sweeps import interrupts, open_sweep, run_sweep
-from sweeps.cli.main import app
 from sweeps.config.loading import load_config
 from sweeps.engine import run as runner
 from sweeps.store import creation
@@ -82,13 +80,6 @@ while kills < 12:
                 os.rename("out.h5", f"complete-{kills}.h5")
 assert os.waitpid(child(), 0)[1] == 0
 """
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("sweep.yaml").write_text(CONFIG)
-    return tmp_path
 
 
 def python(*arguments):
@@ -141,7 +132,7 @@ def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
     assert sorted(path.name for path in Path().iterdir()) == ["long one.h5", "sweep.yaml"]
     with open_sweep("long one.h5") as dataset:
         assert (dataset["status"] == Status.PENDING).all()
-    told = CliRunner().invoke(app, ["info", "long one.h5"])
+    told = call("info", "long one.h5")
     assert "2 points, of which 2 PENDING (not computed yet)" in told.stdout
 
 
@@ -154,7 +145,7 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names():
         if Path("sweep.h5").exists():
             with open_sweep("sweep.h5") as dataset:
                 done = int((dataset["status"] != Status.PENDING).sum())
-    picture = CliRunner().invoke(app, ["plot", "sweep.h5"])  # while it is being written
+    picture = call("plot", "sweep.h5")  # while it is being written
     assert picture.exit_code == 0, picture.output
     process.send_signal(signal.SIGINT)
     code, stderr = ended(process)

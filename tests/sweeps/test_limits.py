@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from sweeps.cli.main import app
-from sweeps.config.loading import load_config
+from commands import call
+from sweep_files import load
 from sweeps.engine import plan as limits
 from sweeps.engine.background import in_background
 from sweeps.engine.compute import compute
@@ -24,23 +23,12 @@ record: {transient: 100, periods: 100}
 """
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("sweep.yaml").write_text(CONFIG)
-    return tmp_path
-
-
-def config(*overrides):
-    return load_config("sweep.yaml", overrides)
-
-
 def with_memory(monkeypatch, size):
     monkeypatch.setattr(limits, "_available_memory", lambda: size)
 
 
 def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
-    sweep = config("record.periods=1e5", "record.impacts=0")
+    sweep = load(CONFIG, "record.periods=1e5", "record.impacts=0")
     sizes = []
     for memory in (10**11, 10**9, 10**8, 10**7):
         with_memory(monkeypatch, memory)
@@ -54,7 +42,7 @@ def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
     with_memory(monkeypatch, 10**7)
     for options in (["--dry-run"], []):
         changed = ["--set", "record.periods=1e6", *options]
-        result = CliRunner().invoke(app, ["run", "sweep.yaml", *changed])
+        result = call("run", "sweep.yaml", *changed)
         assert result.exit_code == 2
         assert "one point takes about 80 MB of memory, and only 10 MB" in result.stderr
         assert "record fewer periods, impacts or samples" in result.stderr
@@ -62,20 +50,20 @@ def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
 
 
 def test_the_memory_that_is_told_is_that_of_the_blocks_in_work():
-    sweep = config()
+    sweep = load(CONFIG)
     points = sweep.grid.points((slice(0, block_size(sweep)),))
     arrays = sum(array.nbytes for array in compute(sweep, points, None).values())
     assert estimate(sweep).memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
 
 
 def test_the_size_that_is_told_is_that_of_the_file():
-    sweep = config()
+    sweep = load(CONFIG)
     told = estimate(sweep)
     size = run_sweep(sweep, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
     assert told.disk == told.file
-    assert estimate(config("compression=gzip")).disk == 2 * told.file  # the copy at the end
-    sampled = config("record.trajectory={every: 1}")
+    assert estimate(load(CONFIG, "compression=gzip")).disk == 2 * told.file  # the copy at the end
+    sampled = load(CONFIG, "record.trajectory={every: 1}")
     assert reserved_widths(sampled)["sample"] > sampled.widths["sample"]
     assert estimate(sampled).disk > 2 * estimate(sampled).file
 
@@ -90,7 +78,7 @@ def test_the_size_that_is_told_is_that_of_the_file():
 )
 def test_the_expected_time_is_about_the_time(changes):
     """Within a factor of ten of the kernel's own, on a machine that does other things, too."""
-    sweep = config(*changes)
+    sweep = load(CONFIG, *changes)
     expected_seconds(sweep, None)  # compiles
     expected = expected_seconds(sweep, None)
     began = time.perf_counter()
@@ -100,7 +88,7 @@ def test_the_expected_time_is_about_the_time(changes):
 
 
 def test_an_hour_is_told_without_taking_one():
-    sweep = config("record.transient=1e9", "oscillator.omega.num=1e6")
+    sweep = load(CONFIG, "record.transient=1e9", "oscillator.omega.num=1e6")
     began = time.perf_counter()
     assert expected_seconds(sweep, None) > 1e6 * (time.perf_counter() - began)
 
@@ -149,12 +137,12 @@ def test_a_background_that_is_left_ends():
 def test_too_little_disk_is_refused_with_both_figures(monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1000}))
     with pytest.raises(StoreError, match=r"takes about 5\.\d+ MB, .* has only 1 kB left"):
-        run_sweep(config(), "out.h5")
+        run_sweep(load(CONFIG), "out.h5")
     assert not Path("out.h5").exists()
 
 
 def test_the_layout_reserves_what_is_told():
-    sweep = config("record.trajectory={every: 1}")
+    sweep = load(CONFIG, "record.trajectory={every: 1}")
     layout = Layout.of(
         sweep.grid,
         sweep.grid.blocks(100),

@@ -16,7 +16,8 @@ import yaml
 
 import sweeps
 import vibroimpact
-from sweeps import load_config, open_sweep, run_sweep
+from sweep_files import load
+from sweeps import open_sweep, run_sweep
 from sweeps.engine import compute, refine
 from sweeps.engine.refine import SOURCES, Refinement, numerics
 from sweeps.errors import StoreError
@@ -38,16 +39,6 @@ oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 5}, f: 1.0}
 record: {transient: 100, periods: 40, impacts: 8, diagnostics: [period]}
 refine: {axis: omega, levels: 3}
 """
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-def load(text, *changes):
-    Path("sweep.yaml").write_text(text)
-    return load_config("sweep.yaml", changes)
 
 
 # The engine passes on

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import h5py
 import pytest
-from typer.testing import CliRunner
 
+from commands import call
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.cli.main import app
 from sweeps.engine import run as runner
 from sweeps.errors import Failed, StoreError
 from sweeps.store import check_output, only_writer
@@ -25,22 +24,13 @@ output: out.h5
 """
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("sweep.yaml").write_text(CONFIG)
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 10)
-    return tmp_path
-
-
-def call(*arguments):
-    result = CliRunner().invoke(app, list(arguments))
-    assert isinstance(result.exception, SystemExit | type(None)), result.exception
-    return result
-
-
 def run(*options):
     return call("run", "sweep.yaml", "--quiet", *options)
+
+
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch):
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 10)
 
 
 # What is no regular file

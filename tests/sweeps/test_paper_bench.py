@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
+from commands import call
 from sweeps.bench import paper
 from sweeps.bench.paper_picture import picture
 from sweeps.bench.paper_tables import tables
-from sweeps.cli.main import app
 
 # Known of the three cases: impacts per period, their speeds, and the order to the letter, which
 # the acceleration of eq. (10) costs where h > 0.
@@ -95,7 +94,7 @@ def test_the_picture_shows_what_was_measured(measured):
 def test_the_command(measured, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sweeps.bench.paper.measure", lambda: measured)
-    done = CliRunner().invoke(app, ["bench", "paper"])
+    done = call("bench", "paper")
     assert done.exit_code == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "paper.png" and "12.41264" in done.stdout
     assert Path("paper.png").read_bytes().startswith(b"\x89PNG")
@@ -103,6 +102,6 @@ def test_the_command(measured, tmp_path, monkeypatch):
 
 def test_a_picture_that_cannot_be_written_is_refused_before_anything_is_measured(monkeypatch):
     monkeypatch.setattr("sweeps.bench.paper.measure", None)
-    refused = CliRunner().invoke(app, ["bench", "paper", "-o", "a.jpg"])
+    refused = call("bench", "paper", "-o", "a.jpg")
     assert refused.exit_code == 2 and refused.stdout == ""
     assert refused.stderr.startswith("vibroimpact: error: a.jpg must end in one of .png")

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 from PIL import Image
-from typer.testing import CliRunner
 
-from sweeps import load_config, open_sweep, plotting, run_sweep
-from sweeps.cli.main import app
+from commands import call
+from sweep_files import run_in
+from sweeps import open_sweep, plotting
 from sweeps.plotting import Page
 from vibroimpact import Oscillator, one_impact_orbit
 
@@ -36,8 +36,7 @@ record: {transient: 200, periods: 32, diagnostics: [period]}
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     for name, text in (("map", MAP), ("starts", STARTS)):
-        (folder / f"{name}.yaml").write_text(text)
-        run_sweep(load_config(folder / f"{name}.yaml"), folder / f"{name}.h5")
+        run_in(folder, text, name=f"{name}.h5")
     return folder
 
 
@@ -48,11 +47,10 @@ def dataset(files):
 
 
 @pytest.fixture
-def call(files, tmp_path, monkeypatch):
-    """Return a function that draws map.h5 with the command line, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
+def draw(files):
+    """Return a function that draws map.h5 with the command line."""
     shutil.copy(files / "map.h5", "map.h5")
-    return lambda *arguments: CliRunner().invoke(app, ["plot", "map.h5", *arguments])
+    return lambda *arguments: call("plot", "map.h5", *arguments)
 
 
 def visible_texts(figure):
@@ -112,24 +110,24 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
         assert wide <= 1.0 or high <= 1.0, (one, other)
 
 
-def test_two_parameters_with_a_period_give_a_map(call):
-    assert call("-o", "default.png").stdout == "default.png\n"
-    call("-o", "map.png", "--kind", "map")
-    call("-o", "diagram.png", "--kind", "bifurcation")
+def test_two_parameters_with_a_period_give_a_map(draw):
+    assert draw("-o", "default.png").stdout == "default.png\n"
+    draw("-o", "map.png", "--kind", "map")
+    draw("-o", "diagram.png", "--kind", "bifurcation")
     default, shown, other = (imread(f"{name}.png") for name in ("default", "map", "diagram"))
     assert np.array_equal(default, shown) and default.shape != other.shape
     for choice in (["--axis", "R"], ["--at", "R=0.6"], ["--coordinate", "poincare_v"]):
-        assert call(*choice).exit_code == 0
+        assert draw(*choice).exit_code == 0
         assert imread("map.png").shape != shown.shape
 
 
-def test_a_value_that_was_not_chosen_is_said(call):
+def test_a_value_that_was_not_chosen_is_said(draw):
     said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
-    assert call("--kind", "bifurcation").stderr == said
-    assert call("--at", "R=0.8").stderr == ""
-    assert call().stderr == ""
-    assert call("--axis", "R").stderr.startswith("omega = 2.2, the first of 13: --at omega=VALUE")
-    assert call("--kind", "section").stderr.count("the first of") == 2
+    assert draw("--kind", "bifurcation").stderr == said
+    assert draw("--at", "R=0.8").stderr == ""
+    assert draw().stderr == ""
+    assert draw("--axis", "R").stderr.startswith("omega = 2.2, the first of 13: --at omega=VALUE")
+    assert draw("--kind", "section").stderr.count("the first of") == 2
 
 
 def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
@@ -161,23 +159,23 @@ def test_a_motion_goes_on_from_the_stored_state(dataset):
     assert "after 132 forcing periods" in figure.get_suptitle()
 
 
-def test_the_trajectory_of_a_sweep_without_one_by_the_command(call):
-    assert call("--kind", "trajectory", "--at", "omega=2.8", "--periods", "2").exit_code == 0
-    assert call("--at", "omega=2.8", "--periods", "2").exit_code == 0
-    wrong = call("--at", "omega=2.8", "--periods", "0")
+def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
+    assert draw("--kind", "trajectory", "--at", "omega=2.8", "--periods", "2").exit_code == 0
+    assert draw("--at", "omega=2.8", "--periods", "2").exit_code == 0
+    wrong = draw("--at", "omega=2.8", "--periods", "0")
     assert wrong.exit_code == 2 and "expected: an integer >= 1" in wrong.stderr
-    assert "periods can be chosen for a trajectory only" in call(
+    assert "periods can be chosen for a trajectory only" in draw(
         "--kind", "map", "--periods", "2"
     ).stderr  # fmt: skip
 
 
-def test_width_title_and_limits_by_the_command(call):
+def test_width_title_and_limits_by_the_command(draw):
     arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
-    assert call(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
+    assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
     assert imread("map.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
     for option, value in (("--width", "3.4"), ("--width", "0in"), ("--xlim", "3:2"),
                           ("--ylim", "1"), ("--xlim", "nan:1")):  # fmt: skip
-        wrong = call(option, value)
+        wrong = draw(option, value)
         assert wrong.exit_code == 2
         assert f"{option} {value} is not allowed; expected: " in wrong.stderr
 
@@ -237,7 +235,7 @@ def test_every_exported_function_is_documented():
             assert "Parameters\n" in exported.__doc__ and "Returns\n" in exported.__doc__
 
 
-def test_the_data_file_is_left_alone(call):
+def test_the_data_file_is_left_alone(draw):
     before = Path("map.h5").read_bytes()
-    assert call("--kind", "trajectory").exit_code == 0
+    assert draw("--kind", "trajectory").exit_code == 0
     assert Path("map.h5").read_bytes() == before

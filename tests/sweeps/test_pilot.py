@@ -6,11 +6,11 @@ import h5py
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
+from commands import call
+from sweep_files import load
 from sweeps import load_config, open_sweep
 from sweeps.bench import costs
-from sweeps.cli.main import app
 from sweeps.config.schema import MethodConfig
 from sweeps.engine.method_error import ExactSample
 from sweeps.engine.pilot import (
@@ -33,23 +33,10 @@ SCENES = {
 RECORD = "record: {transient: 20, periods: 5, impacts: 4}\n"
 
 
-@pytest.fixture
-def load(tmp_path, monkeypatch):
-    """Work in an empty folder, and load a scene with an accuracy from there."""
-    monkeypatch.chdir(tmp_path)
-
-    def _load(scene, accuracy, *overrides):
-        Path("scene.yaml").write_text(
-            SCENES.get(scene, scene) + f"method: {{accuracy: {accuracy}}}\n" + RECORD
-        )
-        return load_config("scene.yaml", overrides)
-
-    return _load
-
-
-def call(*arguments):
-    """Run a command of the command line."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+def configured(scene, accuracy, *overrides):
+    """Load a scene with an accuracy."""
+    scene = SCENES.get(scene, scene) + f"method: {{accuracy: {accuracy}}}\n" + RECORD
+    return load(scene, *overrides, path="scene.yaml")
 
 
 # The choice
@@ -57,9 +44,9 @@ def call(*arguments):
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-8])
-def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(load, scene, accuracy):
+def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(scene, accuracy):
     """Against the exact engine on steps three times finer, so that it does not judge itself."""
-    config = load(scene, accuracy)
+    config = configured(scene, accuracy)
     method = choose(config).method
     finer = MethodConfig(steps_per_period=3 * config.steps)
     points = np.setdiff1d(config.grid.points((slice(0, 400),)), config.grid.spread(SAMPLE_SIZE))
@@ -69,9 +56,9 @@ def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(load
     assert errors.max() <= accuracy
 
 
-def test_the_choice_is_the_cheapest_that_was_found_to_reach_it(load):
+def test_the_choice_is_the_cheapest_that_was_found_to_reach_it():
     for accuracy in (1e-2, 1e-4):
-        pilot = choose(load("rest", accuracy))
+        pilot = choose(configured("rest", accuracy))
         record = yaml.safe_load(pilot.record)
         cheaper = [
             candidate
@@ -86,9 +73,9 @@ def test_the_choice_is_the_cheapest_that_was_found_to_reach_it(load):
         assert record["chosen"] == pilot.method.model_dump(exclude={"accuracy", "allow_unstable"})
 
 
-def test_a_motion_without_impacts_needs_no_rule_for_them(load):
+def test_a_motion_without_impacts_needs_no_rule_for_them():
     """The exact flow has no error with any rule: the integrator alone is sure."""
-    assert choose(load("free", 1e-12)).method.integrator == "exact"
+    assert choose(configured("free", 1e-12)).method.integrator == "exact"
 
 
 @pytest.mark.parametrize(
@@ -99,33 +86,33 @@ def test_a_motion_without_impacts_needs_no_rule_for_them(load):
         ("rest", 1e-2, ["oscillator.p=0.1", "oscillator.f=1e308"], "resolves none of the 64"),
     ],
 )
-def test_where_it_is_the_only_one_the_exact_engine_is_taken(
-    load, scene, accuracy, overrides, reason
-):
-    config = load(scene, accuracy, *overrides)
+def test_where_it_is_the_only_one_the_exact_engine_is_taken(scene, accuracy, overrides, reason):
+    config = configured(scene, accuracy, *overrides)
     pilot = choose(config)
     assert (pilot.method.integrator, pilot.method.impact) == ("exact", "exact")
     assert pilot.method.steps_per_period == config.steps
     assert reason in pilot.summary and reason in yaml.safe_load(pilot.record)["reason"]
 
 
-def test_the_choice_is_the_same_in_every_run_and_on_any_number_of_threads(load):
-    config = load("rest", 1e-4)
+def test_the_choice_is_the_same_in_every_run_and_on_any_number_of_threads():
+    config = configured("rest", 1e-4)
     first = choose(config)
     assert choose(config, threads=1) == first
-    assert choose(load("rest", 1e-4)) == first
+    assert choose(configured("rest", 1e-4)) == first
 
 
-def test_a_scaled_motion_has_the_same_errors(load):
+def test_a_scaled_motion_has_the_same_errors():
     """With the stop at the rest position the motion scales with f; by 2^20 to the bit."""
-    assert choose(load("rest", 1e-2, "oscillator.f=1048576")) == choose(load("rest", 1e-2))
+    assert choose(configured("rest", 1e-2, "oscillator.f=1048576")) == choose(
+        configured("rest", 1e-2)
+    )
 
 
-def test_no_method_is_chosen_whose_trajectory_is_too_long(load):
-    config = load("rest", 1e-2, "record.periods=100000", "record.trajectory={every: 1}")
+def test_no_method_is_chosen_whose_trajectory_is_too_long():
+    config = configured("rest", 1e-2, "record.periods=100000", "record.trajectory={every: 1}")
     steps = choose(config).method.steps_per_period
     assert 100_000 * steps < 10_000_000
-    assert choose(load("rest", 1e-2)).method.steps_per_period > 100
+    assert choose(configured("rest", 1e-2)).method.steps_per_period > 100
 
 
 # The error
@@ -137,14 +124,14 @@ def point_scene(**values):
     return f"oscillator: {{{', '.join(f'{name}: {value}' for name, value in given.items())}}}\n"
 
 
-def test_chaos_is_judged_until_neighbours_have_parted(load):
+def test_chaos_is_judged_until_neighbours_have_parted():
     """h = 0, R = 0.8, omega = 2.8: rounding has grown 1e4 times in 11 periods, 1e10 in 54."""
     long = "record.periods=100"
-    chaos = ExactSample(*sample(load(point_scene(h=0, R=0.8, omega=2.8), 1e-2, long)))
+    chaos = ExactSample(*sample(configured(point_scene(h=0, R=0.8, omega=2.8), 1e-2, long)))
     assert 4 <= chaos.judged.any(axis=2).sum() <= 20
     assert chaos.judged[0, :4].all()  # from the start on, and without a gap
     assert np.diff(chaos.judged.ravel().astype(int)).max() == 0
-    calm = ExactSample(*sample(load(point_scene(h=0.05, R=0.7, omega=2.3), 1e-2, long)))
+    calm = ExactSample(*sample(configured(point_scene(h=0.05, R=0.7, omega=2.3), 1e-2, long)))
     assert calm.judged.all()
 
 
@@ -153,12 +140,12 @@ def sample(config):
     return config, config.grid.spread(SAMPLE_SIZE)
 
 
-def test_states_on_the_two_sides_of_an_impact_are_near(load):
+def test_states_on_the_two_sides_of_an_impact_are_near():
     """The section at the phase of an impact: the velocity jumps there, the error does not.
 
     h = 0.05, omega = 2.3, R = 0.7 has its impact at omega t = 1.05851979, v = 1.17575975.
     """
-    config = load(
+    config = configured(
         point_scene(h=0.05, R=0.7, omega=2.3),
         1e-2,
         "record.phase=1.05851979",
@@ -177,8 +164,8 @@ def test_states_on_the_two_sides_of_an_impact_are_near(load):
     assert reference._distance(sections)[0, -1, 0] > 0.29
 
 
-def test_a_method_that_fails_has_an_infinite_error(load):
-    config = load("rest", 1e-2, "oscillator.p=30")  # far beyond the stability of rk4
+def test_a_method_that_fails_has_an_infinite_error():
+    config = configured("rest", 1e-2, "oscillator.p=30")  # far beyond the stability of rk4
     reference = ExactSample(*sample(config))
     errors, _ = reference.errors(("rk4", "cubic"), 12)
     assert (errors > 1e3).all()
@@ -231,12 +218,12 @@ def test_what_is_refused(tmp_path, method, parts):
         assert part in str(caught.value)
 
 
-def test_the_configuration_round_trips_before_and_after_the_choice(load):
-    config = load("rest", 1e-4)
+def test_the_configuration_round_trips_before_and_after_the_choice():
+    config = configured("rest", 1e-4)
     assert yaml.safe_load(config.to_yaml())["method"] == {"accuracy": 1e-4}
     Path("again.yaml").write_text(config.to_yaml())
     assert load_config("again.yaml").to_yaml() == config.to_yaml()
-    assert load("rest", "null").method.accuracy is None
+    assert configured("rest", "null").method.accuracy is None
     chosen = config.with_method(MethodConfig(integrator="rk4", impact="cubic"))
     assert (config.steps, chosen.steps) == (17, 100)  # 2 pi (1.2 / 0.5 + 1) / 1.31, the default
     method = {"integrator": "rk4", "impact": "cubic", "steps_per_period": 100}
@@ -248,8 +235,8 @@ def test_the_configuration_round_trips_before_and_after_the_choice(load):
 # The run
 
 
-def test_the_file_keeps_the_pilot_and_a_configuration_that_gives_the_same_data(load):
-    load("rest", 1e-2)
+def test_the_file_keeps_the_pilot_and_a_configuration_that_gives_the_same_data():
+    configured("rest", 1e-2)
     ran = call("run", "scene.yaml", "--set", "record.trajectory={every: 64}")
     assert ran.exit_code == 0
     (line,) = [line for line in ran.stderr.splitlines() if line.startswith("method: ")]
@@ -272,8 +259,8 @@ def test_the_file_keeps_the_pilot_and_a_configuration_that_gives_the_same_data(l
                 assert data[()].tobytes() == second[name][()].tobytes()
 
 
-def test_quiet_is_quiet_and_a_dry_run_runs_no_pilot(load, monkeypatch):
-    load("free", 1e-2)
+def test_quiet_is_quiet_and_a_dry_run_runs_no_pilot(monkeypatch):
+    configured("free", 1e-2)
     quiet = call("run", "scene.yaml", "--quiet")
     assert (quiet.exit_code, quiet.output) == (0, "")
     monkeypatch.setattr("sweeps.engine.method_error.integrate", None)

@@ -5,6 +5,7 @@ import pytest
 import yaml
 from matplotlib.collections import QuadMesh
 
+from sweep_files import random_results
 from sweeps.analysis import selection
 from sweeps.errors import Refused
 from sweeps.grid import Grid
@@ -35,15 +36,11 @@ SAMPLES = 40
 
 
 def results(points, widths, seed=0):
-    random = np.random.default_rng(seed)
-    arrays = {}
-    for name, variable in VARIABLES.items():
-        width = {**widths, "exponent": 2, None: None}[variable.record]
-        arrays[name] = random.normal(size=(points,) if width is None else (points, width))
+    arrays = random_results(points, widths, seed, scale=1.0)
+    random = np.random.default_rng(seed + 1)
     arrays["period"] = random.integers(0, 3, points)
     arrays["rest_fraction"] = random.integers(0, 2, points) / 4.0
     arrays["impact_v"][..., -1:] = np.nan
-    arrays["status"] = np.zeros(points, np.int8)
     return arrays
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.optimize import brentq
-from typer.testing import CliRunner
 
 import sweeps.engine.run
+from commands import accepted, call
+from sweep_files import load, run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.class_changes import Change, Label, cascades, changes, labels, ratio
 from sweeps.analysis.motion import Motion
-from sweeps.cli.main import app
 from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
@@ -33,13 +33,11 @@ refine: {axis: omega, levels: 17}
 
 
 def refined_config(folder, text, *overrides):
-    source = folder / "c.yaml"
-    source.write_text(text)
-    return load_config(source, overrides)
+    return load(text, *overrides, path=folder / "c.yaml")
 
 
 def refined(folder, *overrides, text=CONFIG, name="out.h5", **options):
-    return run_sweep(refined_config(folder, text, *overrides), folder / name, **options)
+    return run_in(folder, text, *overrides, name=name, **options)
 
 
 def found(path):
@@ -384,14 +382,8 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
 # -- what is told --------------------------------------------------------------------------------
 
 
-def told(*arguments):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.stderr
-    return result.stdout
-
-
 def test_info_lists_the_brackets(cascade):
-    lines = told("info", cascade, "--bifurcations").splitlines()
+    lines = accepted("info", cascade, "--bifurcations").splitlines()
     assert lines[0].startswith("omega = 2.65334")
     assert lines[0].split()[-6:-1] == ["1/1", "->", "2/2", "flip", "at"]
     assert float(lines[0].split()[-1]) == pytest.approx(flip(1, 2.6, 2.7), rel=1e-11)
@@ -404,27 +396,27 @@ def test_info_lists_the_changes_of_any_sweep(tmp_path):
     path = refined(
         tmp_path, "refine=null", "oscillator.R=[0.5, 0.8]", "oscillator.omega=[2.64, 2.65, 2.67]"
     )
-    assert told("info", path, "--bifurcations").splitlines() == [
+    assert accepted("info", path, "--bifurcations").splitlines() == [
         f"R = {R}  omega = 2.65 .. 2.67  width 2.0e-02  1/1 -> 2/2  flip  "
         f"at {flip(1, 2.6, 2.7, R):.12g}"
         for R in (0.5, 0.8)
     ]
-    assert "does not change along R" in told("info", path, "--bifurcations", "--axis", "R")
-    refused = CliRunner().invoke(app, ["info", str(path), "--bifurcations", "--axis", "h"])
+    assert "does not change along R" in accepted("info", path, "--bifurcations", "--axis", "R")
+    refused = call("info", str(path), "--bifurcations", "--axis", "h")
     assert refused.exit_code == 2 and "h is not a swept axis" in refused.stderr
-    refused = CliRunner().invoke(app, ["info", str(path), "--axis", "R"])
+    refused = call("info", str(path), "--axis", "R")
     assert refused.exit_code == 2 and "--bifurcations" in refused.stderr
 
 
 def test_info_needs_the_classes(tmp_path):
     path = refined(tmp_path, "refine=null", "record.diagnostics=[]")
-    refused = CliRunner().invoke(app, ["info", str(path), "--bifurcations"])
+    refused = call("info", str(path), "--bifurcations")
     assert refused.exit_code == 2 and "record.diagnostics: [period]" in refused.stderr
 
 
 def test_the_plan_says_that_points_are_added(tmp_path):
     (tmp_path / "c.yaml").write_text(CONFIG)
-    plan = told("run", tmp_path / "c.yaml", "-o", tmp_path / "out.h5", "--dry-run")
+    plan = accepted("run", tmp_path / "c.yaml", "-o", tmp_path / "out.h5", "--dry-run")
     assert "where the class of the motion changes, halved 17 times" in plan
 
 
@@ -493,14 +485,14 @@ def test_cascades_run_both_ways_and_break_where_a_flip_is_missing():
 def test_what_cannot_be_refined_is_refused(tmp_path, overrides, said):
     (tmp_path / "c.yaml").write_text(CONFIG)
     options = [part for override in overrides for part in ("--set", override)]
-    result = CliRunner().invoke(app, ["run", str(tmp_path / "c.yaml"), *options, "--dry-run"])
+    result = call("run", str(tmp_path / "c.yaml"), *options, "--dry-run")
     assert result.exit_code == 2
     assert said in result.stderr
     assert not Path("around a flip.h5").exists()
 
 
 def test_the_schema_knows_it():
-    schema = json.loads(told("schema"))
+    schema = json.loads(accepted("schema"))
     assert set(schema["$defs"]["RefineConfig"]["properties"]) == {"axis", "around", "levels"}
 
 

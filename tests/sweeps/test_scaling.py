@@ -1,14 +1,11 @@
 """A sweep along f: one computation and a scaling, where the motion is proportional to f."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-import yaml
-from typer.testing import CliRunner
 
-from sweeps import load_config, open_sweep, run_sweep
-from sweeps.cli.main import app
+from commands import call
+from sweep_files import load
+from sweeps import open_sweep, run_sweep
 from sweeps.engine.compute import computation, compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
@@ -27,12 +24,8 @@ SWEEP = {
 }
 
 
-@pytest.fixture
-def load(tmp_path, monkeypatch):
-    """Work in an empty folder, and load the sweep with changes from there."""
-    monkeypatch.chdir(tmp_path)
-    Path("scaled.yaml").write_text(yaml.safe_dump(SWEEP, sort_keys=False))
-    return lambda *changes: load_config("scaled.yaml", changes)
+def configured(*changes):
+    return load(SWEEP, *changes, path="scaled.yaml")
 
 
 @pytest.fixture
@@ -49,9 +42,9 @@ def counted(monkeypatch):
     return given
 
 
-def lone(load, f, method):
+def lone(f, method):
     """Return the results at one f, which is computed as it is."""
-    config = load(f"oscillator.f={f}", *method)
+    config = configured(f"oscillator.f={f}", *method)
     assert not computation(config).scaled
     return compute(config, config.grid.points((slice(0, 3),)), None)
 
@@ -60,9 +53,9 @@ def lone(load, f, method):
     "method",
     [(), ("method={integrator: rk4, impact: reduced-step}", "record.diagnostics=[period]")],
 )
-def test_the_scaled_results_are_the_computed_ones(load, counted, method):
+def test_the_scaled_results_are_the_computed_ones(counted, method):
     """To the bit for powers of two, to rounding otherwise; every f of a point from one run."""
-    config = load(*method)
+    config = configured(*method)
     assert computation(config).scaled
     run_sweep(config, "scaled.h5")
     assert all((points["f"] == 1.0).all() for points in counted)
@@ -70,7 +63,7 @@ def test_the_scaled_results_are_the_computed_ones(load, counted, method):
     with open_sweep("scaled.h5") as dataset:
         assert dataset.attrs["scaled_along"] == "f"
         for f in config.grid.axes["f"]:
-            for name, true in lone(load, f, method).items():
+            for name, true in lone(f, method).items():
                 found = dataset[name].sel(f=f).values
                 true = true[:, : found.shape[1]] if name.startswith("trajectory") else true
                 if f == 3.0 and name in VARIABLES:
@@ -91,8 +84,8 @@ def test_the_scaled_results_are_the_computed_ones(load, counted, method):
         "oscillator.f=[1, 1e200]",
     ],
 )
-def test_what_breaks_the_symmetry_is_computed(load, change):
-    assert not computation(load(change)).scaled
+def test_what_breaks_the_symmetry_is_computed(change):
+    assert not computation(configured(change)).scaled
 
 
 def test_what_has_a_length_is_scaled():
@@ -116,9 +109,9 @@ def test_the_axis_is_not_split():
         assert all(grid.points(block).size <= 3 for block in grid.blocks(3, whole="f"))
 
 
-def test_the_run_says_so(load):
-    load()
-    result = CliRunner().invoke(app, ["run", "scaled.yaml"])
+def test_the_run_says_so():
+    configured()
+    result = call("run", "scaled.yaml")
     assert result.exit_code == 0
     assert "one value is computed, the others are scaled" in result.stderr
-    assert "scaled_along" in CliRunner().invoke(app, ["info", "scaled.h5"]).stdout
+    assert "scaled_along" in call("info", "scaled.h5").stdout

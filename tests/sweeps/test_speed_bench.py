@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
+from commands import call
 from sweeps.bench import speed
 from sweeps.bench.speed_tables import table
-from sweeps.cli.main import app
 
 SPEEDS = {
     "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 0.4),
@@ -40,7 +39,7 @@ def test_the_command(monkeypatch):
     monkeypatch.setattr(
         "sweeps.bench.speed.measure", lambda quick, progress: speed.Measured(58e9, SPEEDS)
     )
-    done = CliRunner().invoke(app, ["bench", "speed", "--quick"])
+    done = call("bench", "speed", "--quick")
     assert done.exit_code == 0, done.stderr
     assert "58e9 multiply-adds" in done.stdout
     (row,) = [line.split() for line in done.stdout.splitlines() if "plain" in line]

@@ -9,11 +9,10 @@ import matplotlib.image
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
+from commands import call
 from sweeps.bench import failures, stability, stability_tables
 from sweeps.bench.stability_picture import picture
-from sweeps.cli.main import app
 from vibroimpact.step.integrators import INTEGRATORS
 
 EXACT = failures.Method("exact", "exact")
@@ -137,7 +136,7 @@ def test_a_figure_is_written_as_its_failure_says():
 def test_the_command(tmp_path, monkeypatch):
     """Picture, table on the terminal, and every figure in the CSV file."""
     monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["bench", "stability", "--quick", "--csv", "all.csv"])
+    result = call("bench", "stability", "--quick", "--csv", "all.csv")
     assert result.exit_code == 0, result.output
     assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")
     height, width, _ = matplotlib.image.imread("stability.png").shape
@@ -166,6 +165,6 @@ def test_what_cannot_be_written_is_refused_before_anything_is_measured(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(stability, "limits", None)
-    result = CliRunner().invoke(app, ["bench", "stability", *arguments])
+    result = call("bench", "stability", *arguments)
     assert result.exit_code == 2
     assert words in result.stderr and not list(tmp_path.iterdir())

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from sweep_files import random_results
 from sweeps.config.schema import DIAGNOSTICS
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
@@ -44,15 +45,7 @@ def lay_out(path, *args, **kwargs):
 
 
 def results(points, samples=6, widths=WIDTHS, seed=0):
-    random = np.random.default_rng(seed)
-    arrays = {}
-    for name, variable in VARIABLES.items():
-        width = {**widths, "exponent": 2, "sample": samples, None: None}[variable.record]
-        shape = (points,) if width is None else (points, width)
-        array = random.normal(scale=100.0, size=shape)
-        arrays[name] = array.astype(variable.dtype if variable.dtype != "int8" else float)
-    arrays["status"] = np.zeros(points, np.int8)
-    return arrays
+    return random_results(points, {**widths, "sample": samples}, seed)
 
 
 def whole(grid, seed=0, samples=6):

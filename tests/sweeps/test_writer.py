@@ -16,8 +16,9 @@ import pytest
 import xarray as xr
 
 import sweeps
+from sweep_files import data, fill, random_results
 from sweeps.errors import Failed, StoreError
-from sweeps.grid import Grid
+from sweeps.grid import Grid, block_points
 from sweeps.store import blocks as block_file
 from sweeps.store import ledger
 from sweeps.store.layout import Layout
@@ -46,38 +47,19 @@ def layout(configuration="oscillator: {h: 0.1}\n", numerics="1", grid=GRID, bloc
 def results(block, samples=None):
     """Results that depend on the block alone; its trajectories too have their own length."""
     seed = [cut.start for cut in block]
-    points = int(np.prod([cut.stop - cut.start for cut in block]))
-    random = np.random.default_rng(seed)
     samples = 4 + 3 * sum(seed) if samples is None else samples
-    arrays = {}
-    for name, variable in VARIABLES.items():
-        width = {**WIDTHS, "exponent": 2, "sample": samples, None: None}[variable.record]
-        shape = (points,) if width is None else (points, width)
-        arrays[name] = random.normal(scale=100.0, size=shape).astype(variable.dtype)
-    arrays["status"] = np.zeros(points, np.int8)
-    return arrays
+    return random_results(block_points(block), {**WIDTHS, "sample": samples}, seed)
 
 
-def fill(path, blocks=None, compressed=False, **kwargs):
+def fill_blocks(path, blocks=None, compressed=False, **options):
     """Write that many of the pending blocks; finish the file where it is complete."""
-    with sweep_writer(path, layout(), **kwargs) as store:
-        for block in store.pending()[:blocks]:
-            store.write(block, results(block))
-        if not store.pending():
-            store.finish(compressed=compressed)
-        return store.damage
-
-
-def data(path):
-    with open_sweep(path) as dataset:
-        dataset.load()
-    return dataset.drop_attrs(deep=False)
+    return fill(path, layout(), results, blocks, compressed, **options)
 
 
 @pytest.fixture
 def whole(tmp_path):
     """Return the data of a file that was written in one go."""
-    fill(tmp_path / "whole.h5")
+    fill_blocks(tmp_path / "whole.h5")
     return data(tmp_path / "whole.h5")
 
 
@@ -88,7 +70,7 @@ def whole(tmp_path):
 def test_a_resumed_file_ends_with_the_same_data(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"
     for blocks in (0, 1, 2, 0, None, None):  # the last finds nothing to do
-        fill(path, blocks, compressed, resume=True)
+        fill_blocks(path, blocks, compressed, resume=True)
         with open_sweep(path) as dataset, xr.open_dataset(path, engine="h5netcdf") as plain:
             xr.testing.assert_identical(dataset, plain)
     xr.testing.assert_identical(data(path), whole)
@@ -96,7 +78,7 @@ def test_a_resumed_file_ends_with_the_same_data(tmp_path, whole, compressed):
 
 def test_a_file_keeps_its_own_blocks(tmp_path, whole):
     path = tmp_path / "out.h5"
-    fill(path, 2)
+    fill_blocks(path, 2)
     with sweep_writer(path, layout(block_size=5), resume=True) as store:
         assert store.pending() == list(GRID.blocks(2))[2:]
 
@@ -117,9 +99,9 @@ def test_the_duration_is_that_of_all_sessions(tmp_path, monkeypatch):
 
 def test_a_complete_file_is_left_alone(tmp_path):
     path = tmp_path / "out.h5"
-    fill(path)
+    fill_blocks(path)
     before = path.read_bytes()
-    fill(path, resume=True)
+    fill_blocks(path, resume=True)
     assert path.read_bytes() == before
 
 
@@ -137,7 +119,7 @@ def test_a_complete_file_is_left_alone(tmp_path):
 )  # fmt: skip
 def test_another_sweep_is_not_resumed(tmp_path, changed, parts):
     path = tmp_path / "out.h5"
-    fill(path, 2)
+    fill_blocks(path, 2)
     before = path.read_bytes()
     with pytest.raises(StoreError, match=r"out\.h5 cannot be resumed: ") as caught:
         with sweep_writer(path, layout(**changed), resume=True):
@@ -192,8 +174,8 @@ def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
         last, written = last + 37, 0
         path.unlink(missing_ok=True)
         try:
-            fill(path, 2, resume=True)
-            fill(path, None, compressed, resume=True)
+            fill_blocks(path, 2, resume=True)
+            fill_blocks(path, None, compressed, resume=True)
             ended = True
         except Killed:
             pass
@@ -205,7 +187,7 @@ def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
                 for name in ("poincare_x", "chatters", "lyapunov"):
                     expected = whole[name].values[done]
                     np.testing.assert_array_equal(dataset[name].values[done], expected)
-        fill(path, None, compressed, resume=True)
+        fill_blocks(path, None, compressed, resume=True)
         xr.testing.assert_identical(data(path), whole)
         assert [file.name for file in tmp_path.iterdir() if "out" in file.name] == ["out.h5"]
     assert last > 100
@@ -266,7 +248,7 @@ def test_a_block_that_the_power_was_lost_in_is_pending_and_not_damaged(
                     np.testing.assert_array_equal(dataset[name].values[done], expected)
             states.add(int(done.sum()))
     assert states == {2, 4}
-    fill(path, resume=True)
+    fill_blocks(path, resume=True)
     xr.testing.assert_identical(data(path), whole)
 
 
@@ -297,7 +279,7 @@ def test_a_box_that_is_not_contiguous_is_written_to_its_places(tmp_path):
 def test_a_changed_byte_is_found_or_harmless(tmp_path, whole, compressed):
     """200 random bytes all over the file, and 100 where HDF5 keeps its own."""
     path = tmp_path / "out.h5"
-    fill(path, compressed=compressed)
+    fill_blocks(path, compressed=compressed)
     good = path.read_bytes()
     random = np.random.default_rng(1)
     where = np.concatenate([random.integers(len(good), size=200), random.integers(9000, size=100)])
@@ -317,7 +299,7 @@ def test_a_changed_byte_is_found_or_harmless(tmp_path, whole, compressed):
 @pytest.mark.parametrize("compressed", [False, True])
 def test_damaged_blocks_are_named_and_computed_again(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"
-    fill(path, compressed=compressed)
+    fill_blocks(path, compressed=compressed)
     with open_sweep(path) as dataset:
         value = dataset["poincare_x"].values[1, 2, 30]
     bad = bytearray(path.read_bytes())
@@ -333,20 +315,20 @@ def test_damaged_blocks_are_named_and_computed_again(tmp_path, whole, compressed
     with pytest.raises(StoreError, match=rf"out\.h5 is damaged: {named}; .*--resume"):
         open_sweep(path)
     open_sweep(path, verify=False).close()
-    assert named.split(" ")[1] in fill(path, None, compressed, resume=True)
+    assert named.split(" ")[1] in fill_blocks(path, None, compressed, resume=True)
     xr.testing.assert_identical(data(path), whole)
 
 
 def test_a_file_damaged_elsewhere_is_not_resumed(tmp_path):
     path = tmp_path / "out.h5"
-    fill(path, 2)
+    fill_blocks(path, 2)
     bad = bytearray(path.read_bytes())
     bad[bytes(bad).index(np.float64(2.2).tobytes())] ^= 1  # a coordinate
     path.write_bytes(bad)
-    for use in (open_sweep, lambda path: fill(path, resume=True)):
+    for use in (open_sweep, lambda path: fill_blocks(path, resume=True)):
         with pytest.raises(StoreError, match=r"is damaged outside its results.* --overwrite"):
             use(path)
-    fill(path, overwrite=True)
+    fill_blocks(path, overwrite=True)
 
 
 # A full disk
@@ -367,7 +349,7 @@ def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
     path = tmp_path / "out.h5"
     with pytest.raises(Failed, match=r"out\.h5 cannot be created: File too large$"):
         with small_disk(12_000):
-            fill(path)
+            fill_blocks(path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -381,7 +363,7 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, whole, compresse
             with small_disk(12_000):
                 store.finish(compressed=compressed)
     assert [file.name for file in tmp_path.iterdir() if file.suffix != ".h5"] == []
-    fill(path, compressed=compressed, resume=True)
+    fill_blocks(path, compressed=compressed, resume=True)
     xr.testing.assert_identical(data(path), whole)
 
 
@@ -396,7 +378,7 @@ def test_a_disk_that_fills_up_loses_nothing(tmp_path, whole):
                 store.write(second, results(second, samples=10_000))
     with open_sweep(path) as dataset:
         assert int((dataset["status"] != Status.PENDING).sum()) == 2
-    fill(path, resume=True)
+    fill_blocks(path, resume=True)
     xr.testing.assert_identical(data(path), whole)
 
 
@@ -454,14 +436,14 @@ def test_a_lock_that_was_removed_while_it_was_waited_for_counts_for_nothing(tmp_
 
 def test_an_overwritten_file_stays_until_the_new_one_is_there(tmp_path, monkeypatch, whole):
     path = tmp_path / "out.h5"
-    fill(path)
+    fill_blocks(path)
 
     def kill(*_):
         raise Killed
 
     monkeypatch.setattr("sweeps.store.creation._seal", kill)
     with pytest.raises(Killed):
-        fill(path, overwrite=True)
+        fill_blocks(path, overwrite=True)
     xr.testing.assert_identical(data(path), whole)
 
 
