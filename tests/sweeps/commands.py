@@ -6,6 +6,19 @@ from typer.testing import CliRunner
 
 from sweeps.cli.main import app
 
+#: Ten points that are computed at once.
+SMALL = """\
+name: small
+oscillator:
+  h: 0.1
+  R: 0.8
+  omega: {start: 1.5, stop: 3.0, num: 5}
+  f: 1.0
+  clearance: [0.0, 0.1]
+method: {steps_per_period: 20}
+record: {transient: 3, periods: 4, impacts: 2}
+"""
+
 
 def call(*arguments):
     """Run a command and return its result; it ends as a command, not with a traceback."""

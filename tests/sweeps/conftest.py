@@ -1,8 +1,20 @@
-"""What every test of the engine has: a folder of its own to work in."""
+"""A folder for every test, and the sweeps and the cluster that several files of tests share."""
 
+import logging
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
+
+from local_cluster import WORKERS
+from random_sweeps import FIXED, SAMPLES, results
+from refined_sweeps import refined
+from sweep_files import run_in
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.grid import Grid
+from sweeps.store import Layout, sweep_writer
+from sweeps_over_starts import CONFIG as OVER_STARTS
 
 
 @pytest.fixture(autouse=True)
@@ -12,3 +24,101 @@ def folder(tmp_path, monkeypatch, request):
     if hasattr(request.module, "CONFIG"):
         Path("sweep.yaml").write_text(request.module.CONFIG)
     return tmp_path
+
+
+@pytest.fixture
+def random_sweep(tmp_path):
+    """Return a function that writes and opens a sweep of random numbers."""
+    opened = []
+
+    def make(
+        axes,
+        *,
+        sections=5,
+        impacts=3,
+        with_trajectory=True,
+        name="a test",
+        fixed=FIXED,
+        diagnostics=(),
+        **changed,
+    ):
+        fixed = {key: value for key, value in fixed.items() if key not in axes}
+        grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
+        configuration = {
+            "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
+            "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
+            "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
+            "record": {"transient": 1000, "periods": 7, "phase": 0.5},
+        }
+        widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
+        path = tmp_path / f"{len(opened)}.h5"
+        layout = Layout.of(
+            grid,
+            grid.blocks(grid.size),
+            attributes={
+                "name": name,
+                "configuration": yaml.safe_dump(configuration),
+                "numerics": "",
+            },
+            widths=widths,
+            first_section=11,
+            diagnostics=diagnostics,
+        )
+        with sweep_writer(path, layout) as store:
+            store.write(
+                tuple(slice(0, n) for n in grid.shape), {**results(grid.size, widths), **changed}
+            )
+        opened.append(open_sweep(path, verify=False))  # which refuses pending points in a block
+        return opened[-1]
+
+    yield make
+    for dataset in opened:
+        dataset.close()
+
+
+@pytest.fixture(scope="session")
+def computed_starts(tmp_path_factory):
+    """Return a function that runs a sweep over starts with overrides, and opens the file."""
+    folder, opened = tmp_path_factory.mktemp("runs"), {}
+
+    def make(*overrides):
+        if overrides not in opened:
+            name = f"{len(opened)}.h5"
+            opened[overrides] = open_sweep(run_in(folder, OVER_STARTS, *overrides, name=name))
+        return opened[overrides]
+
+    yield make
+    for dataset in opened.values():
+        dataset.close()
+
+
+@pytest.fixture(scope="session")
+def around(tmp_path_factory):
+    """Return the file of a sweep that is refined around a flip."""
+    return refined(tmp_path_factory.mktemp("around"))
+
+
+@pytest.fixture(scope="session")
+def cascade(tmp_path_factory):
+    """Return the file of a sweep that is refined around a cascade of flips."""
+    config = load_config(Path(__file__).parents[2] / "configs/feigenbaum.yaml")
+    return run_sweep(config, tmp_path_factory.mktemp("cascade") / "out.h5")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Return a Dask cluster of this machine."""
+    from distributed import LocalCluster
+
+    options = {"n_workers": WORKERS, "threads_per_worker": 1, "dashboard_address": ":0"}
+    with LocalCluster(**options, silence_logs=logging.CRITICAL) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def client(cluster):
+    """Return a client of the cluster."""
+    from distributed import Client
+
+    with Client(cluster, set_as_default=False) as client:
+        yield client

@@ -1,14 +1,8 @@
-"""The command line: exit codes, what goes to which stream, and what is created."""
+"""The command line: what a run, a plot, a zoom and the list of a file print and create."""
 
-import json
 import math
-import os
 import re
-import signal
-import subprocess
 import sys
-import time
-import types
 import unittest.mock
 from pathlib import Path
 
@@ -18,34 +12,15 @@ import pytest
 import xarray as xr
 
 import sweeps
-from commands import accepted, call, refused
-from sweeps import interrupts
+from commands import SMALL, accepted, call, refused
 from sweeps.config.loading import load_config
 from sweeps.engine import run as runner
 from sweeps.engine.run import block_size
-from sweeps.text import printable
 from vibroimpact.status import Status
 from vibroimpact.step.flight import LONGEST_STEP
 
-CONFIG = """\
-name: small
-oscillator:
-  h: 0.1
-  R: 0.8
-  omega: {start: 1.5, stop: 3.0, num: 5}
-  f: 1.0
-  clearance: [0.0, 0.1]
-method: {steps_per_period: 20}
-record: {transient: 3, periods: 4, impacts: 2}
-"""
+CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]
-
-
-def process(*arguments, **variables):
-    """Run the command line in its own process, as a user does, with variables around it."""
-    command = [sys.executable, "-m", "sweeps.cli", *arguments]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": "", **variables}
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
 
 
 # run
@@ -95,35 +70,37 @@ def test_the_configuration_of_a_file_runs_again():
 def test_units_are_names_only():
     """They change every label and attribute, and no number."""
     units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
-    assert "omega = 1.5 .. 3 [rad/s], 5 values" in done("run", "small.yaml", *units, "--dry-run")
-    done("run", "small.yaml", *units, "--quiet")
-    done("run", "small.yaml", "--quiet")
+    assert "omega = 1.5 .. 3 [rad/s], 5 values" in accepted(
+        "run", "sweep.yaml", *units, "--dry-run"
+    )
+    accepted("run", "sweep.yaml", *units, "--quiet")
+    accepted("run", "sweep.yaml", "--quiet")
     plain, labelled = map(sweeps.open_sweep, ("small.h5", "named.h5"))
     for name in plain.variables:
         np.testing.assert_array_equal(plain[name].values, labelled[name].values)
         expected = plain[name].attrs["units"].replace("length", "mm").replace("time", "s")
         assert labelled[name].attrs["units"] == expected
     assert labelled["f"].attrs["units"] == "mm/s^2"
-    shown = done("info", "named.h5")
+    shown = accepted("info", "named.h5")
     assert "omega = 1.5 .. 3 [rad/s], 5 values" in shown
     assert "velocity at the section [mm/s]" in shown
-    assert "units: {length: mm, time: s}" in done("info", "named.h5", "--config")
-    assert "units" not in done("info", "small.h5", "--config")
+    assert "units: {length: mm, time: s}" in accepted("info", "named.h5", "--config")
+    assert "units" not in accepted("info", "small.h5", "--config")
     for kind in ("bifurcation", "trajectory"):
         at = ("--at", "omega=3", "--at", "clearance=0", "--periods", 1)
-        done("plot", "named.h5", "-o", f"{kind}.svg", *(at if kind == "trajectory" else ()))
+        accepted("plot", "named.h5", "-o", f"{kind}.svg", *(at if kind == "trajectory" else ()))
         text = Path(f"{kind}.svg").read_text()
         assert "mm" in text
         assert "length]" not in text
     for value in ("{length: 1mm}", "{length: ''}", "{length: $x$}", "{mass: kg}"):
-        assert "units" in refused("run", "small.yaml", "--set", f"units={value}")
+        assert "units" in refused("run", "sweep.yaml", "--set", f"units={value}")
 
 
 def test_init_writes_a_scene_to_begin_from():
-    assert done("init") == "quickstart.yaml\nnext: vibroimpact run quickstart.yaml\n"
+    assert accepted("init") == "quickstart.yaml\nnext: vibroimpact run quickstart.yaml\n"
     assert Path("quickstart.yaml").read_text() == (ROOT / "configs/quickstart.yaml").read_text()
-    done("run", "quickstart.yaml", "--dry-run")
-    done("init", "hysteresis")
+    accepted("run", "quickstart.yaml", "--dry-run")
+    accepted("init", "hysteresis")
     assert Path("hysteresis.yaml").read_text().startswith("# Hysteresis at a stop")
     Path("cascade.yaml").write_text("mine")
     assert "cascade.yaml exists" in refused("init", "cascade")
@@ -389,392 +366,3 @@ def test_a_block_is_done_in_about_a_second(monkeypatch, record, points, expected
     num = f"oscillator.omega={{start: 1, stop: 2, num: {points}}}"
     config = load_config("sweep.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])
     assert block_size(config) == pytest.approx(expected, rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("error", "text"),
-    [
-        (KeyboardInterrupt(), "interrupted; nothing is kept"),
-        (OSError(28, "No space left on device"), "No space left on device; nothing is kept"),
-        (MemoryError(), "MemoryError; nothing is kept"),
-    ],
-)
-def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
-    def run_sweep(*_, **__):
-        raise error
-
-    monkeypatch.setitem(
-        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
-    )
-    result = call("run", "sweep.yaml")
-    assert result.exit_code == 1
-    assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
-    assert result.stderr.count("\n") == 1
-
-
-def test_an_interrupted_run_says_what_is_kept(monkeypatch):
-    accepted("run", "sweep.yaml", "--quiet")
-
-    def run_sweep(*_, **__):
-        with h5py.File("small.h5", "r+") as file:
-            file["status"][3:] = -1
-        raise KeyboardInterrupt
-
-    monkeypatch.setitem(
-        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
-    )
-    result = call("run", "sweep.yaml", "--overwrite")
-    assert result.exit_code == 1
-    assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
-
-
-@pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
-def test_an_interrupted_command_exits_with_1(monkeypatch, command):
-    accepted("run", "sweep.yaml", "--quiet")
-
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
-    monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
-    monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
-    file = {
-        "info": ["small.h5"],
-        "plot": ["small.h5"],
-        "run": ["sweep.yaml"],
-        "schema": [],
-        "zoom": ["small.h5", "omega=2:3"],
-    }
-    result = call(command, *file[command])
-    assert result.exit_code == 1
-    assert result.stderr == "vibroimpact: error: interrupted\n"
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run(folder, number):
-    endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
-    command = [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *endless]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
-        deadline = time.monotonic() + 120
-        while not Path("small.h5").exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        run.send_signal(number)
-        _, stderr = run.communicate(timeout=120)
-    assert run.returncode == 1
-    assert stderr.splitlines()[-1].startswith("vibroimpact: error: interrupted; ")
-    assert "Traceback" not in stderr
-
-
-@pytest.fixture
-def listening(monkeypatch):
-    """What the process of a command has from its start."""
-    monkeypatch.setattr(interrupts, "_came", False)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    interrupts.listen()
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
-    class Callback:  # exceptions in it are swallowed, as in LLVM's
-        def __del__(self):
-            os.kill(os.getpid(), number)
-            time.sleep(0.1)
-
-    written = []
-
-    def write(self, block, results):
-        written.append(block)
-        Callback()
-
-    monkeypatch.setattr(runner.SweepWriter, "write", write)
-    monkeypatch.setattr(runner, "block_size", lambda _: 2)
-    result = call("run", "sweep.yaml", "--quiet")
-    assert result.exit_code == 1
-    assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
-    assert len(written) == 1
-    assert capfd.readouterr().err == ""
-
-
-# Requests that are refused
-
-
-@pytest.mark.parametrize(
-    ("line", "given", "number", "parts"),
-    [
-        ("  h: 0.1", "  h: -1", 3, ["oscillator.h = -1", ">= 0"]),
-        ("  h: 0.1", "  h: .nan", 3, ["oscillator.h = .nan", "a finite number >= 0"]),
-        ("  R: 0.8", "  R: 1.2", 4, ["oscillator.R = 1.2", "a number from 0 to 1"]),
-        ("  omega: {start: 1.5, stop: 3.0, num: 5}", "  omega: 0", 5,
-         ["oscillator.omega = 0", "> 0"]),
-        ("num: 5", "num: 0", 5, ["oscillator.omega.num = 0", "an integer from 1"]),
-        ("  omega:", "  omga:", 5,
-         ["unknown key oscillator.omga", "did you mean omega?", "h, R, omega, f, p, clearance"]),
-        ("method:", "start: {x0: 0.5}\nmethod:", 8,
-         ["start.x0", "x0 = 0.5", "clearance = 0", "every x0 must be <= every clearance"]),
-        ("{steps_per_period: 20}", "{integrator: newmrak}", 8,
-         ["method.integrator = newmrak", "did you mean newmark?", "newmark, rk4"]),
-        ("  R: 0.8", "  R: [0.8", 5, ["column 8", "not valid YAML"]),
-    ],
-)  # fmt: skip
-def test_a_wrong_configuration(line, given, number, parts):
-    assert CONFIG.count(line) == 1
-    Path("wrong.yaml").write_text(CONFIG.replace(line, given))
-    for arguments in (["run", "wrong.yaml"], ["run", "wrong.yaml", "--dry-run"]):
-        message = refused(*arguments)
-        assert f"wrong.yaml, line {number}" in message
-        for part in parts:
-            assert part in message
-
-
-def test_a_missing_configuration():
-    message = refused("run", "missing.yaml")
-    assert "missing.yaml: cannot be read (No such file" in message
-    assert "expected: a YAML file" in message
-
-
-def test_a_wrong_override():
-    message = refused("run", "sweep.yaml", "--set", "oscillator.R=1.2")
-    assert "--set oscillator.R=1.2: oscillator.R = 1.2" in message
-    assert "a number from 0 to 1" in message
-
-
-@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
-def test_an_output_folder_that_does_not_exist(dry):
-    message = refused("run", "sweep.yaml", "-o", "nowhere/out.h5", *dry)
-    assert "folder nowhere" in message and "does not exist" in message
-
-
-def test_an_output_that_exists():
-    Path("small.h5").write_text("precious")
-    message = refused("run", "sweep.yaml")
-    assert "small.h5 exists" in message and "--overwrite" in message
-    assert Path("small.h5").read_text() == "precious"
-
-
-@pytest.mark.parametrize("threads", [0, -1, 100_000])
-def test_threads_that_numba_does_not_have(threads):
-    message = refused("run", "sweep.yaml", "--threads", threads)
-    assert f"--threads {threads} " in message and "an integer from 1 to " in message
-
-
-@pytest.mark.parametrize("command", ["plot", "info"])
-def test_a_file_that_is_not_a_sweep(command):
-    message = refused(command, "sweep.yaml")
-    assert "sweep.yaml is not an HDF5 file" in message
-    with h5py.File("other.h5", "w") as file:
-        file["x"] = [1.0]
-    assert "other.h5 is an HDF5 file, but not one" in refused(command, "other.h5")
-    assert "missing.h5 does not exist" in refused(command, "missing.h5")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        (["--kind", "bifurcatoin"], ["bifurcatoin", "bifurcation"]),
-        (["--kind", ""], ["no picture ''"]),
-        (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
-        (["-o", "link.png"], ["link.png", "replace the data"]),
-        (["-o", "folder/../small.h5"], ["small.h5", "replace the data"]),
-        (["--axis", "h"], ["h is not a swept axis", "omega"]),
-        (["--coordinate", "poincare_y"], ["poincare_y", "poincare_x"]),
-        (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
-        (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
-        (["--at", "h=1"], ["h "]),
-        (["-o", "small.h5"], ["small.h5", "replace the data"]),
-        (["-o", "small.docx"], ["small.docx", ".png"]),
-        (["-o", "nowhere/small.png"], ["folder nowhere", "does not exist"]),
-    ],
-)
-def test_a_picture_that_cannot_be_drawn(arguments, parts):
-    accepted("run", "sweep.yaml", "--quiet")
-    Path("link.png").symlink_to("small.h5")
-    Path("folder").mkdir()
-    message = refused("plot", "small.h5", *arguments)
-    for part in parts:
-        assert part in message
-
-
-def test_a_cut_off_the_grid_is_told():
-    accepted("run", "sweep.yaml", "--quiet")
-    result = call("plot", "small.h5", "--at", "clearance=0.06")
-    assert (result.exit_code, result.stdout) == (0, "small.png\n")
-    assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"
-    rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
-    assert (rounded.exit_code, rounded.stderr) == (0, "")
-
-
-@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
-def test_more_than_the_disk_holds(monkeypatch, dry):
-    usage = types.SimpleNamespace(free=1000)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
-    message = refused("run", "sweep.yaml", *dry)
-    assert re.search(r"the sweep takes about \d\.\d+ kB, .* has only 1 kB left", message)
-
-
-def test_a_grid_beyond_all_bounds():
-    axis = "{start: 0, stop: 1, num: 1e7}"
-    three = [f"oscillator.{name}={axis}" for name in ("h", "R", "f")]
-    message = refused("run", "sweep.yaml", *(part for text in three for part in ("--set", text)))
-    assert "a grid of 10,000,000,000,000,000,000,000 points" in message
-    assert "at most 1,000,000,000" in message
-
-
-@pytest.mark.parametrize("name", ["z.txt", "z.png", "z.yaml"])
-def test_an_output_with_the_ending_of_another_kind(name):
-    assert "did you mean z.h5?" in refused("run", "sweep.yaml", "-o", name)
-
-
-@pytest.mark.parametrize(
-    "arguments", [["run"], ["run", "sweep.yaml", "--foo"], ["fly"], ["run", "a", "--threads", "x"]]
-)
-def test_bad_arguments(arguments):
-    result = call(*arguments)
-    assert result.exit_code == 2
-    assert "Error: " in result.stderr and "Traceback" not in result.stderr
-
-
-# The rest
-
-
-def test_schema_is_json():
-    schema = json.loads(accepted("schema"))
-    assert "oscillator" in schema["properties"]
-
-
-def test_version():
-    assert accepted("--version").startswith("vibroimpact")
-
-
-@pytest.mark.parametrize(
-    # Newer typers import pydantic to describe the arguments of a command.
-    ("arguments", "typers"),
-    [
-        (["--help"], set()),
-        (["run", "--help"], {"pydantic"}),
-        (["bench", "stability", "--help"], {"pydantic"}),
-    ],
-)
-def test_help_imports_nothing_heavy(arguments, typers):
-    heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers
-    code = (
-        "import sys\n"
-        "from sweeps.cli.__main__ import main\n"
-        "try:\n"
-        "    main()\n"
-        "except SystemExit as end:\n"
-        "    assert end.code == 0, end.code\n"
-        f"heavy = {heavy} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-    )
-    command = [sys.executable, "-c", code, *arguments]
-    environment = {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
-    assert result.returncode == 0, result.stderr
-    assert "Usage: vibroimpact" in result.stdout
-
-
-def test_a_process_exits_like_the_command(folder):
-    result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert result.stderr.startswith("vibroimpact: error: --set oscillator.R=2: ")
-    assert result.stderr.count("\n") == 1
-    assert process("run", "sweep.yaml", "--dry-run").returncode == 0
-    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
-
-
-# What other programs and people put in the way
-
-
-def test_what_a_file_says_reaches_the_terminal_escaped(monkeypatch):
-    odd = '"a\\e]0;owned\\x07\\x9b31m\\u202E.h5"'
-    message = refused("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
-    assert message.isascii() and printable(message) == message
-    printed = accepted("run", "sweep.yaml", "--set", f"output={odd}", "--dry-run")
-    assert r"a\x1b]0;owned\x07\x9b31m\u202e.h5" in printed and printable(printed) == printed
-    result = call("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=a[red]\u202eb")
-    assert result.exit_code == 0
-    assert printable(result.stdout) == result.stdout and r"\u202e.h5" in result.stdout
-    for text in (result.stderr, accepted("info", next(Path().glob("*.h5")))):
-        assert r"a[red]\u202eb" in text and "\u202e" not in text
-    bad = refused("run", "sweep.yaml", "--set", 'oscillator.h="\\e[31m"')
-    assert r"oscillator.h = \x1b[31m is not a number" in bad and "\x1b" not in bad
-    assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
-
-
-@pytest.mark.parametrize("name", ["", ".", "..", "/"])
-def test_a_folder_is_no_file_of_a_sweep(name):
-    for command in ("plot", "info", "attractors"):
-        assert "vibroimpact: error: " in refused(command, name)
-
-
-def test_a_picture_with_a_long_name():
-    accepted("run", "sweep.yaml", "--quiet")
-    assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
-    Path("loop.png").symlink_to("loop.png")
-    for name in ("a" * 252 + ".png", "/proc/x.png"):
-        result = call("plot", "small.h5", "-o", name)
-        assert result.exit_code == 1
-        assert re.fullmatch(r"vibroimpact: error: \S+ cannot be written: .*\n", result.stderr)
-    assert call("plot", "small.h5", "-o", "loop.png").exit_code in (0, 1)
-    assert not list(Path().glob(".*"))
-
-
-def test_a_followed_sweep_that_records_no_impacts():
-    followed = ("--set", "follow={axis: omega}", "--set", "record.impacts=0")
-    accepted("run", "sweep.yaml", "--quiet", *followed)
-    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
-        assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
-
-
-@pytest.mark.parametrize(
-    ("setting", "told"),
-    [
-        ("NUMBA_NUM_THREADS=abc", "could not be parsed"),
-        ("NUMBA_NUM_THREADS=0", "Number of threads specified must be > 0"),
-        ("NUMBA_DISABLE_JIT=1", "needs numba's compiler"),
-        ("NUMBA_OPT=9", "value '9' could not be parsed"),
-    ],
-)
-def test_odd_settings_of_numba_are_refused(setting, told):
-    name, value = setting.split("=")
-    result = process("run", "sweep.yaml", **{name: value})
-    assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr.startswith("vibroimpact: error: numba cannot work with its settings: ")
-    assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
-
-
-def test_an_odd_date_is_refused(monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
-    assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "sweep.yaml")
-
-
-def test_odd_settings_of_matplotlib_are_refused():
-    accepted("run", "sweep.yaml", "--quiet")
-    result = process("plot", "small.h5", MPLBACKEND="nonsense")
-    assert result.returncode == 2 and not Path("small.png").exists()
-    assert "matplotlib cannot work with its settings: " in result.stderr
-    assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
-
-
-def test_an_encoding_that_lacks_a_character():
-    result = process("run", "sweep.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
-    assert result.returncode == 0, result.stderr
-    assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
-
-
-def test_a_warning_is_one_line(folder):
-    code = (
-        "import warnings\n"
-        "from sweeps.cli.terminal import prepare_streams\n"
-        "prepare_streams()\n"
-        "warnings.warn('the cache\\x1b[31m is full')\n"
-    )
-    command = [sys.executable, "-c", code]
-    environment = {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
-    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"

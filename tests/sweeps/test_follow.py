@@ -1,8 +1,6 @@
-"""A sweep in which each point starts from its neighbour: chains, blocks, files, coexistence."""
+"""A sweep in which each point starts from its neighbour: chains, requests, coexistence."""
 
 import math
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +9,11 @@ import xarray as xr
 import yaml
 
 import sweeps
-from commands import call
-from sweep_files import data, load
+from followed_sweeps import configured, ran, whole
+from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.engine import plan as limits
-from sweeps.engine import run as runner
-from sweeps.engine.compute import computation, compute, compute_block
-from sweeps.engine.plan import block_size, estimate
-from sweeps.errors import ConfigError, Failed, StoreError
-from sweeps.grid import Grid
+from sweeps.engine.compute import computation
+from sweeps.errors import ConfigError
 from vibroimpact import Oscillator, Status, one_impact_orbit
 from vibroimpact.integrate import integrate
 from vibroimpact.orbits.one_impact import bifurcation
@@ -27,37 +21,6 @@ from vibroimpact.points.following import follow
 from vibroimpact.trajectory import trajectories
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
-SWEEP = {
-    "oscillator": {
-        "h": 0.05,
-        "R": [0.8, 0.5, 0.6],
-        "omega": [2.7, 0.6, 2.4, 2.65, 1.3],
-        "f": 1.0,
-        "clearance": [0.0, 0.4],
-    },
-    "follow": {"axis": "omega", "direction": "both"},
-    "record": {
-        "transient": 7,
-        "periods": 6,
-        "impacts": 5,
-        "trajectory": {"every": 6},
-        "diagnostics": ["period", "lyapunov"],
-    },
-}
-
-
-def configured(*changes, sweep=SWEEP):
-    return load(sweep, *changes)
-
-
-def whole(config):
-    """The block of the whole file of a sweep."""
-    block = tuple(slice(0, n) for n in config.grid.shape)
-    return (slice(0, 2), *block) if len(config.directions) == 2 else block
-
-
-def ran(config, path="out.h5"):
-    return data(run_sweep(config, path, overwrite=True))
 
 
 def by_hand(config, point, axis, values):
@@ -202,162 +165,6 @@ def test_only_the_chain_that_failed_begins_anew(status):
     assert calls[4] == (True, [(R, 2.65, -2.4, R) for R in (0.8, 0.5, 0.6)])
     found = results["poincare_v"].reshape(3, 5, 2)[:, :, 1]
     np.testing.assert_array_equal(found, np.broadcast_to([[0.8], [0.5], [0.6]], (3, 5)))
-
-
-# Blocks, threads, files
-
-
-@pytest.mark.parametrize(("size", "direction"), [(3, "both"), (10, "both"), (15, "down")])
-def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
-    config = configured(f"follow.direction={direction}")
-    expected = ran(config)
-    monkeypatch.setattr(runner, "block_size", lambda _: size)
-    for threads in (1, 2):
-        run_sweep(config, "blocks.h5", threads=threads, overwrite=True)
-        xr.testing.assert_identical(data("blocks.h5"), expected)
-    packed = configured(f"follow.direction={direction}", "compression=gzip")
-    xr.testing.assert_identical(ran(packed, "packed.h5"), expected)
-
-
-def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
-    config = configured()
-    expected = ran(config)
-    monkeypatch.setattr(runner, "block_size", lambda _: 5)
-    done = []
-
-    def stopping(*arguments):
-        if len(done) == 2:
-            raise KeyboardInterrupt
-        done.append(arguments[1])
-        return compute_block(*arguments)
-
-    monkeypatch.setattr(runner, "compute_block", stopping)
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(config, "stopped.h5")
-    with open_sweep("stopped.h5") as dataset:
-        missing = (dataset["status"] == Status.PENDING).values
-        assert missing.sum() == 4 * 2 * 5  # chains, directions, points
-        assert (missing == missing[:1, :, :1]).all()  # no chain in part
-    monkeypatch.setattr(runner, "compute_block", compute_block)
-    run_sweep(config, "stopped.h5", resume=True)
-    xr.testing.assert_identical(data("stopped.h5"), expected)
-    with pytest.raises(StoreError, match=r"follow\.direction was both and is up"):
-        run_sweep(configured("follow.direction=up"), "stopped.h5", resume=True)
-    with pytest.raises(StoreError, match=r"follow\.axis was omega and is not given"):
-        run_sweep(configured("follow=null"), "stopped.h5", resume=True)
-
-
-def test_a_damaged_block_is_named_and_computed_again(monkeypatch):
-    monkeypatch.setattr(runner, "block_size", lambda _: 5)
-    config = configured()
-    expected = ran(config)
-    content = bytearray(Path("out.h5").read_bytes())
-    place = content.find(expected["poincare_x"].sel(direction="down").values[1].tobytes())
-    content[place + 3] ^= 1
-    Path("out.h5").write_bytes(content)
-    with pytest.raises(StoreError, match=r"block 2 \(R 0\.5 to 0\.5, clearance 0 to 0\) of 6"):
-        open_sweep("out.h5")
-    run_sweep(config, "out.h5", resume=True)
-    xr.testing.assert_identical(data("out.h5"), expected)
-
-
-def test_any_reader_finds_a_direction_by_its_name():
-    ran(configured())
-    with xr.open_dataset("out.h5", engine="h5netcdf") as dataset, open_sweep("out.h5") as ours:
-        xr.testing.assert_identical(dataset, ours)
-        assert dataset["direction"].values.tolist() == ["up", "down"]
-        assert dataset.sel(direction="down")["status"].shape == (3, 5, 2)
-        assert "followed" in dataset["direction"].attrs["long_name"]
-    again = yaml.safe_load(dataset.attrs["configuration"])
-    assert again["follow"] == {"axis": "omega", "direction": "both"}
-    assert "follow" not in yaml.safe_load(configured("follow=null").to_yaml())
-
-
-def test_points_are_counted_in_each_direction():
-    configured()
-    printed = call("run", "sweep.yaml", "--dry-run").stdout
-    assert "follow            omega, up and down\n" in printed
-    assert "points            60\n" in printed and "forcing periods   780\n" in printed
-    result = call("run", "sweep.yaml", "-o", "out.h5")
-    assert result.stdout.startswith("out.h5: 60 points")
-    assert "60/60 points" in result.stderr
-    shown = call("info", "out.h5").stdout
-    assert "direction = up, down\n" in shown
-    assert "status (direction: 2, R: 3, omega: 5, clearance: 2)" in shown
-
-
-def test_the_points_of_a_long_block_are_told_as_they_come():
-    config = configured()
-    told = []
-    results = compute_block(config, whole(config), None, told.append)
-    assert told == [12] * 5 and len(results["status"]) == 60
-    alone, told = configured("follow=null"), []
-    results = compute_block(alone, whole(alone), None, told.append)
-    assert told == [30]
-    expected = compute(alone, alone.grid.points(whole(alone)), None)
-    np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
-
-
-def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
-    begun = threading.Semaphore(0)
-
-    def computing(config, block, threads, advance):
-        def told(points):
-            begun.release()
-            time.sleep(0.2)
-
-        return compute_block(config, block, threads, told)
-
-    def full(self, block, results):
-        for _ in range(6):  # the 5 values of the first block, and one of the second
-            assert begun.acquire(timeout=60)
-        raise Failed("the disk is full")
-
-    monkeypatch.setattr(runner, "block_size", lambda _: 5)
-    monkeypatch.setattr(runner, "compute_block", computing)
-    monkeypatch.setattr(runner.SweepWriter, "write", full)
-    with pytest.raises(Failed, match="full"):
-        run_sweep(configured(), "out.h5")
-    assert not begun.acquire(blocking=False)
-
-
-# Memory
-
-
-def test_a_block_holds_whole_chains(monkeypatch):
-    long = "oscillator.omega={start: 1, stop: 2, num: 3000}"
-    many = configured(long, "oscillator.R={start: 0.5, stop: 0.8, num: 100}")
-    for memory in (10**11, 10**9):
-        monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
-        size = block_size(many)
-        assert size % 3000 == 0
-        assert estimate(many).memory <= memory
-        for block in many.grid.blocks(size, whole="omega", at_any_size=True):
-            assert block[1] == slice(0, 3000)
-    monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)
-    told = r"one chain of 3,000 points, followed up and down along omega, takes about .* of memory"
-    with pytest.raises(StoreError, match=told):
-        run_sweep(many, "out.h5")
-    assert not Path("out.h5").exists()
-
-
-def test_the_memory_and_the_file_that_are_told_are_those_of_both_directions():
-    config = configured("record.trajectory=false")
-    arrays = sum(a.nbytes for a in compute_block(config, whole(config), None).values())
-    cost = estimate(config)
-    assert cost.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
-    assert cost.file <= run_sweep(config, "out.h5").stat().st_size <= cost.file + 100_000
-
-
-def test_an_axis_is_not_split_at_any_size():
-    grid = Grid({"h": np.arange(3.0), "f": np.arange(4.0), "omega": np.arange(5.0)}, {})
-    for size in (1, 4, 9, 100):
-        seen = np.zeros(grid.shape, int)
-        for block in grid.blocks(size, whole="f", at_any_size=True):
-            assert block[1] == slice(0, 4)
-            assert seen[block].size <= max(size, 4)
-            seen[block] += 1
-        assert (seen == 1).all()
 
 
 # What else a sweep can ask for

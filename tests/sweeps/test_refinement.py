@@ -1,61 +1,22 @@
 """Refinement: bifurcations bracketed by a coarse sweep, against their closed forms."""
 
 import json
-import math
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.optimize import brentq
 
-import sweeps.engine.run
 from commands import accepted, call
-from sweep_files import load, run_in
-from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.class_changes import Change, Label, cascades, changes, labels, ratio
-from sweeps.analysis.motion import Motion
+from refined_sweeps import CONFIG, flip, found, refined, refined_config
+from sweeps import open_sweep
+from sweeps.analysis.class_changes import cascades, labels, ratio
 from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
-from sweeps.errors import StoreError
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit, sections
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
-
-CONFIG = """\
-name: around a flip
-oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 21}, f: 1.0}
-record: {transient: 300, periods: 100, impacts: 8, diagnostics: [period, lyapunov]}
-refine: {axis: omega, levels: 17}
-"""
-
-
-def refined_config(folder, text, *overrides):
-    return load(text, *overrides, path=folder / "c.yaml")
-
-
-def refined(folder, *overrides, text=CONFIG, name="out.h5", **options):
-    return run_in(folder, text, *overrides, name=name, **options)
-
-
-def found(path):
-    with open_sweep(path) as dataset:
-        return list(changes(dataset["omega"].values, labels(dataset.load())))
-
-
-def flip(n, low, high, R=0.8):
-    """Return where cos^2(pi n / omega) (omega^2 - ((1 - R) / (1 + R))^2) = 1 (h = 0, p = 1)."""
-    loss = ((1.0 - R) / (1.0 + R)) ** 2
-    return brentq(
-        lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high, xtol=1e-15
-    )
-
-
-@pytest.fixture(scope="module")
-def around(tmp_path_factory):
-    return refined(tmp_path_factory.mktemp("around"))
 
 
 def test_a_flip_is_bracketed_to_the_last_level(around):
@@ -239,12 +200,6 @@ def test_the_edges_of_the_windows_are_found_from_a_followed_sweep(
     assert edge.high - edge.low < 1e-5
 
 
-@pytest.fixture(scope="module")
-def cascade(tmp_path_factory):
-    config = load_config(Path(__file__).parents[2] / "configs/feigenbaum.yaml")
-    return run_sweep(config, tmp_path_factory.mktemp("cascade") / "out.h5")
-
-
 def test_further_flips_of_a_cascade(cascade):
     """Their distances shrink by a ratio on its way to Feigenbaum's 4.669."""
     (run,) = cascades(found(cascade))
@@ -268,74 +223,6 @@ def test_on_either_side_of_a_later_flip_motions_do_what_the_classes_say(cascade)
             x = run_.section_x[-16:]
             assert np.abs(x[m:] - x[:-m]).max() < 1e-9
             assert np.abs(x[m // 2 :] - x[: -m // 2]).max() > 1e-3
-
-
-def test_the_grid_keeps_its_data_and_the_new_points_are_told(around, tmp_path):
-    plain = refined(tmp_path, "refine=null")
-    with open_sweep(around) as dataset, open_sweep(plain) as grid:
-        omega = dataset["omega"].values
-        assert (np.diff(omega) > 0.0).all() and np.isin(grid["omega"], omega).all()
-        assert dataset.attrs["points_added"] == len(omega) - 21
-        beside = {one.low for one in found(around)} | {one.high for one in found(around)}
-        kept = [w for w in grid["omega"].values if w not in beside]
-        for name in grid.data_vars:
-            same = dataset[name].sel(omega=kept).values
-            assert np.array_equal(same, grid[name].sel(omega=kept).values, equal_nan=True)
-    with xr.open_dataset(around, engine="h5netcdf") as dataset:
-        assert dataset["poincare_x"].dims == ("omega", "section")
-        assert (dataset["status"] == 1).all()
-
-
-def test_a_new_point_records_the_attractor(around):
-    """1e-8 from the flip a transient would have to be 1e8 periods long."""
-    first = found(around)[0]
-    with open_sweep(around) as dataset:
-        for value, m in ((first.low, 1), (first.high, 2)):
-            point = dataset.sel(omega=value)
-            x = point["poincare_x"].values
-            assert point["period"] == m
-            assert np.abs(x[m:] - x[:-m]).max() < 1e-10
-
-
-def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
-    """Also where the run was left between the grid and its refinement."""
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(sweeps.engine.run, "Refinement", interrupted)
-        refined(tmp_path)
-    with open_sweep(tmp_path / "out.h5") as dataset:
-        assert dataset.sizes["omega"] == 21
-    for _ in range(2):  # the second has nothing to do
-        path = refined(tmp_path, resume=True, threads=1)
-        with open_sweep(path) as again, open_sweep(around) as first:
-            assert again.drop_attrs().identical(first.drop_attrs())
-            for name in first.variables:
-                assert again[name].values.tobytes() == first[name].values.tobytes()
-
-
-def test_compressed_too(around, tmp_path):
-    path = refined(tmp_path, "compression=gzip")
-    with open_sweep(path) as again, open_sweep(around) as first:
-        assert again["poincare_x"].values.tobytes() == first["poincare_x"].values.tobytes()
-    with h5py.File(path) as file:
-        assert file["poincare_x"].compression == "gzip"
-
-
-def test_a_damaged_refined_file_is_not_mended(around, tmp_path):
-    path = tmp_path / "out.h5"
-    path.write_bytes(around.read_bytes())
-    with h5py.File(path) as file:
-        at = file["poincare_x"].id.get_offset()
-    with path.open("r+b") as file:
-        file.seek(at + 100)
-        file.write(b"damage")
-    with pytest.raises(StoreError, match=r"points that were added.*--overwrite"):
-        refined(tmp_path, resume=True)
-    with pytest.raises(StoreError, match=r"run its configuration again with --overwrite"):
-        open_sweep(path)
 
 
 def test_an_interval_ends_where_no_number_is_left_in_it(tmp_path):
@@ -377,85 +264,6 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
         assert list(refinement) == [1, 2, 3]
     assert len(refinement.intervals) == 1
     assert 2.65 < refinement.intervals[0][0].value < 2.66
-
-
-# -- what is told --------------------------------------------------------------------------------
-
-
-def test_info_lists_the_brackets(cascade):
-    lines = accepted("info", cascade, "--bifurcations").splitlines()
-    assert lines[0].startswith("omega = 2.65334")
-    assert lines[0].split()[-6:-1] == ["1/1", "->", "2/2", "flip", "at"]
-    assert float(lines[0].split()[-1]) == pytest.approx(flip(1, 2.6, 2.7), rel=1e-11)
-    (ratios,) = (line for line in lines if line.startswith("cascade: omega = 2.653347"))
-    assert "ratios of the distances 4." in ratios
-
-
-def test_info_lists_the_changes_of_any_sweep(tmp_path):
-    """Line by line, at the distance of its grid."""
-    path = refined(
-        tmp_path, "refine=null", "oscillator.R=[0.5, 0.8]", "oscillator.omega=[2.64, 2.65, 2.67]"
-    )
-    assert accepted("info", path, "--bifurcations").splitlines() == [
-        f"R = {R}  omega = 2.65 .. 2.67  width 2.0e-02  1/1 -> 2/2  flip  "
-        f"at {flip(1, 2.6, 2.7, R):.12g}"
-        for R in (0.5, 0.8)
-    ]
-    assert "does not change along R" in accepted("info", path, "--bifurcations", "--axis", "R")
-    refused = call("info", str(path), "--bifurcations", "--axis", "h")
-    assert refused.exit_code == 2 and "h is not a swept axis" in refused.stderr
-    refused = call("info", str(path), "--axis", "R")
-    assert refused.exit_code == 2 and "--bifurcations" in refused.stderr
-
-
-def test_info_needs_the_classes(tmp_path):
-    path = refined(tmp_path, "refine=null", "record.diagnostics=[]")
-    refused = call("info", str(path), "--bifurcations")
-    assert refused.exit_code == 2 and "record.diagnostics: [period]" in refused.stderr
-
-
-def test_the_plan_says_that_points_are_added(tmp_path):
-    (tmp_path / "c.yaml").write_text(CONFIG)
-    plan = accepted("run", tmp_path / "c.yaml", "-o", tmp_path / "out.h5", "--dry-run")
-    assert "where the class of the motion changes, halved 17 times" in plan
-
-
-ONE, TWO, FOUR, EIGHT = (Label(Motion.PERIODIC, m, m) for m in (1, 2, 4, 8))
-REST, CHAOS = Label(Motion.REST), Label(Motion.CHAOTIC)
-
-
-def test_points_of_no_known_class_are_passed_over():
-    given = [ONE, None, None, ONE, None, TWO, CHAOS]
-    assert list(changes(np.arange(7.0), given)) == [
-        Change(3.0, 5.0, ONE, TWO, between=1),
-        Change(5.0, 6.0, TWO, CHAOS),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "kind"),
-    [
-        (ONE, TWO, "flip"),
-        (FOUR, TWO, "flip"),
-        (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 2, 4), "unknown"),
-        (ONE, FOUR, "unknown"),
-        (Label(Motion.PERIODIC, 2, 3), Label(Motion.PERIODIC, 4, 7), "unknown"),
-        (ONE, REST, "rest"),
-        (CHAOS, REST, "rest"),
-        (CHAOS, TWO, "chaos"),
-    ],
-)
-def test_kinds_of_change(before, after, kind):
-    assert Change(0.0, 1.0, before, after).kind == kind
-
-
-def test_cascades_run_both_ways_and_break_where_a_flip_is_missing():
-    up = [Change(k, k, a, b) for k, (a, b) in enumerate([(ONE, TWO), (TWO, FOUR), (FOUR, EIGHT)])]
-    down = [Change(k, k, b, a) for k, (a, b) in enumerate([(FOUR, EIGHT), (TWO, FOUR), (ONE, TWO)])]
-    assert list(cascades(up)) == [up]
-    assert list(cascades(down)) == [down[::-1]]
-    assert list(cascades([*up, Change(5, 6, EIGHT, CHAOS), *down])) == [up, down[::-1]]
-    assert list(cascades([up[0], up[2]])) == []
 
 
 # -- bad input -----------------------------------------------------------------------------------

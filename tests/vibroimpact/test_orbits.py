@@ -1,4 +1,4 @@
-"""One-impact orbits against the tables, another formulation in 40 digits, and plain integration."""
+"""Orbits with one impact: closed forms, stability and bifurcations against other formulas."""
 
 import dataclasses
 import math
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from oscillators import oscillator, random_oscillators
 from vibroimpact import Oscillator
 from vibroimpact.orbits.one_impact import (
     BIFURCATIONS,
@@ -25,6 +26,7 @@ ORBITS = [
     (0.1, 2.0, 0.5, 1, 1.8032426117, -0.10094085),
     (0.02, 4.1, 0.8, 2, 1.3590632910, 0.83266893),
 ]
+
 # h, R, n, omega
 FLIPS = [
     (0.05, 0.8, 1, 1.22973534658679),
@@ -42,6 +44,7 @@ GRAZES = [
     (0.1, 0.5, 1.11292970401963),
     (0.5, 1.0, 1.11561617993669),
 ]
+
 # R, n, lower and upper edge of the stable window in omega at h = 0
 WINDOWS = [
     (0.9, 1, 1.264903, 2.652886),
@@ -55,28 +58,6 @@ WINDOWS = [
     (0.5, 3, 5.358368, 6.639864),
 ]
 TWO = Oscillator(h=0.1, R=0.8, omega=1.6, f=1.0, clearance=0.7)
-
-
-def oscillator(h, R, omega, clearance=0.0, f=1.0, p=1.0):
-    """An oscillator by position."""
-    return Oscillator(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance)
-
-
-def random_oscillators(count, seed, clearance=1.0):
-    """Oscillators and n at random: a quarter each undamped, critical, over-damped, any."""
-    rng = np.random.default_rng(seed)
-    for k in range(count):
-        p = rng.uniform(0.5, 2.0)
-        h = (0.0, p, p * rng.uniform(1.0, 2.0), p * rng.uniform())[k % 4]
-        osc = oscillator(
-            h,
-            rng.uniform(),
-            p * rng.uniform(0.3, 7.0),
-            rng.uniform(-clearance, clearance),
-            rng.uniform(0.5, 2.0),
-            p,
-        )
-        yield osc, int(rng.integers(1, 4))
 
 
 def steady_response(osc, n):
@@ -100,19 +81,6 @@ def steady_response(osc, n):
             for v in speeds
             if v > 0
         ]
-
-
-def free_flight(osc, orbit, count=20001):
-    """x - clearance along the flight from eigenvalues and steady response (not at h = p)."""
-    t = np.linspace(0.0, orbit.n * osc.forcing_period, count)
-    X = -osc.f / (osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega)
-    response = X * np.exp(1j * (osc.omega * t + orbit.phase))
-    u = osc.clearance - response[0].imag
-    du = -osc.R * orbit.v - (1j * osc.omega * response[0]).imag
-    root = np.sqrt(complex(osc.h**2 - osc.p**2))
-    plus, minus = -osc.h + root, -osc.h - root
-    free = ((du - minus * u) * np.exp(plus * t) - (du - plus * u) * np.exp(minus * t)) / (2 * root)
-    return free.real + response.imag - osc.clearance
 
 
 def through_one_impact(osc, t, x, v, span, guess):
@@ -301,214 +269,6 @@ def test_multipliers_by_finite_differences(osc, n):
         np.testing.assert_allclose(
             np.poly(orbit.multipliers), [1.0, -orbit.trace, orbit.determinant], atol=1e-14
         )
-
-
-def test_existence_and_the_peak_by_brute_force():
-    """400 points: existence and the largest maximum as on 20,000 samples of the flight."""
-    seen = set()
-    for osc, n in random_oscillators(400, seed=11, clearance=0.4):
-        if osc.h == osc.p:
-            continue
-        for orbit in one_impact_orbits(osc, n):
-            x = free_flight(osc, orbit)
-            tops = x[1:-1][(x[:-2] < x[1:-1]) & (x[1:-1] >= x[2:])]
-            scale = np.abs(x).max()
-            if len(tops):
-                assert orbit.peak == pytest.approx(tops.max(), abs=1e-6 * scale), osc
-            else:
-                assert orbit.peak == -math.inf, osc
-            assert orbit.exists == (x[2:-2].max() < 0.0)
-            seen.add((orbit.exists, len(tops) > 0))
-    assert seen == {(True, True), (True, False), (False, True)}
-
-
-@pytest.mark.parametrize("depth", [1e-4, 1e-7, 1e-11, 1e-13])
-def test_a_touch_of_any_depth_decides_existence(depth):
-    """Moved off the graze so that the maximum passes or misses the stop by a given depth."""
-    osc = oscillator(0.05, 0.8, 2.0)
-    graze = bifurcation(osc, "graze", "omega", 1.0, 1.05)
-    slope = (one_impact_orbit(oscillator(0.05, 0.8, graze + 1e-6)).peak) / 1e-6
-    for side in (-1, 1):
-        orbit = one_impact_orbit(oscillator(0.05, 0.8, graze + side * depth / slope))
-        assert orbit.peak == pytest.approx(side * depth, rel=5e-3, abs=2e-14)
-        assert orbit.exists == (side < 0)
-
-
-def test_a_maximum_in_the_middle_of_a_symmetric_flight():
-    """h = 0, R = 1: the flight is its own mirror image, and x' = 0 at T / 2 to rounding."""
-    at_top = 0
-    for omega in np.linspace(0.31, 6.9, 60):
-        for n in (1, 2, 3):
-            for clearance in (-0.3, 0.0, 0.3):
-                osc = oscillator(0.0, 1.0, omega, clearance)
-                for orbit in one_impact_orbits(osc, n):
-                    x = free_flight(osc, orbit, 2001)
-                    if x[999] < x[1000] > x[1001] and x[1000] == x[1:-1].max():
-                        at_top += 1
-                        assert orbit.peak == pytest.approx(x[1000], abs=1e-11 * np.abs(x).max())
-    assert at_top > 20
-
-
-def test_a_launch_into_the_stop_is_no_orbit():
-    """R = 0, the force pressing at the impact: the mass does not leave."""
-    orbits = [one_impact_orbit(oscillator(h, 0.0, 0.8)) for h in np.linspace(0.0, 0.5, 20)]
-    pressed = [orbit for orbit in orbits if math.sin(orbit.phase) < 0.0]
-    assert pressed
-    assert not any(orbit.exists for orbit in pressed)
-
-
-@pytest.mark.parametrize(
-    ("R", "omega", "n"),
-    [
-        (0.23928355917506167, 0.5999761292783834, 3),
-        (0.8, 0.50001, 1),
-        (0.5, 0.49999, 1),
-        (0.7, 0.66667, 2),
-        (0.7, 0.75, 1),
-        (0.6, 2.2, 1),
-    ],
-)
-def test_a_fold_near_a_multiple_of_the_natural_period(R, omega, n):
-    """At h = 0, against its closed form in 40 digits, where 1 - cos(p T) is nearly 0.
-
-    The motion between two impacts is symmetric in time, which makes the impact conditions
-    (sigma + a v)^2 + (b v)^2 = X^2 with a = (1 + R) cot(pi n p / omega) / (2 p),
-    b = (1 - R) / (2 omega), X = f / (p^2 - omega^2). They have a double root v > 0 where
-    sigma^2 = X^2 (1 + a^2 / b^2) and sigma a < 0.
-    """
-    with mp.workdps(40):
-        w, r = mp.mpf(omega), mp.mpf(R)
-        a, b = (1 + r) * mp.cot(mp.pi * n / w) / 2, (1 - r) / (2 * w)
-        fold = float(-mp.sign(a) * mp.sqrt(1 + (a / b) ** 2) / abs(1 - w**2))
-    bracket = sorted((0.5 * fold, 1.5 * fold))
-    value = bifurcation(Oscillator(0.0, R, omega, 1.0), "fold", "clearance", *bracket, n)
-    turns = n / omega
-    moved = 2.2e-16 * turns / abs(turns - round(turns))  # by a change of omega in its last digit
-    assert value == pytest.approx(fold, rel=3.0 * moved + 1e-14)
-
-
-def test_two_orbits_and_the_fold_where_they_meet():
-    """The faster is a node, the slower a saddle; they meet at the fold's closed form, and end."""
-    slow, fast = one_impact_orbits(TWO)
-    assert 0.0 < slow.v < fast.v
-    assert one_impact_orbit(TWO) == fast
-    assert fast.stable
-    assert slow.exists and not slow.stable
-    assert 1 - slow.trace + slow.determinant < 0.0 < 1 - fast.trace + fast.determinant
-    fold = bifurcation(TWO, "fold", "f", 0.2, 1.0)
-    with mp.workdps(40):
-        h, R, w, _, p, sigma = map(mp.mpf, dataclasses.astuple(TWO))
-        flow = mp.expm(mp.matrix([[0, 1], [-p * p, -2 * h]]) * (2 * mp.pi / w))
-        free = mp.lu_solve(mp.eye(2) - flow, mp.matrix([0, 1 + R]))
-        g, k = free[0], (free[1] - R) / w
-        D = (p * p - w * w) ** 2 + (2 * h * w) ** 2
-        true = float(sigma * mp.sqrt(D) * abs(k) / mp.sqrt(g * g + k * k))
-    assert fold == pytest.approx(true, rel=1e-14)
-    at = partial(dataclasses.replace, TWO)
-    assert one_impact_orbits(at(f=fold - 1e-9)) == ()
-    slow, fast = one_impact_orbits(at(f=fold + 1e-9))
-    assert fast.v - slow.v < 1e-3
-    assert 1 - slow.trace + slow.determinant == pytest.approx(0.0, abs=1e-3)
-    for name, bracket in (("clearance", (0.7, 2.0)), ("omega", (1.6, 1.9))):
-        value = bifurcation(TWO, "fold", name, *bracket)
-        counts = [len(one_impact_orbits(at(**{name: value + d}))) for d in (-1e-9, 1e-9)]
-        assert counts == [2, 0]
-
-
-def test_the_faster_is_never_a_saddle_and_the_slower_always():
-    """1 - trace + det has the sign the module's docstring proves."""
-    pairs = 0
-    for osc, n in random_oscillators(600, seed=21):
-        orbits = one_impact_orbits(osc, n)
-        for orbit, sign in zip(reversed(orbits), (1, -1), strict=False):
-            assert sign * (1 - orbit.trace + orbit.determinant) > 0.0
-        pairs += len(orbits) == 2
-    assert pairs > 20
-
-
-def test_units_do_not_matter():
-    """Force and clearance scale x and v, to the bit for powers of two; p scales time."""
-    for osc, n in random_oscillators(60, seed=13):
-        for length, time, rel in ((8.0, 1.0, 0.0), (0.7, 1.0, 1e-10), (1.0, 3.7, 1e-10)):
-            scaled = Oscillator(
-                h=osc.h / time,
-                R=osc.R,
-                omega=osc.omega / time,
-                f=osc.f * length / time**2,
-                p=osc.p / time,
-                clearance=osc.clearance * length,
-            )
-            ours, theirs = one_impact_orbits(osc, n), one_impact_orbits(scaled, n)
-            for a, b in zip(ours, theirs, strict=True):
-                assert b.v == pytest.approx(a.v * length / time, rel=rel, abs=0)
-                assert b.phase == pytest.approx(a.phase, rel=10 * rel, abs=10 * rel)
-                assert b.exists == a.exists
-                np.testing.assert_allclose(
-                    b.multipliers, a.multipliers, rtol=0, atol=1e4 * rel * (1 + abs(a.trace))
-                )
-
-
-@pytest.mark.parametrize(
-    ("osc", "n"),
-    [
-        (oscillator(0.0, 1.0, 2.0), 1),  # grows without bound
-        (oscillator(0.0, 1.0, 1.4, f=0.7, p=0.7), 3),
-        (oscillator(0.0, 0.5, 2.0), 2),  # the flight is a multiple of the eigenperiod
-        (oscillator(0.0, 0.5, 0.5, 0.4), 1),
-        (oscillator(0.1, 0.5, 1.0, f=0.0), 1),
-        (oscillator(0.0, 1.0, 3.0, -0.5, f=0.0), 1),  # free bouncing: a family
-        (oscillator(0.1, 0.5, 1.7, 50.0), 1),  # out of reach
-        (oscillator(0.1, 0.5, 1.7, -50.0), 1),  # pressed too hard
-        (oscillator(0.1, 0.5, 1e200), 1),
-    ],
-)
-def test_no_orbit_is_nan_and_does_not_exist(osc, n):
-    """As documented: nothing in the tuple, NaN in the record, both flags False."""
-    assert one_impact_orbits(osc, n) == ()
-    orbit = one_impact_orbit(osc, n)
-    assert orbit.n == n
-    assert np.isnan([orbit.v, orbit.phase, orbit.trace, orbit.determinant, orbit.peak]).all()
-    assert orbit.multipliers.shape == (2,) and np.isnan(orbit.multipliers).all()
-    assert not orbit.exists and not orbit.stable
-
-
-@pytest.mark.parametrize("n", [0, -1, 1.0, True, "1", None])
-def test_n_is_a_positive_integer(n):
-    """Anything else is refused by its name."""
-    for call in (
-        partial(one_impact_orbits, TWO),
-        partial(one_impact_orbit, TWO),
-        partial(bifurcation, TWO, "fold", "f", 0.2, 1.0),
-    ):
-        with pytest.raises(ValueError, match=r"^n must be an integer >= 1, not "):
-            call(n)
-
-
-def test_a_flight_without_end_is_refused():
-    """Not searched for a touch for hours: too many periods, or too slow a force."""
-    for n in (10**9, 10**30, np.int64(10**9)):
-        with pytest.raises(ValueError, match=r"^n must be at most 100,000, not 1,000,000,"):
-            one_impact_orbit(TWO, n)
-    with pytest.raises(ValueError, match="omega is too small"):
-        one_impact_orbit(oscillator(0.1, 0.5, 1e-9), 1)
-
-
-def test_what_cannot_be_bracketed_is_refused():
-    """Unknown names, no sign change, no orbit, a pole, and a meeting of what are no orbits."""
-    osc = oscillator(0.05, 0.8, 2.0)
-    with pytest.raises(ValueError, match="kind must be one of flip, graze, fold, not 'hopf'"):
-        bifurcation(osc, "hopf", "omega", 1.0, 2.0)
-    with pytest.raises(ValueError, match=r"parameter must be one of h, R, .* not 'x0'"):
-        bifurcation(osc, "flip", "x0", 1.0, 2.0)
-    with pytest.raises(ValueError, match=r"^omega \(forcing frequency\) must be"):
-        bifurcation(osc, "flip", "omega", -1.0, 2.0)
-    for kind in BIFURCATIONS:
-        with pytest.raises(ValueError, match=f"no {kind} is bracketed by omega = 2.0 and 2.1"):
-            bifurcation(osc, kind, "omega", 2.0, 2.1)
-    with pytest.raises(ValueError, match=r"no one-impact orbit \(n = 1\) at f = 0.1"):
-        bifurcation(TWO, "flip", "f", 0.1, 1.0)
-    with pytest.raises(ValueError, match=r"what meets at omega = 2\.4.* are no orbits: v <= 0"):
-        bifurcation(TWO, "fold", "omega", 2.3, 2.8)
 
 
 @pytest.mark.parametrize(

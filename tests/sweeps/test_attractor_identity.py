@@ -1,0 +1,186 @@
+"""What is one attractor: within a point, and along the axes."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sweeps import attractors
+from sweeps.analysis.motion import Motion
+from sweeps.analysis.table import rows
+from sweeps.errors import Refused
+from sweeps_over_starts import cycle, hand_made, partition
+from vibroimpact.status import Status
+
+
+def test_a_motion_reached_at_another_phase_is_the_same():
+    three = [
+        cycle(*np.roll([(-1, 0.1), (-0.5, 0.2), (-0.2, 0.9)], k, axis=0), turns=6)[:16]
+        for k in range(3)
+    ]
+    found = attractors(hand_made(three, 3))
+    assert found["attractor"].values.tolist() == [0, 0, 0]
+    assert found["attractors"].item() == 1
+
+
+def test_the_order_within_a_cycle_tells_two_apart():
+    """The same states in another cyclic order are another motion."""
+    states = [(-1.0, 0.1), (-0.5, 0.2), (-0.2, 0.9), (-0.7, 0.4)]
+    swapped = [states[i] for i in (0, 2, 1, 3)]
+    found = attractors(hand_made([cycle(*states), cycle(*swapped), cycle(*states)], 4))
+    assert partition(found["attractor"]) == {frozenset({0, 2}), frozenset({1})}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-9])
+def test_states_with_nearly_equal_x_are_not_mixed_up(noise):
+    """Cycles that begin anywhere, and whose order in x is that of rounding errors."""
+    random = np.random.default_rng(0)
+    states = np.array([(-0.3, 0.5), (-0.3, -0.5), (-0.3, 0.1), (-0.9, 0.0)])
+    mirrored = states * [1.0, -1.0]
+    points, expected = [], []
+    for i in range(40):
+        own = np.roll(mirrored if i % 2 else states, random.integers(4), axis=0)
+        points.append(np.tile(own, (4, 1)) + noise * random.normal(size=(16, 2)))
+        expected.append(i % 2)
+    found = attractors(hand_made(points, 4))["attractor"].values
+    assert partition(found) == partition(expected)
+
+
+@pytest.mark.parametrize(("apart", "count"), [(0.9e-3, 1), (1.1e-3, 2)])
+def test_the_tolerance_is_relative_to_the_greatest_coordinate(apart, count):
+    for size in (1e-6, 1.0, 1e6):
+        points = size * np.array([cycle((-1.0, 0.0)), cycle((-1.0, apart))])
+        assert attractors(hand_made(points, 1))["attractors"].item() == count
+    assert attractors(hand_made(points, 1), tolerance=1e-2)["attractors"].item() == 1
+
+
+def test_states_on_their_way_to_one_motion_are_chained():
+    """Seven in a row, each within the tolerance of the next only."""
+    points = np.array([cycle((-1.0 + 0.8e-3 * k, 0.0)) for k in (3, 0, 6, 1, 5, 2, 4)])
+    assert attractors(hand_made(points, 1))["attractors"].item() == 1
+
+
+def test_a_small_flip_is_not_yet_another_attractor():
+    points = [cycle((-1.0, 0.0), (-1.0 + 1e-4, 0.0)), cycle((-1.0, 0.0), (-1.0, 0.0))]
+    found = attractors(hand_made(points, [2, 1]))
+    assert found["attractor"].values.tolist() == [0, 0]
+    assert (found["m"].item(), found["q"].item()) == (1, 1)
+
+
+def test_what_is_on_no_attractor_or_does_not_repeat():
+    sections = np.zeros((8, 16, 2))
+    sections[:, :, 0] = -1.0
+    sections[6] = np.nan
+    status = np.full(8, Status.CERTIFIED)
+    status[5:] = Status.PENDING, Status.UNRESOLVED, Status.UNBOUNDED
+    found = attractors(
+        hand_made(
+            sections,
+            [1, 1, 3, 0, 0, 1, 0, 0],
+            status=status,
+            rest_fraction=[0, 0.2, 0.1, 0, 0, 0, np.nan, 0],
+        ),
+        extensions=0,
+    )
+    assert found["attractor"].values.tolist() == [0, 2, 2, 3, 3, -1, -1, 1]
+    assert found["attractors"].item() == 2  # periodic, and with rest
+    table = {int(n): (Motion(int(k)), float(f)) for n, k, f in zip(
+        found["number"], found["motion"], found["fraction"], strict=True)}  # fmt: skip
+    assert table == {
+        0: (Motion.PERIODIC, pytest.approx(1 / 6)),
+        1: (Motion.UNBOUNDED, pytest.approx(1 / 6)),
+        2: (Motion.REST, pytest.approx(2 / 6)),
+        3: (Motion.UNDECIDED, pytest.approx(2 / 6)),
+    }
+
+
+def test_nothing_computed_has_no_attractor():
+    points = hand_made(np.full((3, 8, 2), np.nan), 0, status=np.full(3, Status.PENDING))
+    found = attractors(points)
+    assert found["attractor"].values.tolist() == [-1] * 3
+    assert found["attractors"].item() == 0
+    assert found["number"].values.tolist() == [-1]
+
+
+def test_a_file_without_period_is_refused():
+    with pytest.raises(Refused, match=r"no period.* record.diagnostics: \[period\]"):
+        attractors(hand_made([cycle((-1, 0))], 1).drop_vars("period"))
+
+
+# Identities along an axis
+
+
+def along(sections, periods):
+    dataset = hand_made(sections, periods, axes=("h", "x0"))
+    return attractors(dataset)["attractor"].values
+
+
+def test_identities_follow_the_branches_whatever_their_share():
+    """Two branches that pass each other in x and in how many starts they have."""
+    points = np.empty((20, 3, 16, 2))
+    for i in range(20):
+        down, up = cycle((-1.0 + 0.05 * i, 0.5), turns=16), cycle((-0.05 * i, -0.5), turns=16)
+        points[i] = [down, up, down if i < 10 else up]
+    found = along(points, 1)
+    assert len(set(found[:, 0])) == 1 and len(set(found[:, 1])) == 1
+    assert found[0, 0] != found[0, 1]
+    assert found[9, 2] == found[0, 0] and found[10, 2] == found[0, 1]
+
+
+def test_an_identity_is_kept_through_a_flip_and_lost_in_a_jump():
+    points, periods = np.empty((30, 1, 16, 2)), np.ones((30, 1), int)
+    for i in range(30):
+        split = 0.05 * np.sqrt(max(i - 9.5, 0.0))
+        points[i, 0] = cycle((-1.0 - split, 0.0), (-1.0 + split, 0.0))
+        periods[i] = 2 if i > 9 else 1
+    points[20:, 0] += 0.9
+    found = along(points, periods)[:, 0]
+    assert len(set(found[:20])) == 1 and len(set(found[20:])) == 1
+    assert found[0] != found[-1]
+
+
+def test_an_identity_survives_an_impact_that_passes_the_section():
+    """Before the impact v = 0.5, after it -0.8 * 0.5, at the stop."""
+    points = np.empty((21, 1, 16, 2))
+    for i in range(21):
+        t = 0.02 * (i - 10)
+        points[i, 0] = (0.5 * t, 0.5) if t < 0 else (-0.4 * t, -0.4)
+    assert len(set(along(points, 1)[:, 0])) == 1
+
+
+def test_identities_on_a_sweep_over_omega(computed_starts):
+    """The orbit of one impact per period, stable from 1.26 on, through its flip at 2.655.
+
+    At omega = 2 its impact passes the section, and where 2/3 coexists, the other keeps its own.
+    """
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
+        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
+    )
+    table = rows(dataset, attractors(dataset))
+    single = {row.number for row in table if row.name == "1/1"}
+    double = {row.number for row in table if row.name == "2/2"}
+    three = {row.number for row in table if row.name == "2/3"}
+    assert len(single) == 1 and single == double
+    assert len(three) == 1 and three.isdisjoint(single)
+
+
+def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: {start: 0.5, stop: 0.95, num: 24}, f: 1.0, "
+        "omega: {start: 0.5, stop: 3.5, num: 40}}",
+        "start={x0: [-1.6, 0.0], v0: [-1.0, 0.0]}",
+        "record.periods=64",
+    )
+    found = attractors(dataset)
+    names = found["number"].values.reshape(-1, found.sizes["coexisting"])
+    for one, other in itertools.combinations(names.T, 2):
+        assert not ((one == other) & (one >= 0)).any()
+    assert found["attractors"].max() >= 2
+    periodic = found["motion"] == Motion.PERIODIC
+    shared = np.unique(names[periodic.values.reshape(names.shape)], return_counts=True)[1]
+    assert shared.max() > 100  # names are shared in both directions
+    turned = attractors(dataset.transpose("omega", "R", ...))
+    assert partition(turned["attractor"].transpose(*found["attractor"].dims)) == partition(
+        found["attractor"]
+    )

@@ -1,0 +1,132 @@
+"""The tables and the pictures of attractors."""
+
+import csv
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from commands import call
+from sweeps import attractors
+from sweeps.analysis.table import cut, rows
+from sweeps.errors import Refused
+from sweeps.plotting import attractor_diagram, basins, plot
+from sweeps_over_starts import cycle, hand_made, partition
+from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact.status import Status
+
+# The command and the pictures
+
+
+def test_the_table_and_its_file(computed_starts, tmp_path):
+    dataset = computed_starts()
+    file = dataset.encoding["source"]
+    result = call("attractors", file, "--csv", str(tmp_path / "a.csv"))
+    assert result.exit_code == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert lines[1].split()[:5] == ["0", "2/3", "0.703,", "1.114,", "2.254"]
+    assert lines[2].split()[:3] == ["1", "1/1", "1.423"]
+    with (tmp_path / "a.csv").open() as text:
+        table = list(csv.DictReader(text))
+    assert [row["m"] + row["q"] for row in table] == ["23", "11"]
+    assert sum(float(row["fraction"]) for row in table) == pytest.approx(1.0)
+    assert float(table[1]["impact_v"]) == pytest.approx(1.4225, abs=1e-4)
+
+
+def test_the_table_over_a_parameter(computed_starts):
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
+        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
+    )
+    file = dataset.encoding["source"]
+    result = call("attractors", file)
+    assert "0          1/1, 2/2" in result.stdout and "9 starts at each" in result.stdout
+    result = call("attractors", file, "--at", "omega=1.3001")
+    assert "2/3" in result.stdout and "1/1" in result.stdout
+    assert "shown at omega = 1.3" in result.stderr
+    assert len(rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3})))) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--at", "x0=0"], "x0 cannot be fixed here; choose from: none"),
+        (["--csv", "a.txt"], "--csv a.txt is not allowed; expected: a .csv file"),
+        (["--at", "omega"], "expected: NAME=VALUE"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(computed_starts, arguments, text):
+    result = call("attractors", computed_starts().encoding["source"], *arguments)
+    assert result.exit_code == 2
+    assert text in " ".join(result.stderr.split())
+
+
+def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
+    dataset = computed_starts()
+    figure = basins(dataset)
+    (mesh,) = figure.axes[0].collections
+    drawn = mesh.get_array()
+    own = attractors(dataset)["attractor"].transpose("v0", "x0").values
+    assert partition(drawn) == partition(own)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    share = 100.0 * attractors(dataset)["fraction"].values
+    assert labels == [
+        f"2/3: 0.703, 1.114, 2.254; {share[0]:.1f} %",
+        f"1/1: 1.423; {share[1]:.1f} %",
+    ]
+
+
+def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
+    dataset = computed_starts().load().copy(deep=True)
+    dataset["status"][0, 0], dataset["status"][1, 1] = Status.PENDING, Status.UNRESOLVED
+    figure = basins(dataset)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "unresolved" in labels and "not computed yet (1 of 81)" in labels
+    plot(dataset, tmp_path / "a.svg")
+
+
+def test_a_diagram_has_a_colour_for_each_attractor(computed_starts, tmp_path):
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",
+        "start={x0: [-1.6, -0.8, 0.0], v0: [-1.0, 0.0, 1.0]}",
+    )
+    figure = attractor_diagram(dataset, coordinate="impact_v")
+    lines = {
+        to_hex(line.get_color()): line for line in figure.axes[0].lines if len(line.get_xdata())
+    }
+    x, y = lines["#0072b2"].get_data()
+    for omega in (1.3, 1.8, 2.5):
+        exact = one_impact_orbit(Oscillator(h=0.02, R=0.8, omega=omega, f=1.0)).v
+        np.testing.assert_allclose(y[np.abs(x - omega) < 1e-9], exact, rtol=1e-6)
+    for kind, name in ((None, "a.png"), ("attractors", "b.pdf")):
+        plot(dataset, tmp_path / name, kind)
+
+
+@pytest.mark.parametrize(
+    ("draw", "options", "text"),
+    [
+        (basins, {"at": {"R": 0.5}}, "R cannot be fixed here"),
+        (attractor_diagram, {}, "a diagram of attractors|single point"),
+        (attractor_diagram, {"coordinate": "pie"}, "single point|no pie"),
+    ],
+)
+def test_pictures_that_do_not_fit_are_refused(computed_starts, draw, options, text):
+    with pytest.raises(Refused, match=text):
+        draw(computed_starts(), **options)
+
+
+def test_basins_need_both_starts():
+    with pytest.raises(Refused, match="basins need x0 and v0 as axes; the file has x0"):
+        basins(hand_made([cycle((-1, 0))] * 2, 1))
+
+
+def test_up_and_down_are_starts():
+    """Two branches along h, one of them reached both ways at the ends only."""
+    points = np.empty((6, 2, 16, 2))
+    points[:, 0], points[:, 1] = cycle((-1.0, 0.0), turns=16), cycle((-0.2, 0.0), turns=16)
+    points[0, 1], points[5, 0] = points[0, 0], points[5, 1]
+    dataset = hand_made(points, 1, axes=("h", "direction")).assign_coords(direction=["up", "down"])
+    found = attractors(dataset)
+    assert found["attractors"].dims == ("h",)
+    assert found["attractors"].values.tolist() == [1, 2, 2, 2, 2, 1]
+    assert len(rows(dataset, found)) == 10

@@ -1,0 +1,168 @@
+"""Commands in the hands of others: start-up, odd settings, names and streams."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sweeps
+from commands import SMALL, accepted, call, refused
+from sweeps.text import printable
+
+CONFIG = SMALL
+ROOT = Path(sweeps.__file__).parents[1]
+
+
+def process(*arguments, **variables):
+    """Run the command line in its own process, as a user does, with variables around it."""
+    command = [sys.executable, "-m", "sweeps.cli", *arguments]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", **variables}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+
+
+# The rest
+
+
+def test_schema_is_json():
+    schema = json.loads(accepted("schema"))
+    assert "oscillator" in schema["properties"]
+
+
+def test_version():
+    assert accepted("--version").startswith("vibroimpact")
+
+
+@pytest.mark.parametrize(
+    # Newer typers import pydantic to describe the arguments of a command.
+    ("arguments", "typers"),
+    [
+        (["--help"], set()),
+        (["run", "--help"], {"pydantic"}),
+        (["bench", "stability", "--help"], {"pydantic"}),
+    ],
+)
+def test_help_imports_nothing_heavy(arguments, typers):
+    heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers
+    code = (
+        "import sys\n"
+        "from sweeps.cli.__main__ import main\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit as end:\n"
+        "    assert end.code == 0, end.code\n"
+        f"heavy = {heavy} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    command = [sys.executable, "-c", code, *arguments]
+    environment = {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert "Usage: vibroimpact" in result.stdout
+
+
+def test_a_process_exits_like_the_command(folder):
+    result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("vibroimpact: error: --set oscillator.R=2: ")
+    assert result.stderr.count("\n") == 1
+    assert process("run", "sweep.yaml", "--dry-run").returncode == 0
+    assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
+
+
+# What other programs and people put in the way
+
+
+def test_what_a_file_says_reaches_the_terminal_escaped(monkeypatch):
+    odd = '"a\\e]0;owned\\x07\\x9b31m\\u202E.h5"'
+    message = refused("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
+    assert message.isascii() and printable(message) == message
+    printed = accepted("run", "sweep.yaml", "--set", f"output={odd}", "--dry-run")
+    assert r"a\x1b]0;owned\x07\x9b31m\u202e.h5" in printed and printable(printed) == printed
+    result = call("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=a[red]\u202eb")
+    assert result.exit_code == 0
+    assert printable(result.stdout) == result.stdout and r"\u202e.h5" in result.stdout
+    for text in (result.stderr, accepted("info", next(Path().glob("*.h5")))):
+        assert r"a[red]\u202eb" in text and "\u202e" not in text
+    bad = refused("run", "sweep.yaml", "--set", 'oscillator.h="\\e[31m"')
+    assert r"oscillator.h = \x1b[31m is not a number" in bad and "\x1b" not in bad
+    assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "/"])
+def test_a_folder_is_no_file_of_a_sweep(name):
+    for command in ("plot", "info", "attractors"):
+        assert "vibroimpact: error: " in refused(command, name)
+
+
+def test_a_picture_with_a_long_name():
+    accepted("run", "sweep.yaml", "--quiet")
+    assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
+    Path("loop.png").symlink_to("loop.png")
+    for name in ("a" * 252 + ".png", "/proc/x.png"):
+        result = call("plot", "small.h5", "-o", name)
+        assert result.exit_code == 1
+        assert re.fullmatch(r"vibroimpact: error: \S+ cannot be written: .*\n", result.stderr)
+    assert call("plot", "small.h5", "-o", "loop.png").exit_code in (0, 1)
+    assert not list(Path().glob(".*"))
+
+
+def test_a_followed_sweep_that_records_no_impacts():
+    followed = ("--set", "follow={axis: omega}", "--set", "record.impacts=0")
+    accepted("run", "sweep.yaml", "--quiet", *followed)
+    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
+        assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("NUMBA_NUM_THREADS=abc", "could not be parsed"),
+        ("NUMBA_NUM_THREADS=0", "Number of threads specified must be > 0"),
+        ("NUMBA_DISABLE_JIT=1", "needs numba's compiler"),
+        ("NUMBA_OPT=9", "value '9' could not be parsed"),
+    ],
+)
+def test_odd_settings_of_numba_are_refused(setting, told):
+    name, value = setting.split("=")
+    result = process("run", "sweep.yaml", **{name: value})
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith("vibroimpact: error: numba cannot work with its settings: ")
+    assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_an_odd_date_is_refused(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
+    assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "sweep.yaml")
+
+
+def test_odd_settings_of_matplotlib_are_refused():
+    accepted("run", "sweep.yaml", "--quiet")
+    result = process("plot", "small.h5", MPLBACKEND="nonsense")
+    assert result.returncode == 2 and not Path("small.png").exists()
+    assert "matplotlib cannot work with its settings: " in result.stderr
+    assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_an_encoding_that_lacks_a_character():
+    result = process("run", "sweep.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
+    assert result.returncode == 0, result.stderr
+    assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
+
+
+def test_a_warning_is_one_line(folder):
+    code = (
+        "import warnings\n"
+        "from sweeps.cli.terminal import prepare_streams\n"
+        "prepare_streams()\n"
+        "warnings.warn('the cache\\x1b[31m is full')\n"
+    )
+    command = [sys.executable, "-c", code]
+    environment = {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"

@@ -1,0 +1,128 @@
+"""Commands that are interrupted or fail on the way: exit code 1, and what is kept."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import h5py
+import pytest
+
+import sweeps
+from commands import SMALL, accepted, call
+from sweeps import interrupts
+from sweeps.engine import run as runner
+
+CONFIG = SMALL
+ROOT = Path(sweeps.__file__).parents[1]
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (KeyboardInterrupt(), "interrupted; nothing is kept"),
+        (OSError(28, "No space left on device"), "No space left on device; nothing is kept"),
+        (MemoryError(), "MemoryError; nothing is kept"),
+    ],
+)
+def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
+    def run_sweep(*_, **__):
+        raise error
+
+    monkeypatch.setitem(
+        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+    )
+    result = call("run", "sweep.yaml")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_interrupted_run_says_what_is_kept(monkeypatch):
+    accepted("run", "sweep.yaml", "--quiet")
+
+    def run_sweep(*_, **__):
+        with h5py.File("small.h5", "r+") as file:
+            file["status"][3:] = -1
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(
+        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+    )
+    result = call("run", "sweep.yaml", "--overwrite")
+    assert result.exit_code == 1
+    assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
+def test_an_interrupted_command_exits_with_1(monkeypatch, command):
+    accepted("run", "sweep.yaml", "--quiet")
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
+    monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
+    file = {
+        "info": ["small.h5"],
+        "plot": ["small.h5"],
+        "run": ["sweep.yaml"],
+        "schema": [],
+        "zoom": ["small.h5", "omega=2:3"],
+    }
+    result = call(command, *file[command])
+    assert result.exit_code == 1
+    assert result.stderr == "vibroimpact: error: interrupted\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run(folder, number):
+    endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
+    command = [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *endless]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
+        deadline = time.monotonic() + 120
+        while not Path("small.h5").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        run.send_signal(number)
+        _, stderr = run.communicate(timeout=120)
+    assert run.returncode == 1
+    assert stderr.splitlines()[-1].startswith("vibroimpact: error: interrupted; ")
+    assert "Traceback" not in stderr
+
+
+@pytest.fixture
+def listening(monkeypatch):
+    """What the process of a command has from its start."""
+    monkeypatch.setattr(interrupts, "_came", False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupts.listen()
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
+    class Callback:  # exceptions in it are swallowed, as in LLVM's
+        def __del__(self):
+            os.kill(os.getpid(), number)
+            time.sleep(0.1)
+
+    written = []
+
+    def write(self, block, results):
+        written.append(block)
+        Callback()
+
+    monkeypatch.setattr(runner.SweepWriter, "write", write)
+    monkeypatch.setattr(runner, "block_size", lambda _: 2)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
+    assert len(written) == 1
+    assert capfd.readouterr().err == ""

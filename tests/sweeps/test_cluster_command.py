@@ -1,0 +1,289 @@
+"""Where the command line computes: processes of this machine, schedulers, certificates."""
+
+import asyncio
+import gc
+import os
+import queue
+import re
+import signal
+import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import dask
+import psutil
+import pytest
+from distributed import LocalCluster
+from distributed.core import Server
+from distributed.security import Security
+
+import sweeps
+from commands import call
+from local_cluster import CONFIG, assert_same_bits, refused_run
+from sweep_files import load
+from sweeps import interrupts
+from sweeps.engine import client as clients
+from sweeps.engine.client import check_address
+from sweeps.engine.run import run_sweep
+
+pytestmark = pytest.mark.cluster
+ROOT = Path(sweeps.__file__).parents[1]
+
+
+# The command line
+
+
+def test_the_command_says_where_it_computes(client):
+    address = client.scheduler.address
+    plan = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--dry-run")
+    assert plan.exit_code == 0
+    assert "expected time" in plan.stdout and not Path("out.h5").exists()
+    result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address)
+    assert result.exit_code == 0, result.stderr
+    assert re.match(r"scheduler: tcp://|dashboard: http://", result.stderr)
+    assert "on 2 workers" in result.stderr
+    assert_same_bits("out.h5")
+
+
+def command(*arguments):
+    """Start the command line as a terminal does, in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments],
+        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def test_processes_of_this_machine():
+    process = command("--dask", "local:1", "--quiet")
+    assert process.communicate(timeout=120) == ("", "")
+    assert process.returncode == 0
+    assert_same_bits("out.h5")
+
+
+def test_no_other_user_reaches_the_processes_of_this_machine():
+    """Every port that they listen at asks for the certificate of the run, or serves nothing."""
+    others = listening()
+    with clients.connected("local:1") as client:
+        address = client.scheduler.address
+        (worker,) = client.nthreads()
+        ports = listening() - others
+        trusted = client.security.get_connection_args("client")["ssl_context"]
+        assert {host for host, _ in ports} == {"127.0.0.1"}
+        encrypted = {(host, port) for host, port in ports if answers_tls(host, port, trusted)}
+        assert {tuple(a.removeprefix("tls://").split(":")) for a in (address, worker)} <= {
+            (host, str(port)) for host, port in encrypted
+        }
+        for host, port in encrypted:
+            assert not answers_tls(host, port, ssl._create_unverified_context())
+            assert "no Dask scheduler answers" in refused_run("--dask", f"tcp://{host}:{port}")
+        for host, port in ports - encrypted:
+            for path in ("/", "/status", "/info/main/workers.html", "/json/identity.json"):
+                with pytest.raises(urllib.error.HTTPError, match="404"):
+                    urllib.request.urlopen(f"http://{host}:{port}{path}", timeout=5)
+
+
+def listening():
+    """Return host and port of every server of this process and those that it started."""
+    me = psutil.Process()
+    return {
+        connection.laddr[:2]
+        for process in [me, *me.children(recursive=True)]
+        for connection in process.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def answers_tls(host, port, context):
+    """Whether a server shakes hands, and goes on once it has looked at the client's certificate."""
+    try:
+        with (
+            socket.create_connection((host, port), timeout=2) as plain,
+            context.wrap_socket(plain, server_hostname=None) as encrypted,
+        ):
+            return len(encrypted.recv(1)) == 1  # Dask's servers speak first
+    except OSError:  # among them ssl.SSLError
+        return False
+
+
+@pytest.fixture
+def certificates(tmp_path_factory):
+    """Return Dask's settings for a certificate in files, as for a cluster of a group."""
+    temporary = Security.temporary()
+    files = {
+        "ca-file": temporary.tls_ca_file,
+        "cert": temporary.tls_scheduler_cert,
+        "key": temporary.tls_scheduler_key,
+    }
+    folder = tmp_path_factory.mktemp("certificates")
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    settings = {"ca-file": "ca-file"}
+    for role in ("scheduler", "worker", "client"):
+        settings |= {f"{role}.cert": "cert", f"{role}.key": "key"}
+    return {f"distributed.comm.tls.{key}": str(folder / name) for key, name in settings.items()}
+
+
+def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
+    options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    with dask.config.set(certificates):
+        security = Security(require_encryption=True)
+        with LocalCluster(
+            **options, host="127.0.0.1", dashboard_address=":0", security=security
+        ) as cluster:
+            address = cluster.scheduler_address
+            assert address.startswith("tls://")
+            result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--quiet")
+            assert result.exit_code == 0, result.stderr
+            assert_same_bits("out.h5")
+            Path("out.h5").unlink()
+            Path("here.h5").unlink()
+            with dask.config.set(dict.fromkeys(certificates)):
+                message = refused_run("--dask", address)
+    assert f"no Dask scheduler answers at {address} (" in message
+    assert "distributed.comm.tls in Dask's configuration" in message
+
+
+@pytest.mark.parametrize("answer", [None, {"op": "nonsense"}])
+def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
+    class Imposter(Server):
+        def __init__(self):
+            super().__init__({"identity": self.identify, "register-client": self.register})
+
+        def identify(self, **_):
+            return {"type": "Scheduler", "id": "x", "address": self.address}
+
+        async def register(self, comm, **_):
+            if answer:
+                await comm.write([answer])
+            await asyncio.sleep(100)
+
+    async def serve():
+        server = Imposter()
+        await server.listen("tcp://127.0.0.1:0")
+        addresses.put(server.address)
+        await asyncio.sleep(100)
+
+    addresses = queue.SimpleQueue()
+    threading.Thread(target=asyncio.run, args=[serve()], daemon=True).start()
+    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    message = refused_run("--dask", addresses.get(timeout=60))
+    assert "answers, but does not take this process in" in message
+    gc.collect()  # a client that was thrown away says nothing (pytest would)
+
+
+def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
+    endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2"]
+    process = command("--dask", "local:1", "--quiet", *endless)
+    deadline = time.monotonic() + 120
+    while not Path("out.h5").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert stderr.startswith("vibroimpact: error: interrupted; 0 of 2 points kept in out.h5; ")
+    assert stderr.count("\n") == 1
+    with pytest.raises(ProcessLookupError):  # none of the group is left
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("local:0", "local:N with an integer N from 1 to "),
+        ("local:x", "local:N with an integer N from 1 to "),
+        ("local:", "local:N with an integer N from 1 to "),
+        ("local:-1", "local:N with an integer N from 1 to "),
+        ("local:1000000", "local:N with an integer N from 1 to "),
+        ("", "tcp://HOST:PORT or "),
+        ("nonsense", "tcp://HOST:PORT or "),
+        ("tcp://", "tcp://HOST:PORT or "),
+        ("tcp://host", "tcp://HOST:PORT or "),
+        ("tcp://host:0", "tcp://HOST:PORT or "),
+        ("tcp://host:65536", "tcp://HOST:PORT or "),
+        ("http://host:8786", "tcp://HOST:PORT or "),
+        ("host:8786", "did you mean tcp://host:8786?"),
+    ],
+)
+def test_an_address_that_is_none_is_refused_without_dask(monkeypatch, address, told):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = refused_run("--dask", address)
+    assert f"--dask {address} is not allowed; expected: " in message and told in message
+
+
+@pytest.mark.parametrize("address", ["local:1", "tcp://10.0.0.1:8786", "tls://[::1]:8786"])
+def test_an_address(address):
+    check_address(address)
+
+
+def test_the_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = refused_run("--dask", "local:1")
+    assert "pip install 'vibroimpact[distributed]'" in message
+    assert "pip install '.[distributed]'" in message
+
+
+@pytest.mark.parametrize("listens", [False, True])
+def test_where_no_scheduler_answers(monkeypatch, listens):
+    assert clients._PATIENCE < 10
+    monkeypatch.setattr(clients, "_PATIENCE", 1)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        if listens:
+            server.listen()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        told = f"no Dask scheduler answers at {address} (no answer in 1 s); start one"
+        assert told in refused_run("--dask", address)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # Dask's socket
+def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
+    monkeypatch.setattr(clients, "_PATIENCE", 20)
+    monkeypatch.setattr(interrupts, "_came", False)
+    connections = queue.SimpleQueue()
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+
+        def interrupt():
+            connections.put(server.accept()[0])
+            os.kill(os.getpid(), signal.SIGINT)
+
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        interrupts.listen()  # as the command does; the handler alone ends nothing
+        try:
+            with pytest.raises(KeyboardInterrupt), clients.connected(address):
+                pass
+        finally:
+            signal.signal(signal.SIGINT, before[0])
+            signal.signal(signal.SIGTERM, before[1])
+            thread.join()
+            connections.get().close()
+            gc.collect()
+
+
+def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
+    address = next(iter(client.nthreads()))
+    assert "(it is the address of a worker)" in refused_run("--dask", address)
+
+
+def test_threads_are_those_of_the_workers(client):
+    message = refused_run("--threads", 1, "--dask", client.scheduler.address)
+    assert "--threads 1 is not allowed with --dask" in message
+    with pytest.raises(ValueError, match="threads is not allowed with a client"):
+        run_sweep(load(CONFIG), "out.h5", client=client, threads=1)

@@ -1,0 +1,263 @@
+"""Configurations that are refused: the file, the line, the key, what was given and is allowed."""
+
+import pytest
+
+from configurations import oscillator, refusal
+from sweep_files import load
+from sweeps.config.loading import load_config
+from sweeps.errors import ConfigError
+from sweeps.text import printable
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
+
+# What is refused: every message has the file, the line, the key, the given and the allowed
+
+
+@pytest.mark.parametrize(
+    ("values", "key", "given", "allowed"),
+    [
+        ({"R": "1.2"}, "oscillator.R", "1.2", "a number from 0 to 1"),
+        ({"omega": "0"}, "oscillator.omega", "0", "> 0"),
+        ({"h": "-1"}, "oscillator.h", "-1", ">= 0"),
+        ({"h": ".nan"}, "oscillator.h", ".nan", ">= 0"),
+        ({"h": "nan"}, "oscillator.h", "nan", "finite number >= 0"),
+        ({"f": ".inf"}, "oscillator.f", ".inf", "finite number >= 0"),
+        ({"f": "1e999"}, "oscillator.f", "1e999", "finite number >= 0"),
+        ({"f": "yes"}, "oscillator.f", "yes", "finite number >= 0"),
+        ({"f": "true"}, "oscillator.f", "true", "finite number >= 0"),
+        ({"f": ""}, "oscillator.f", "(nothing)", "finite number >= 0"),
+        ({"f": "0x10"}, "oscillator.f", "0x10", "finite number >= 0"),
+        ({"h": "[]"}, "oscillator.h", "[]", "a list of such numbers"),
+        ({"h": "[1, abc]"}, "oscillator.h[1]", "abc", ">= 0"),
+        ({"h": "[1, -2]"}, "oscillator.h", "contains -2,", ">= 0"),
+        ({"R": "{start: 0, stop: 1.2, num: 3}"}, "oscillator.R", "contains 1.2,", "from 0 to 1"),
+        ({"f": "{start: 0, stop: 1, num: 0}"}, "oscillator.f.num", "0", "an integer from 1"),
+        ({"f": "{start: 0, stop: 1, num: 1.5}"}, "oscillator.f.num", "1.5", "an integer from 1"),
+        ({"f": "{start: 0, stop: 1, num: 1e8}"}, "oscillator.f.num", "1e8", "from 1"),
+        ({"h": "1_0"}, "oscillator.h", "1_0 is not a number", ">= 0"),
+        ({"h": "[-7, 1]"}, "oscillator.h", "contains -7,", ">= 0"),
+        ({"f": "{start: x, stop: 1, num: 2}"}, "oscillator.f.start", "x", "finite number"),
+        ({"f": "{start: 0, stop: 1, num: 1}"}, "oscillator.f", "num: 1", "to be equal"),
+        ({"f": "{start: 0, stop: 1, num: 2, spacing: log}"}, "oscillator.f", "log", "start > 0"),
+        ({"f": "{start: 0, stop: 1, num: 2, spacing: cubic}"}, "oscillator.f.spacing", "cubic",
+         "linear or log"),
+    ],
+)  # fmt: skip
+def test_refused_values(values, key, given, allowed):
+    message = refusal("# a comment\n" + oscillator(**values))
+    assert message.count("\n") == 0
+    assert "sweep.yaml, line 2: " in message
+    assert f"{key} = " in message and given in message and allowed in message
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "given", "allowed"),
+    [
+        ("method: {integrator: newmrak}", "method.integrator", "newmrak",
+         "is unknown (did you mean newmark?); expected: integrator between impacts: "
+         + ", ".join(INTEGRATORS)),
+        ("method: {impact: reduced}", "method.impact", "reduced", ", ".join(IMPACT_RULES)),
+        ("method: {impact: [plain]}", "method.impact", "[plain]", ", ".join(IMPACT_RULES)),
+        ("method: {steps_per_period: 3}", "method.steps_per_period", "3", "from 4 to 1000000"),
+        ("record: {periods: 0}", "record.periods", "0", "an integer from 1"),
+        ("record: {transient: -1}", "record.transient", "-1", "an integer from 0"),
+        ("record: {impacts: false}", "record.impacts", "false", "an integer from 0"),
+        ("record: {phase: 6.2832}", "record.phase", "6.2832", "< 2 pi"),
+        ("record: {phase: 7}", "record.phase", "7 is not", "< 2 pi"),
+        ("record: {periods: 1e7}", "record.periods", "1e7", "from 1 to 1000000"),
+        ("record: {impacts: 1000001}", "record.impacts", "1000001", "from 0 to 1000000"),
+        ("record: {phase: -0.1}", "record.phase", "-0.1", ">= 0"),
+        ("record: {trajectory: true}", "record.trajectory", "true", "false, or {every: k}"),
+        ("record: {trajectory: [1]}", "record.trajectory", "[1]", "false, or {every: k}"),
+        ("record: {trajectory: {every: 0}}", "record.trajectory.every", "0", "an integer from 1"),
+        ("record: 3", "record", "3", "a mapping with keys among transient, periods"),
+        ("method: {allow_unstable: 2}", "method.allow_unstable", "2", "true or false"),
+        ("method:", "method", "(nothing)", "a mapping with keys among integrator"),
+        ("name: a/b", "name", "a/b", "without slashes"),
+        ("name: ''", "name", "(nothing)", "without slashes"),
+        ("name: [a]", "name", "[a]", "a text"),
+        ("output: {a: b}", "output", "{a: b}", "a path"),
+    ],
+)  # fmt: skip
+def test_refused_settings(line, key, given, allowed):
+    message = refusal(oscillator() + line + "\n")
+    assert message.count("\n") == 0
+    assert "sweep.yaml, line 2: " in message
+    assert f"{key} = {given}" in message and allowed in message
+
+
+def test_unknown_key():
+    message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  omga: 1\n  omega: 1\n  f: 1\n")
+    assert "line 4: unknown key oscillator.omga (did you mean omega?)" in message
+    assert "keys among h, R, omega, f, p, clearance" in message
+
+
+def test_a_misspelt_key_is_not_reported_missing_as_well():
+    message = refusal("oscilator: {h: 1}\n")
+    assert "unknown key oscilator (did you mean oscillator?)" in message
+    assert message.count("\n") == 0
+    message = refusal(oscillator().replace("omega", "omga").replace("f: ", "x: "))
+    assert "omega is missing" not in message
+    assert "oscillator.f is missing" in message
+
+
+@pytest.mark.parametrize(("values", "errors"), [("[[1], [2]]", 2), ("[[1, 2], 3]", 1)])
+def test_a_nested_list_is_reported_once_per_item(values, errors):
+    message = refusal(oscillator(h=values))
+    assert message.count("is not a number") == errors
+    assert len(message.splitlines()) == errors
+
+
+def test_unknown_key_in_another_case():
+    assert "(did you mean R?)" in refusal(oscillator(r="1"))
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "key"),
+    [
+        ("oscillator", "gap", "clearance"),
+        ("oscillator", "Sigma", "clearance"),
+        ("oscillator", "restitution", "R"),
+        ("oscillator", "coefficient-of-restitution", "R"),
+        ("oscillator", "damping", "h"),
+        ("oscillator", "zeta", "h"),
+        ("oscillator", "frequency", "omega"),
+        ("oscillator", "amplitude", "f"),
+        ("oscillator", "omega_0", "p"),
+        ("oscillator", "x0", "start.x0"),
+        ("oscillator", "velocity", "start.v0"),
+        ("oscillator.f", "points", "num"),
+        ("oscillator.f", "max", "stop"),
+        ("method", "solver", "integrator"),
+        ("method", "dt", "steps_per_period"),
+        ("method", "tol", "accuracy"),
+        ("record", "skip", "transient"),
+        ("record", "impact", "impacts"),
+        (None, "omega", "oscillator.omega"),
+        (None, "gap", "oscillator.clearance"),
+        (None, "integrator", "method.integrator"),
+        (None, "parameters", "oscillator"),
+        (None, "filename", "output"),
+    ],
+)
+def test_a_name_of_other_programs_leads_to_the_key(place, name, key):
+    dotted = f"{place}.{name}" if place else name
+    text = oscillator(f="{start: 1, stop: 2, num: 2}") + "method: {}\nrecord: {}\n"
+    message = refusal(text, [f"{dotted}=1"])
+    assert f"unknown key {dotted} (did you mean {key}?)" in message and message.count("\n") == 0
+
+
+def test_a_key_under_another_name_is_not_reported_missing_as_well():
+    message = refusal("oscillator: {damping: 0.1, restitution: 0.8, frequency: 2, F: 1}\n")
+    assert message.count("\n") == 3 and "missing" not in message
+
+
+def test_of_many_errors_the_first_are_said_and_the_number_of_all():
+    message = refusal(oscillator(h=f"[{', '.join('a' * 60_000)}]"))
+    lines = message.splitlines()
+    assert "line 1: oscillator.h[7] = a is not a number" in lines[7]
+    assert lines[8].endswith("sweep.yaml: and 59,992 errors more") and len(lines) == 9
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        r'name: "\U00110000"',
+        r'name: "\UFFFFFFFF"',
+        r'name: "\uD800"',
+        r'output: "\uDFFF.h5"',
+        r'"\uD800": 1',
+        r'oscillator: {h: "\UFFFFFFFF"}',
+    ],
+)
+def test_an_escape_that_is_no_character_is_refused(text):
+    assert "sweep.yaml" in refusal(text + "\n")
+    if text.startswith("osc"):
+        assert "--set oscillator.h=" in refusal(oscillator(), [r'oscillator.h="\UFFFFFFFF"'])
+
+
+@pytest.mark.parametrize("escape", [r"\x1b[31m", r"\x9b31m", r"\x7f", r"\r"])
+def test_a_name_with_a_control_character_is_refused(escape):
+    assert "without slashes and control characters" in refusal(f'name: "a{escape}"\n{oscillator()}')
+
+
+def test_to_yaml_can_be_shown_and_read_back():
+    name = "\u202egnp.x \u200b é"  # written from right to left
+    config = load(f'name: "{name}"\n{oscillator()}')
+    written = config.to_yaml()
+    assert name not in written and printable(written) == written
+    assert load(written).name == name
+    assert "name: é" in load(f"name: é\n{oscillator()}").to_yaml()
+
+
+def test_missing_key_names_the_line_of_its_group():
+    message = refusal("name: a\noscillator:\n  h: 0.1\n  R: 1\n  omega: 1\n")
+    assert "line 2: oscillator.f is missing; expected: forcing amplitude" in message
+
+
+def test_missing_group():
+    assert "line 1: oscillator is missing" in refusal("name: a\n")
+
+
+@pytest.mark.parametrize(
+    ("x0", "clearance"),
+    [("0.5", "0.2"), ("[-1, 0.5]", "1"), ("0.5", "[1, 0.2]"),
+     ("{start: 0, stop: 0.5, num: 2}", "{start: 0.2, stop: 3, num: 4}")],
+)  # fmt: skip
+def test_start_beyond_the_stop(x0, clearance):
+    text = oscillator(clearance=clearance) + f"start: {{x0: {x0}}}\n"
+    if clearance == "1":
+        assert load(text).grid.size == 2
+        return
+    message = refusal(text)
+    assert "line 2: start.x0: x0 = 0.5 lies beyond the stop at clearance = 0.2" in message
+    assert "every x0 must be <= every clearance" in message
+
+
+def test_default_start_beyond_the_stop():
+    message = refusal("name: a\n" + oscillator(clearance="-0.1"))
+    assert "line 2: oscillator.clearance: x0 = 0 lies beyond the stop" in message
+
+
+def test_all_errors_are_reported():
+    message = refusal(oscillator(R="2", h="-1") + "recrod: {}\n")
+    assert len(message.splitlines()) == 3
+    assert all("sweep.yaml, line" in line for line in message.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("a: [1, 2\nb: 3\n", ["line 2, column 2", "not valid YAML"]),
+        ("a:\n\t- b\n", ["line 2, column 1", "not valid YAML"]),
+        ("a: 1\n---\nb: 2\n", ["line 2, column 1", "not valid YAML"]),
+        ("a: !!python/object:os.system x\n", ["line 1, column 4", "tags are not allowed"]),
+        ("a: &x [1]\nb: *x\n", ["line 2, column 4", "aliases"]),
+        ("a: &x [*x]\n", ["line 1", "aliases"]),
+        ("? [a, b]\n: 1\n", ["line 1", "not allowed as a key"]),
+        ("a: \x00\n", ["not valid YAML"]),
+        ("[" * 5000, ["not valid YAML"]),
+        ("", ["is empty", "expected: a mapping with keys among name, oscillator"]),
+        ("# only a comment\n", ["is empty"]),
+        ("- h\n- R\n", ["[h, R]", "expected: a mapping"]),
+        ("just text", ["just text", "expected: a mapping"]),
+    ],
+)  # fmt: skip
+def test_what_is_not_a_mapping_in_yaml(text, parts):
+    message = refusal(text)
+    assert "sweep.yaml" in message
+    for part in parts:
+        assert part in message
+
+
+def test_duplicate_key():
+    message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  h: 0.2\n")
+    assert "line 4: oscillator.h is given twice" in message and "line 2" in message
+
+
+@pytest.mark.parametrize("name", ["missing.yaml", "folder", "binary.yaml", "a\0b"])
+def test_a_file_that_cannot_be_read(tmp_path, name):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "binary.yaml").write_bytes(b"h: \xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"cannot be read .*expected: a YAML file"):
+        load_config(tmp_path / name)

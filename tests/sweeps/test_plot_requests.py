@@ -1,0 +1,189 @@
+"""Pictures as files, the default picture, and requests that do not fit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from random_sweeps import FIXED, OMEGA, R
+from sweeps.errors import Refused
+from sweeps.plotting import (
+    KINDS,
+    bifurcation,
+    kinds,
+    plot,
+    saving,
+    section,
+    trajectory,
+)
+from vibroimpact.status import Status
+
+
+@pytest.mark.parametrize("link", ["symbolic", "hard", "dotted"])
+def test_the_data_are_never_replaced(random_sweep, tmp_path, link):
+    dataset = random_sweep({"omega": OMEGA})
+    data, picture = tmp_path / "0.h5", tmp_path / "link.png"
+    before = data.read_bytes()
+    if link == "symbolic":
+        picture.symlink_to("0.h5")
+    elif link == "hard":
+        picture.hardlink_to(data)
+    else:
+        (tmp_path / "folder").mkdir()
+        picture = tmp_path / "folder" / ".." / "0.h5"
+    with pytest.raises(Refused, match="would replace the data; give -o another file"):
+        plot(dataset, picture)
+    assert data.read_bytes() == before
+
+
+def test_a_picture_is_replaced_whole_or_not_at_all(random_sweep, tmp_path, monkeypatch):
+    dataset = random_sweep({"omega": OMEGA})
+    target, link = tmp_path / "a.png", tmp_path / "link.png"
+    target.write_text("old")
+    link.symlink_to("a.png")
+
+    def fail(self, path, **_):
+        Path(path).write_text("half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(saving.Figure, "savefig", fail)
+        plot(dataset, target)
+    assert target.read_text() == "old"
+    plot(dataset, link)
+    assert link.is_symlink() and target.read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.h5", "a.png", "link.png"]
+
+
+def test_a_name_that_the_font_lacks_gives_no_warning(random_sweep, tmp_path):
+    plot(random_sweep({"omega": OMEGA}, name="振動 衝突"), tmp_path / "a.png")
+
+
+def test_powers_of_ten_are_set_as_such(random_sweep, tmp_path):
+    dataset = random_sweep({"omega": OMEGA}, fixed={**FIXED, "clearance": 1e300, "f": 2.5e-7})
+    figure = section(dataset)
+    assert r"$f = 2.5 \times 10^{-7}$" in figure.get_suptitle()
+    assert r"$\sigma = 1 \times 10^{300}$" in figure.get_suptitle()
+    (legend,) = figure.legends
+    assert r"\sigma = 1 \times 10^{300}$" in legend.get_texts()[0].get_text()
+
+
+def test_a_point_that_failed_is_titled_so(random_sweep):
+    dataset = random_sweep({}, status=np.array([Status.UNRESOLVED], np.int8))
+    assert Status.UNRESOLVED.meaning in section(dataset).get_suptitle()
+    assert Status.UNRESOLVED.meaning in trajectory(dataset).get_suptitle()
+
+
+@pytest.mark.parametrize(
+    ("ending", "start"),
+    [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89")],
+)
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_kind_is_written_in_every_format(random_sweep, tmp_path, kind, ending, start):
+    output = tmp_path / f"a.{ending}"
+    dataset = random_sweep({"x0": R - 2.0, "v0": R, "omega": OMEGA}, diagnostics=["period"])
+    assert plot(dataset, output, kind) == output
+    assert output.read_bytes().startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("axes", "with_trajectory", "expected"),
+    [
+        ({"omega": OMEGA}, True, "bifurcation"),
+        ({}, True, "trajectory"),
+        ({}, False, "section"),
+    ],
+)
+def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajectory, expected):
+    called = []
+
+    def spy(name):
+        draw = KINDS[name].draw
+        return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
+
+    monkeypatch.setattr(kinds, "KINDS", {name: spy(name) for name in KINDS})
+    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
+    assert called == [expected]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"output": "a.jpg"}, r"a\.jpg must end in one of \.png, \.svg, \.pdf"),
+        ({"output": "a"}, r"must end in one of"),
+        ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
+        ({"output": "folder.png"}, r"folder\.png is a directory"),
+        ({"kind": ""}, "no picture ''; choose one of"),
+        ({"axes": [""]}, "'' is not a swept axis"),
+        ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
+        (
+            {"kind": "pie"},
+            "no picture 'pie'; choose one of bifurcation, attractors, basins, map, sec",
+        ),
+        ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
+        ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
+        ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
+        ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
+        ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
+        (
+            {"coordinate": "status"},
+            "status is no coordinate of the motion; choose from: poincare_x",
+        ),
+        (
+            {"coordinate": "impact_v"},
+            "has no impact_v to draw; choose from: poincare_x, poincare_v",
+        ),
+        (
+            {"kind": "section", "axes": ["R"]},
+            "axes can be chosen for a bifurcation or attractors or map only",
+        ),
+        (
+            {"kind": "section", "exact": True},
+            "exact can be chosen for a bifurcation or map only, not a section",
+        ),
+        ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
+        (
+            {"coordinate": "max_penetration"},
+            "max_penetration is no coordinate of the motion; choose from: poincare_x, poincare_v; "
+            "--below max_penetration draws it",
+        ),
+        (
+            {"below": ("status",)},
+            "status cannot be drawn below a diagram; choose from: impacts_per",
+        ),
+        ({"below": ("rest_fraction",) * 2}, "rest_fraction is asked for twice"),
+        ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
+        (
+            {"kind": "trajectory", "periods": -1},
+            "periods = -1 is not allowed; expected: an integer",
+        ),
+        ({"kind": "map", "quantity": "chatters"}, "a map does not show chatters; choose from: "),
+        ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(random_sweep, tmp_path, options, message):
+    (tmp_path / "folder.png").mkdir()
+    dataset = random_sweep({"R": R, "omega": OMEGA}, impacts=0, with_trajectory=False)
+    with pytest.raises(Refused, match=message):
+        plot(dataset, **{**options, "output": tmp_path / options.get("output", "a.png")})
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_the_outermost_value_may_be_rounded(random_sweep):
+    dataset = random_sweep({"R": [0.1 * 3, 0.1], "omega": OMEGA})
+    assert "$R = 0.3$" in section(dataset, at={"R": 0.3}).get_suptitle()
+
+
+def test_a_single_point_has_no_bifurcation(random_sweep):
+    with pytest.raises(Refused, match="a single point"):
+        bifurcation(random_sweep({}))
+
+
+def test_nothing_to_draw_is_said(random_sweep):
+    nothing = np.full((4, 5), np.nan)
+    pending = np.full(4, Status.PENDING, np.int8)
+    dataset = random_sweep({"omega": OMEGA}, status=pending, poincare_x=nothing)
+    with pytest.raises(Refused, match=r"no point has a result: not computed yet .4."):
+        bifurcation(dataset)
+    with pytest.raises(Refused, match="nothing to draw at this point: not computed yet"):
+        section(dataset)

@@ -1,0 +1,121 @@
+"""Files of refined sweeps: what is kept, added, resumed and told."""
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+import sweeps.engine.run
+from commands import accepted, call
+from refined_sweeps import CONFIG, flip, found, refined
+from sweeps import open_sweep
+from sweeps.errors import StoreError
+
+
+def test_the_grid_keeps_its_data_and_the_new_points_are_told(around, tmp_path):
+    plain = refined(tmp_path, "refine=null")
+    with open_sweep(around) as dataset, open_sweep(plain) as grid:
+        omega = dataset["omega"].values
+        assert (np.diff(omega) > 0.0).all() and np.isin(grid["omega"], omega).all()
+        assert dataset.attrs["points_added"] == len(omega) - 21
+        beside = {one.low for one in found(around)} | {one.high for one in found(around)}
+        kept = [w for w in grid["omega"].values if w not in beside]
+        for name in grid.data_vars:
+            same = dataset[name].sel(omega=kept).values
+            assert np.array_equal(same, grid[name].sel(omega=kept).values, equal_nan=True)
+    with xr.open_dataset(around, engine="h5netcdf") as dataset:
+        assert dataset["poincare_x"].dims == ("omega", "section")
+        assert (dataset["status"] == 1).all()
+
+
+def test_a_new_point_records_the_attractor(around):
+    """1e-8 from the flip a transient would have to be 1e8 periods long."""
+    first = found(around)[0]
+    with open_sweep(around) as dataset:
+        for value, m in ((first.low, 1), (first.high, 2)):
+            point = dataset.sel(omega=value)
+            x = point["poincare_x"].values
+            assert point["period"] == m
+            assert np.abs(x[m:] - x[:-m]).max() < 1e-10
+
+
+def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
+    """Also where the run was left between the grid and its refinement."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(sweeps.engine.run, "Refinement", interrupted)
+        refined(tmp_path)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset.sizes["omega"] == 21
+    for _ in range(2):  # the second has nothing to do
+        path = refined(tmp_path, resume=True, threads=1)
+        with open_sweep(path) as again, open_sweep(around) as first:
+            assert again.drop_attrs().identical(first.drop_attrs())
+            for name in first.variables:
+                assert again[name].values.tobytes() == first[name].values.tobytes()
+
+
+def test_compressed_too(around, tmp_path):
+    path = refined(tmp_path, "compression=gzip")
+    with open_sweep(path) as again, open_sweep(around) as first:
+        assert again["poincare_x"].values.tobytes() == first["poincare_x"].values.tobytes()
+    with h5py.File(path) as file:
+        assert file["poincare_x"].compression == "gzip"
+
+
+def test_a_damaged_refined_file_is_not_mended(around, tmp_path):
+    path = tmp_path / "out.h5"
+    path.write_bytes(around.read_bytes())
+    with h5py.File(path) as file:
+        at = file["poincare_x"].id.get_offset()
+    with path.open("r+b") as file:
+        file.seek(at + 100)
+        file.write(b"damage")
+    with pytest.raises(StoreError, match=r"points that were added.*--overwrite"):
+        refined(tmp_path, resume=True)
+    with pytest.raises(StoreError, match=r"run its configuration again with --overwrite"):
+        open_sweep(path)
+
+
+# -- what is told --------------------------------------------------------------------------------
+
+
+def test_info_lists_the_brackets(cascade):
+    lines = accepted("info", cascade, "--bifurcations").splitlines()
+    assert lines[0].startswith("omega = 2.65334")
+    assert lines[0].split()[-6:-1] == ["1/1", "->", "2/2", "flip", "at"]
+    assert float(lines[0].split()[-1]) == pytest.approx(flip(1, 2.6, 2.7), rel=1e-11)
+    (ratios,) = (line for line in lines if line.startswith("cascade: omega = 2.653347"))
+    assert "ratios of the distances 4." in ratios
+
+
+def test_info_lists_the_changes_of_any_sweep(tmp_path):
+    """Line by line, at the distance of its grid."""
+    path = refined(
+        tmp_path, "refine=null", "oscillator.R=[0.5, 0.8]", "oscillator.omega=[2.64, 2.65, 2.67]"
+    )
+    assert accepted("info", path, "--bifurcations").splitlines() == [
+        f"R = {R}  omega = 2.65 .. 2.67  width 2.0e-02  1/1 -> 2/2  flip  "
+        f"at {flip(1, 2.6, 2.7, R):.12g}"
+        for R in (0.5, 0.8)
+    ]
+    assert "does not change along R" in accepted("info", path, "--bifurcations", "--axis", "R")
+    refused = call("info", str(path), "--bifurcations", "--axis", "h")
+    assert refused.exit_code == 2 and "h is not a swept axis" in refused.stderr
+    refused = call("info", str(path), "--axis", "R")
+    assert refused.exit_code == 2 and "--bifurcations" in refused.stderr
+
+
+def test_info_needs_the_classes(tmp_path):
+    path = refined(tmp_path, "refine=null", "record.diagnostics=[]")
+    refused = call("info", str(path), "--bifurcations")
+    assert refused.exit_code == 2 and "record.diagnostics: [period]" in refused.stderr
+
+
+def test_the_plan_says_that_points_are_added(tmp_path):
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    plan = accepted("run", tmp_path / "c.yaml", "-o", tmp_path / "out.h5", "--dry-run")
+    assert "where the class of the motion changes, halved 17 times" in plan

@@ -1,0 +1,52 @@
+"""Points and steps for the kernel, and what its results are compared with."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, Status
+from vibroimpact.integrate import default_steps
+from vibroimpact.oscillator import POINT
+from vibroimpact.step.rules import IMPACT_RULES
+
+# One integrator for every rule.
+METHODS = pytest.mark.parametrize(
+    ("rule", "integrator"), [(r, "exact" if r == "exact" else "newmark") for r in IMPACT_RULES]
+)
+
+# What a run that went well reports.
+DONE = dict.fromkeys(IMPACT_RULES, Status.COMPUTED) | {"exact": Status.CERTIFIED}
+PERIOD = 2.0 * math.pi
+
+
+def random_points(n, seed=11):
+    """Points all over the valid domain, its corners among them."""
+    rng = np.random.default_rng(seed)
+    points = np.zeros(n, dtype=POINT)
+    points["h"] = rng.choice([0.0, 0.05, 1.0, 3.0], n) * rng.choice([1.0, rng.random()], n)
+    points["R"] = rng.choice([0.0, 0.3, 0.7, 0.95, 1.0], n)
+    points["omega"] = rng.uniform(0.2, 5.0, n)
+    points["f"] = rng.uniform(0.0, 3.0, n)
+    points["p"] = rng.uniform(0.5, 2.0, n)
+    points["clearance"] = rng.choice([0.0, 0.0, 1.0, -1.0], n) * rng.random(n)
+    points["x0"] = points["clearance"] - rng.choice([0.0, 1.0, 1.0], n) * rng.random(n)
+    points["v0"] = rng.choice([0.0, 1.0, -1.0], n) * rng.random(n)
+    return points
+
+
+def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0):
+    """One parameter point."""
+    return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0)
+
+
+def steps_for(points, rule, otherwise=40):
+    """Steps per period: few, but as many as the rule needs."""
+    return default_steps(points, rule) if rule == "exact" else otherwise
+
+
+def assert_same(ours, others):
+    """Every array of two results is the same, bit for bit."""
+    assert ours.keys() == others.keys()
+    for name in ours:
+        np.testing.assert_array_equal(ours[name], others[name], err_msg=name)
