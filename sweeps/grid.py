@@ -1,4 +1,4 @@
-"""The grid of a sweep: axes to parameter points, and the blocks they are worked in."""
+"""The grid of a sweep: its axes, its points, and the blocks in which these are computed."""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-"""Ctrl-C and SIGTERM: a flag, which the work looks at where it can end.
+"""Ctrl-C and SIGTERM set a flag, and the work checks the flag at places where it can end.
 
-A handler that raises does so between any two steps of Python: inside a lock of h5py, whose exit
-then fails, or in a callback of LLVM, which swallows the exception. So while a sweep is run the
-handlers only set the flag, and `check` raises ``KeyboardInterrupt`` at known places: between two
-blocks, while a file is laid out, verified or compressed, and while the kernel computes.
+A handler that raises an exception raises it between any two steps of Python: inside a lock of h5py,
+whose exit then fails, or in a callback of LLVM, which swallows the exception. So while a sweep is
+run the handlers only set the flag, and `check` raises ``KeyboardInterrupt`` at known places:
+between two blocks, while a file is laid out, verified or compressed, and while the kernel computes.
 
-Imports nothing that takes time, since the command line listens before it imports anything else.
+This file imports nothing that takes time: the command line listens for signals before it imports
+anything else.
 """
 
 from __future__ import annotations

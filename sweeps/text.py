@@ -50,6 +50,14 @@ def in_units(unit: str, units: Mapping[str, str]) -> str:
     return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)
 
 
+def shown_range(values: Sequence[float | str]) -> str:
+    """Write what values range over, as in 0.5 .. 0.9; every one of them where they are words."""
+    if any(isinstance(value, str) for value in values):
+        return ", ".join(sorted({str(value) for value in values}))
+    low, high = min(map(float, values)), max(map(float, values))
+    return f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}"
+
+
 def shown_count(number: int, noun: str) -> str:
     """Write a number of things, as in 1 point or 1,200 points."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

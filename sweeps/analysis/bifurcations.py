@@ -21,7 +21,7 @@ from sweeps.analysis.class_changes import Change, cascades, changes, labels, rat
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
-from sweeps.text import shown_count, table
+from sweeps.text import shown_count, shown_range, table
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
@@ -199,8 +199,8 @@ def _summary(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
             kind,
             pair,
             f"{len(items):,}",
-            _range([item.change.low for item in items] + [item.change.high for item in items]),
-            *(_range([item.at[name] for item in items]) for name in bifurcations[0].at),
+            shown_range([item.change.low for item in items] + [item.change.high for item in items]),
+            *(shown_range([item.at[name] for item in items]) for name in bifurcations[0].at),
         ]
         for (kind, pair), items in ordered[:_MOST_ROWS]
     ]
@@ -213,13 +213,6 @@ def _summary(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
         "or --csv FILE"
     )
     return "\n".join(lines)
-
-
-def _range(values: Sequence[float | str]) -> str:
-    if any(isinstance(value, str) for value in values):
-        return ", ".join(sorted({str(value) for value in values}))
-    low, high = min(map(float, values)), max(map(float, values))
-    return f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}"
 
 
 def _cascades(axis: str, bifurcations: Sequence[Bifurcation]) -> Iterator[str]:

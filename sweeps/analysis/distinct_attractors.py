@@ -1,4 +1,4 @@
-"""The distinct attractors of a sweep: which there are at a parameter point, and who reaches them.
+"""The distinct attractors of a sweep: which exist at a point, and which starts reach each.
 
 A parameter point is a point of the grid without its starts. Each start there is on one of its
 attractors, according to its kind of motion (`sweeps.analysis.motion`):

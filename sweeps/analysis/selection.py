@@ -1,4 +1,4 @@
-"""What of an opened sweep a picture shows: the cut through its grid, and the values there."""
+"""Select what a picture or a table shows of an opened sweep: a cut through its grid, its values."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
 from sweeps.analysis.unsettled import orbit_speeds
 from sweeps.errors import Refused
+from sweeps.text import shown_count, shown_range, table
 
 #: Kinds of motion that are listed and are no attractor.
 _UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
@@ -161,10 +162,8 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
     dataset, result : Dataset
         As of `rows`.
     """
-    table = rows(dataset, result)
-    lines = (
-        _over_parameters(dataset, result, table) if result["attractors"].ndim else _at_point(table)
-    )
+    write = _over_parameters if result["attractors"].ndim else _at_point
+    lines = write(dataset, result)
     missing = int((result["attractor"] < 0).sum())
     if missing:
         lines.append(
@@ -179,34 +178,30 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
-def _at_point(table: Sequence[Row]) -> list[str]:
-    head = ("attractor", "class", "speeds before the impacts", "fraction of the starts")
-    return _columns(
-        head,
-        [
-            (row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}")
-            for row in table
-        ],
-    )
+def _at_point(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
+    head = ["attractor", "class", "speeds before the impacts", "fraction of the starts"]
+    body = [
+        [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
+        for row in rows(dataset, result)
+    ]
+    return [table([head, *body])]
 
 
-def _over_parameters(dataset: xr.Dataset, result: xr.Dataset, table: Sequence[Row]) -> list[str]:
+def _over_parameters(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
     axes, counted = parameter_axes(dataset), result["attractors"]
-    head = ("attractor", "class", *axes, "parameter points", "fraction of the starts there")
-    lines = _columns(
-        head,
-        [_summary(number, appearances, axes) for number, appearances in _by_number(table).items()],
-    )
+    head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
+    by_number = _by_number(rows(dataset, result))
+    lines = [table([head, *(_summary(appearances, axes) for appearances in by_number.values())])]
     starts = result["attractor"].size // counted.size
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
         noun = "attractor" if count == 1 else "attractors"
         lines.append(f"{count} {noun} at {times:,} of {counted.size:,} parameter points")
-    return [*lines, f"{starts:,} {'start' if starts == 1 else 'starts'} at each"]
+    return [*lines, f"{shown_count(starts, 'start')} at each"]
 
 
-def _by_number(table: Sequence[Row]) -> dict[int, list[Row]]:
+def _by_number(attractors: Sequence[Row]) -> dict[int, list[Row]]:
     by_number: dict[int, list[Row]] = {}
-    for row in table:
+    for row in attractors:
         by_number.setdefault(row.number, []).append(row)
     return dict(sorted(by_number.items()))
 
@@ -218,38 +213,26 @@ def classes(appearances: Sequence[Row], most: int = 3) -> str:
     return ", ".join(list(names)[:most]) + more
 
 
-def _summary(number: int, appearances: Sequence[Row], axes: Sequence[str]) -> tuple[str, ...]:
-    ranges = []
-    for name in axes:
-        values = [row.parameters[name] for row in appearances]
-        low, high = min(values), max(values)
-        ranges.append(f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}")
+def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
+    ranges = [shown_range([row.parameters[name] for row in appearances]) for name in axes]
     mean = float(np.mean([row.fraction for row in appearances]))
-    return (
-        appearances[0].shown_number,
-        classes(appearances),
-        *ranges,
-        f"{len(appearances):,}",
-        f"{mean:.4f}",
-    )
+    number = appearances[0].shown_number
+    return [number, classes(appearances), *ranges, f"{len(appearances):,}", f"{mean:.4f}"]
 
 
-def _columns(head: tuple[str, ...], body: Sequence[tuple[str, ...]]) -> list[str]:
-    lines = [head, *body]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return [
-        "  ".join(f"{text:{width}}" for text, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
-    ]
+def write_csv(path: Path, attractors: Sequence[Row]) -> None:
+    """Write every row, with the impact speeds separated by spaces.
 
-
-def write_csv(path: Path, table: Sequence[Row]) -> None:
-    """Write every row, with the impact speeds separated by spaces."""
-    axes = list(table[0].parameters) if table else []
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    axes = list(attractors[0].parameters) if attractors else []
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow([*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"])
-        for row in table:
+        for row in attractors:
             speeds = " ".join(map(repr, row.speeds.tolist()))
             where = row.parameters.values()
             writer.writerow(

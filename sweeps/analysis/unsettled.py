@@ -1,4 +1,4 @@
-"""Starts whose record does not show their attractor, followed on until it is known.
+"""Follow motions whose record does not show their attractor, until it is known.
 
 A motion is followed on if it has not settled in its record: it neither repeats nor rests nor is
 chaotic. So is a motion that rests once in its record, since it rests again only if it is periodic,

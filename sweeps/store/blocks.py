@@ -1,9 +1,10 @@
-"""The file of a sweep, open for its blocks: each is in it whole or not at all.
+"""Write blocks into the file of a sweep, each whole or not at all.
 
-The row of a block in the ledger says that it is being written before a byte of it changes. Then
-come its data; then its status; then the row that says that it is done. Each is on the disk before
-the next is written, so a block with such a row is complete whatever happened, and the status alone
-says the same to any other reader. A kill leaves what was written; only a loss of power needs fsync.
+A block is written in four steps: its row in the ledger, which says that the block is being written;
+its data; its status; its row again, which says that the block is done. Each step is on the disk
+before the next begins. So a block whose row says "done" is complete after a kill and after a loss
+of power, and the status alone says the same to readers that do not know the ledger. (After a kill
+the operating system still writes what it was given; fsync is needed for a loss of power alone.)
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Create the HDF5 file of a sweep: every byte has its place before a point is computed.
 
-HDF5 lays the file out whole, contiguous and at its full size, and never has it open for writing
-again, since a kill while it has leaves a file that cannot be opened. Blocks are written to the
-places of their bytes (``writer.py``). A compressed file is made of a complete one, in a copy. The
-README of this package gives the reasons, and what they cost.
+HDF5 writes the file once, with contiguous variables at their full size, and never opens it for
+writing again: a kill while HDF5 has a file open for writing leaves a file that cannot be opened.
+``blocks.py`` then writes the bytes of blocks to their known places, without HDF5. A compressed file
+is made from a complete one, in a copy. The README of this package gives the reasons and the costs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the file of a sweep holds, except its data: axes, records, blocks, attributes."""
+"""The layout of a sweep's file: axes, records, variables, blocks and attributes, without data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One writer per file: a lock that dies with its process."""
+"""Lock a file for a single writer; the lock ends with the process that holds it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which paths a sweep can be written to or read from, before HDF5 sees them."""
+"""Check a path before HDF5 opens it: whether a sweep can be written to it or read from it."""
 
 from __future__ import annotations
 

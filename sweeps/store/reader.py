@@ -1,4 +1,4 @@
-"""The file of a sweep as its readers see it: an ``xarray.Dataset``, once its checksums fit."""
+"""Read the file of a sweep as an ``xarray.Dataset``, after its checksums were verified."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a file is one of the sweep that is to go on with it."""
+"""Check that a file belongs to the sweep that resumes it."""
 
 from __future__ import annotations
 

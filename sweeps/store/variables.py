@@ -1,4 +1,4 @@
-"""What the file of a sweep holds: its variables, their dimensions and their size."""
+"""The variables that the file of a sweep can hold: dimensions, units, types and sizes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""The writer of a sweep's file: a sweep's results in, block by block.
+"""Write the results of a sweep to its file, block by block.
 
-Trajectories are as long as their impacts make them. Where one does not fit, the file is copied into
-a wider one, and at the end into one that fits; so is one that is to be compressed, or refined. The
-copy takes the place of the file when it is complete.
+A trajectory has samples at its impacts, too, so its length is not known before it is computed.
+Where a trajectory does not fit, the file is copied into a wider one, and at the end into one of the
+right width. A file that is to be compressed or refined is copied as well. The copy takes the place
+of the file when the copy is complete.
 """
 
 from __future__ import annotations

@@ -121,12 +121,15 @@ def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
     assert lines[1].split()[:2] == ["-", "unsettled"]
 
 
-@pytest.mark.slow
-def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path):
-    """At 20 random places; sections of long runs are compared start by start."""
+@pytest.mark.parametrize(
+    "places",
+    [pytest.param(6, marks=pytest.mark.slow), pytest.param(60, marks=pytest.mark.campaign)],
+)
+def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
+    """At random places; sections of long runs are compared start by start."""
     random = np.random.default_rng(5)
     several = 0
-    for _ in range(20):
+    for _ in range(places):
         h, R = 10.0 ** random.uniform(-2.3, -0.5), random.uniform(0.3, 0.98)
         omega, clearance = random.uniform(0.5, 4.0), random.choice([0.0, random.uniform(-0.5, 1.0)])
         text = (
@@ -151,7 +154,7 @@ def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path):
         assert len(got) == len(shares)
         error = 3.0 * np.sqrt(np.array(shares) * (1.0 - np.array(shares)) / 400.0)
         assert (np.abs(np.array(got) - shares) <= error + 1e-12).all()
-    assert several >= 3
+    assert several >= places // 6
 
 
 def long_run_shares(dataset):

@@ -104,7 +104,7 @@ def answer_mutated(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("start", range(0, 300, 50))
+@pytest.mark.parametrize("start", range(0, 100, 50))
 def test_a_mutated_configuration_is_answered(tmp_path, monkeypatch, start):
     monkeypatch.chdir(tmp_path)
     answers = {answer_mutated(seed) for seed in range(start, start + 50)}
@@ -152,9 +152,8 @@ def commands_in(folder, **variables):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("setting", [("NUMBA_CACHE_DIR", "/dev/null/x"), ("COLUMNS", "abc")])
-def test_an_odd_environment_is_answered(tmp_path, setting):
-    assert commands_in(tmp_path, **dict([setting])) == [0, 0]
+def test_an_odd_environment_is_answered(tmp_path):
+    assert commands_in(tmp_path, COLUMNS="abc") == [0, 0]
 
 
 @pytest.mark.campaign
@@ -163,7 +162,8 @@ def test_a_hundred_environments_are_answered(tmp_path, setting):
     print(setting, commands_in(tmp_path, **dict([setting])))
 
 
-@settings(settings.get_profile("fuzz"), max_examples=200)
+@pytest.mark.slow
+@settings(settings.get_profile("fuzz"), max_examples=60)
 @given(text=st.text(max_size=200) | st.text("{}[]:,#&*!|>-'\" \n\th1e", max_size=200))
 def test_any_text_is_answered(tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)

@@ -45,7 +45,7 @@ import os, random, signal, sys, time
 import numpy as np
 from sweeps import load_config, open_sweep, run_sweep
 
-config, seed = load_config("sweep.yaml", sys.argv[2:]), int(sys.argv[1])
+config, seed, most = load_config("sweep.yaml", sys.argv[3:]), *map(int, sys.argv[1:3])
 draw, kills = random.Random(seed), 0
 
 def child():
@@ -59,7 +59,7 @@ def child():
     return pid
 
 began = time.monotonic()
-while kills < 12:
+while kills < most:
     pid = child()
     limit = draw.uniform(0.0, 1.5)
     began = time.monotonic()
@@ -103,12 +103,18 @@ def run(*arguments):
     return python("-m", "sweeps.cli", "run", "sweep.yaml", *arguments)
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "kills"),
+    [
+        pytest.param(1, 4, marks=pytest.mark.slow),
+        *(pytest.param(seed, 12, marks=pytest.mark.campaign) for seed in range(2, 12)),
+    ],
+)
 @pytest.mark.parametrize("changed", KINDS)
-def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(changed):
+def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(changed, seed, kills):
     options = set_by(changed)
     assert ended(run("-o", "whole.h5", "--quiet", *options)) == (0, "")
-    assert ended(python("-c", KILLS, "1", *changed), 300) == (0, "")
+    assert ended(python("-c", KILLS, str(seed), str(kills), *changed), 300) == (0, "")
     for path in (Path("out.h5"), *Path().glob("complete-*.h5")):
         xr.testing.assert_identical(data(path), data("whole.h5"))
 

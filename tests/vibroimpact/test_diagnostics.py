@@ -114,13 +114,15 @@ def test_the_flip_is_where_the_period_doubles(h, R, n, low, high):
     """Bisection on the period class, started 5e-8 beside the closed-form orbit.
 
     Near the flip a motion settles, or parts from the orbit, like |multiplier|^k: below it the
-    start stays within the tolerance of the class, above it 4e5 periods carry it beyond.
+    start stays within the tolerance of the class, above it 4e5 periods carry it beyond. Far from
+    it fewer do.
     """
     flip = bifurcation(Oscillator(h=h, R=R, omega=low, f=1.0), "flip", "omega", low, high, n)
 
     def doubled(omega):
         osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
-        return computed(osc, 400_000, 8 * n, *on_the_orbit(osc, n, 5e-8))[0] != n
+        transient = min(400_000, int(0.8 / (high - low)) + 2000)
+        return computed(osc, transient, 8 * n, *on_the_orbit(osc, n, 5e-8))[0] != n
 
     assert doubled(high) and not doubled(low)
     while high - low > 2e-7:
