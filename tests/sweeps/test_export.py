@@ -18,10 +18,8 @@ record: {transient: 20, periods: 8, impacts: 4, diagnostics: [period, lyapunov]}
 
 
 @pytest.fixture
-def file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("c.yaml").write_text(CONFIG)
-    return run_sweep(load_config("c.yaml"), "out.h5")
+def file():
+    return run_sweep(load_config("sweep.yaml"), "out.h5")
 
 
 def exported(file, name="points.csv"):
@@ -57,11 +55,9 @@ def test_parts_give_the_same_file(file, monkeypatch):
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 
 
-def test_a_single_point_is_a_row(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("c.yaml").write_text(CONFIG)
+def test_a_single_point_is_a_row():
     overrides = ["oscillator.R=0.5", "oscillator.omega=2.0"]
-    _, (row,) = exported(run_sweep(load_config("c.yaml", overrides), "out.h5"))
+    _, (row,) = exported(run_sweep(load_config("sweep.yaml", overrides), "out.h5"))
     assert (row["R"], row["omega"], row["period"]) == ("0.5", "2.0", "1")
 
 
@@ -84,4 +80,4 @@ def test_what_cannot_be_written_is_refused(file, monkeypatch):
     ):
         result = call("export", str(file), "-o", name)
         assert result.exit_code == 2 and text in " ".join(result.stderr.split())
-    assert sorted(path.name for path in Path().iterdir()) == ["c.yaml", "out.h5"]
+    assert sorted(path.name for path in Path().iterdir()) == ["out.h5", "sweep.yaml"]

@@ -105,18 +105,14 @@ def answer_mutated(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", range(0, 100, 50))
-def test_a_mutated_configuration_is_answered(tmp_path, monkeypatch, start):
-    monkeypatch.chdir(tmp_path)
+def test_a_mutated_configuration_is_answered(start):
     answers = {answer_mutated(seed) for seed in range(start, start + 50)}
     assert answers >= {"refused", "run"}
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("start", range(0, 10_000, 500))
-def test_ten_thousand_mutated_configurations_are_answered(
-    tmp_path, monkeypatch, start, record_property
-):
-    monkeypatch.chdir(tmp_path)
+def test_ten_thousand_mutated_configurations_are_answered(start, record_property):
     answers = Counter(answer_mutated(seed) for seed in range(start, start + 500))
     print(dict(answers))
     assert min(answers[name] for name in ("refused", "run", "accepted")) > 0
@@ -165,14 +161,12 @@ def test_a_hundred_environments_are_answered(tmp_path, setting):
 @pytest.mark.slow
 @settings(settings.get_profile("fuzz"), max_examples=60)
 @given(text=st.text(max_size=200) | st.text("{}[]:,#&*!|>-'\" \n\th1e", max_size=200))
-def test_any_text_is_answered(tmp_path, monkeypatch, text):
-    monkeypatch.chdir(tmp_path)
+def test_any_text_is_answered(text):
     assert answered(text) == 2
 
 
 @pytest.mark.parametrize("base", BASES)
-def test_the_bases_are_valid(tmp_path, monkeypatch, base):
-    monkeypatch.chdir(tmp_path)
+def test_the_bases_are_valid(base):
     assert answered(base) == 0
 
 
@@ -189,8 +183,7 @@ def test_the_bases_are_valid(tmp_path, monkeypatch, base):
         (FULL.replace("x.h5", "x" * 300), "File name too long"),
     ],
 )
-def test_what_is_out_of_bounds_is_refused(tmp_path, monkeypatch, text, told):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_out_of_bounds_is_refused(text, told):
     Path("fuzz.yaml").write_text(text)
     for options in (["--dry-run"], []):
         result = call("run", "fuzz.yaml", *options)

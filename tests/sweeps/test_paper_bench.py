@@ -91,8 +91,7 @@ def test_the_picture_shows_what_was_measured(measured):
     assert written.count("4\n0.036") >= 6 and "3\n0.108" in written
 
 
-def test_the_command(measured, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_command(measured, monkeypatch):
     monkeypatch.setattr("sweeps.bench.paper.measure", lambda: measured)
     done = call("bench", "paper")
     assert done.exit_code == 0, done.stderr

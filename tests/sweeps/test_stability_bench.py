@@ -133,9 +133,8 @@ def test_a_figure_is_written_as_its_failure_says():
     assert shown == ["0.50 ", "2.00!", ""]
 
 
-def test_the_command(tmp_path, monkeypatch):
+def test_the_command():
     """Picture, table on the terminal, and every figure in the CSV file."""
-    monkeypatch.chdir(tmp_path)
     result = call("bench", "stability", "--quick", "--csv", "all.csv")
     assert result.exit_code == 0, result.output
     assert "spectral radius" in result.stdout and result.stdout.endswith("stability.png\nall.csv\n")
@@ -163,7 +162,6 @@ def test_the_command(tmp_path, monkeypatch):
 def test_what_cannot_be_written_is_refused_before_anything_is_measured(
     tmp_path, monkeypatch, arguments, words
 ):
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(stability, "limits", None)
     result = call("bench", "stability", *arguments)
     assert result.exit_code == 2
