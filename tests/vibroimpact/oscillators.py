@@ -5,7 +5,7 @@ import numpy as np
 from vibroimpact import Oscillator
 
 
-def oscillator(h, R, omega, clearance=0.0, f=1.0, p=1.0):
+def oscillator(h, R, omega=1.0, clearance=0.0, f=1.0, p=1.0):
     """An oscillator by position."""
     return Oscillator(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance)
 

@@ -7,7 +7,6 @@ from functools import partial
 import mpmath as mp
 import numpy as np
 import pytest
-from mpmath import mp
 
 from oscillators import oscillator, random_oscillators
 from vibroimpact import Oscillator
