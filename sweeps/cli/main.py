@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from sweeps.cli import begin as cli_begin
 from sweeps.cli import bench as cli_bench
+from sweeps.cli import explore as cli_explore
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
@@ -73,7 +74,7 @@ def _common(
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
     check_environment()
-    if context.invoked_subcommand not in ("run", "zoom"):
+    if context.invoked_subcommand not in ("run", "zoom", "explore"):
         context.with_resource(raised_at_once())
 
 
@@ -81,6 +82,7 @@ for command in (
     cli_begin.init,
     cli_run.run,
     cli_zoom.zoom,
+    cli_explore.explore,
     cli_plot.plot,
     cli_read.attractors,
     cli_read.info,

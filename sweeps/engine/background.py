@@ -9,8 +9,9 @@ first run compiles. So the thread ends by itself.
 from __future__ import annotations
 
 import threading
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
@@ -59,6 +60,23 @@ def _waited(future: Future[T]) -> T:
     while not wait([future], _WAIT).done:
         check()
     return future.result()
+
+
+@contextmanager
+def given_up_by(flag: np.ndarray) -> Iterator[None]:
+    """End the work of this thread in the block, with a KeyboardInterrupt, once `flag` is set.
+
+    Parameters
+    ----------
+    flag : ndarray of int64, shape (1,)
+        Another thread makes it non-zero.
+    """
+    _this_thread.flag = flag
+    try:
+        check_given_up()
+        yield
+    finally:
+        _this_thread.flag = None
 
 
 def interrupt() -> np.ndarray | None:

@@ -12,14 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
-import xarray as xr
 
 from sweeps.analysis.class_changes import Label, labels
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.nearby_orbit import nearby_orbit
+from sweeps.analysis.results import as_dataset
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
-from sweeps.store import VARIABLES
 from vibroimpact.oscillator import Oscillator
 
 #: How often a motion that does not show its class is followed four times as long.
@@ -113,7 +112,7 @@ class Classifier:
             In the order of `values`.
         """
         rows = [{name: array[i] for name, array in results.items()} for i in range(len(values))]
-        shown = labels(self._as_dataset(values, results))
+        shown = labels(as_dataset(self._config, {self._axis: values}, results))
         return [
             self._classify(ClassifiedPoint(float(value), label, row))
             for value, label, row in zip(values, shown, rows, strict=True)
@@ -154,12 +153,3 @@ class Classifier:
     def _oscillator(self, value: float) -> Oscillator:
         parameters = {**self._config.grid.fixed, self._axis: value}
         return Oscillator(**{field.name: parameters[field.name] for field in fields(Oscillator)})
-
-    def _as_dataset(self, values: np.ndarray, results: Results) -> xr.Dataset:
-        """Return results in the form of an opened sweep."""
-        variables = {}
-        for name, array in results.items():
-            record = VARIABLES[name].record
-            variables[name] = ((self._axis, record) if record else (self._axis,), array)
-        attributes = {"name": self._config.name, "configuration": self._config.to_yaml()}
-        return xr.Dataset(variables, {self._axis: values}, attributes)

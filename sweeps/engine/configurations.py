@@ -35,7 +35,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     Refused
         If the file cannot be read, or the configuration is not valid.
     """
-    if not _is_hdf5(path):
+    if not is_hdf5(path):
         return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
         text = dataset.attrs["configuration"]
@@ -44,7 +44,8 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     return parse_config(text, f"{path}, its configuration", path.stem, (*overrides, *elsewhere))
 
 
-def _is_hdf5(path: Path) -> bool:
+def is_hdf5(path: Path) -> bool:
+    """Whether a file is in HDF5."""
     try:
         if not path.is_file():  # a pipe can be read only once
             return False

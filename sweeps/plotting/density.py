@@ -13,12 +13,13 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
 from sweeps.plotting.canvas import figure_of
 from sweeps.plotting.cells import cell_edges
-from sweeps.plotting.palette import BLUE, BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.palette import BOTH_COLOUR, DENSITY, DIRECTION_COLOURS, LEAST_SHARE
+from sweeps.plotting.pixels import count_pixels
 from sweeps.plotting.style import dots_per_inch
 
-# All ramps start well away from white, so that a pixel met once is seen. Those of two directions
-# end at full colours: darker colours look the same where the motion is periodic.
-_ONE_RAMP = LinearSegmentedColormap.from_list("density", ["#A6CBE3", BLUE, "#00263D"])
+# Those of two directions end at full colours: darker colours look the same where the motion is
+# periodic.
+_ONE_RAMP = LinearSegmentedColormap.from_list("density", DENSITY)
 _DIRECTION_RAMPS = [
     LinearSegmentedColormap.from_list("density", colours)
     for colours in (
@@ -28,7 +29,7 @@ _DIRECTION_RAMPS = [
     )
 ]
 
-_NORM = LogNorm(1e-3, 1.0, clip=True)
+_NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
 
 #: How many numbers of a record are read at a time.
 _PART_SIZE = 1_000_000
@@ -140,9 +141,5 @@ def _column_shares(
     in_view = (column >= 0) & (column < len(counts))
     for indices, y in record.parts():
         indices, y = indices[in_view[indices]], y[in_view[indices]]
-        finite = np.isfinite(y)
-        row = np.floor((y[finite] - low) * (rows / (high - low))).astype(np.int64)
-        seen = (row >= 0) & (row < rows)
-        flat = (np.repeat(column[indices], finite.sum(axis=1)) * rows + row)[seen]
-        counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
+        counts += count_pixels(column[indices], y, (len(counts), rows), low, high)
     return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

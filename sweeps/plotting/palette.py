@@ -44,3 +44,8 @@ OTHER_ATTRACTORS = OTHER_PERIODIC
 #: Of the directions in which an axis was followed, and of what both directions meet.
 DIRECTION_COLOURS = (BLUE, ORANGE)
 BOTH_COLOUR = "#333333"
+
+#: Of the share of a column's points in a pixel, from the least to 1. All ramps start well away from
+#: white, so that a pixel met once is seen.
+DENSITY = ("#A6CBE3", BLUE, "#00263D")
+LEAST_SHARE = 1e-3

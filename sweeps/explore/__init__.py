@@ -1,0 +1,61 @@
+"""The live picture: a bifurcation diagram in the browser that is computed anew with every view.
+
+It is the only room that imports Bokeh. `sweeps.explore(config)` opens it, so the room itself can be
+called: Python puts it in the place of the function once any of its files is imported.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sweeps.config.sweep import SweepConfig
+    from sweeps.explore.server import Explorer
+
+
+def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> Explorer:
+    """Open the live picture of a configuration.
+
+    Parameters
+    ----------
+    config : SweepConfig
+        From `sweeps.load_config`. Each point is computed from its own start: ``follow``, ``refine``
+        and ``accuracy`` are left out.
+    port : int, optional
+        By default any that is free.
+    folder : Path, optional
+        Where the page saves configurations, by default the present one.
+
+    Returns
+    -------
+    Explorer
+        The page, where it is the value of a cell in Jupyter; elsewhere, its ``address`` is for a
+        browser on this machine. ``close()`` ends it.
+
+    Raises
+    ------
+    Refused
+        If Bokeh is not installed, or the port is in use.
+    """
+    from sweeps.errors import Refused
+
+    try:
+        import bokeh  # noqa: F401
+    except ImportError:
+        raise Refused(
+            "the live picture needs Bokeh, which is not installed; install it with\n"
+            "pip install 'vibroimpact[explore]'"
+        ) from None
+    from sweeps.explore.server import Explorer
+
+    return Explorer(config, port, folder)
+
+
+class _Room(ModuleType):
+    __call__ = staticmethod(explore)
+
+
+sys.modules[__name__].__class__ = _Room

@@ -1,0 +1,195 @@
+"""The bifurcation diagram of the page: its figure, and the steps that fill it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bokeh.models import (
+    ColumnDataSource,
+    Legend,
+    LegendItem,
+    LinearColorMapper,
+    Range1d,
+    Span,
+)
+from bokeh.plotting import figure
+
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.compute import compute
+from sweeps.explore import picture
+from sweeps.explore.view import View, Window, bounds
+from sweeps.explore.words import axis_label
+from sweeps.explore.worker import Step
+from sweeps.plotting.palette import STATUS_COLOURS, VERMILION
+
+#: The coarse picture has so many times fewer columns.
+COARSER = 4
+#: A canvas has no fewer columns and rows, and no more are computed.
+_LEAST, _MOST = 16, 4096
+
+Results = Mapping[str, np.ndarray]
+
+
+def numbers(config: SweepConfig) -> Results:
+    """Compute all points of a configuration, the same numbers as a run of it."""
+    grid = config.grid
+    return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture of the diagram.
+
+    Attributes
+    ----------
+    view : View
+    config : SweepConfig
+    results : mapping of str to ndarray
+    window : (float, float)
+        Of the ordinate.
+    pixels : ndarray of uint8, shape (rows, columns)
+    """
+
+    view: View
+    config: SweepConfig
+    results: Results
+    window: Window
+    pixels: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """Those of the axis."""
+        return self.config.grid.axes[self.view.axis]
+
+
+class Diagram:
+    """The figure, its picture, the mark, and the points that failed.
+
+    Parameters
+    ----------
+    post : callable
+        Runs a function in the thread of the document.
+    report : callable
+        Is given a `Shown` and the seconds that it took, in the thread of the document.
+    """
+
+    def __init__(
+        self, post: Callable[[Callable[[], None]], None], report: Callable[[Shown, float], None]
+    ) -> None:
+        self._post, self._report = post, report
+        self._kept: Shown | None = None
+        #: The window of the ordinate that holds all points, as it was set last.
+        self.fitted: Window = (0.0, 1.0)
+        #: Columns and rows of the canvas; 0 as long as the browser has not said.
+        self.size = (0, 0)
+        self.figure = figure(
+            tools="pan,wheel_zoom,box_zoom,undo,redo,reset,save",
+            active_scroll="wheel_zoom",
+            x_range=Range1d(0.0, 1.0),
+            y_range=Range1d(0.0, 1.0),
+            sizing_mode="stretch_both",
+            min_height=150,
+            name="diagram",
+            lod_threshold=None,
+        )
+        self.figure.toolbar.logo = None
+        self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
+        self.source = ColumnDataSource(
+            {"image": [], "x": [], "y": [], "dw": [], "dh": []}, name="pixels"
+        )
+        colours = LinearColorMapper(palette=["#00000000", *picture.ramp()], low=0, high=255)
+        self.figure.image("image", color_mapper=colours, source=self.source, level="image")
+        self._strips = self._new_strips()
+        self.mark = Span(
+            dimension="height", location=0.0, visible=False, line_color=VERMILION, line_width=2,
+            hover_line_color=VERMILION, hover_line_width=4, name="mark",
+        )  # fmt: skip
+        self.figure.add_layout(self.mark)
+
+    def _new_strips(self) -> dict[Any, tuple[ColumnDataSource, LegendItem]]:
+        """Return the marks of failed points, in a strip at the bottom, by outcome."""
+        self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
+        strips, items = {}, []
+        for outcome, colour in STATUS_COLOURS.items():
+            source = ColumnDataSource({"x": [], "y": []}, name=outcome.name)
+            marks = self.figure.scatter(
+                "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,
+                color=colour, y_range_name="strip",
+            )  # fmt: skip
+            items.append(LegendItem(label=outcome.meaning, renderers=[marks], visible=False))
+            strips[outcome] = source, items[-1]
+        self.legend = Legend(items=items, visible=False, background_fill_alpha=0.8)
+        self.figure.add_layout(self.legend)
+        return strips
+
+    def show(self, view: View) -> None:
+        """Set the window, the labels and the mark."""
+        self.figure.xaxis.axis_label = axis_label(view.axis)
+        self.figure.yaxis.axis_label = axis_label(view.ordinate)
+        x_range, allowed = self.figure.x_range, bounds(view.axis, view.values)
+        if x_range.bounds != allowed:
+            x_range.bounds = None  # the browser would cut the window of the new axis to the old one
+        if (x_range.start, x_range.end) != view.xlim:
+            x_range.update(start=view.xlim[0], end=view.xlim[1])
+        x_range.bounds = allowed
+        self._set_window(self.fitted if view.ylim is None else view.ylim)
+        self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
+
+    def _set_window(self, window: Window) -> None:
+        y_range: Any = self.figure.y_range
+        if (y_range.start, y_range.end) != window:
+            y_range.update(start=window[0], end=window[1])
+
+    def steps(self, view: View) -> list[Step]:
+        """Return the steps that draw a view: a coarse picture at once, then the fine one."""
+        columns, rows = (min(max(size, _LEAST), _MOST) for size in self.size)
+        wanted = view.diagram(columns)
+        key = (wanted, view.axis, view.ordinate, view.ylim, rows)
+        steps = []
+        if self._kept is None or self._kept.config != wanted:
+            few = max(_LEAST, columns // COARSER)
+            steps.append(self._step("coarse", key, view, few, rows))
+        return [*steps, self._step("fine", key, view, columns, rows)]
+
+    def _step(self, name: str, key: Any, view: View, columns: int, rows: int) -> Step:
+        return Step(name, key, partial(self._draw, view, columns, rows), self._draw_later)
+
+    def _draw(self, view: View, columns: int, rows: int) -> Shown:
+        """Compute a picture; only the pixels, where the numbers are those of the last."""
+        config, kept = view.diagram(columns), self._kept
+        results = kept.results if kept and kept.config == config else numbers(config)
+        values = picture.ordinates(results, view.ordinate)
+        window = picture.fitted(values) if view.ylim is None else view.ylim
+        shown = Shown(view, config, results, window, picture.density(values, window, rows))
+        self._kept = shown
+        return shown
+
+    def _draw_later(self, shown: Shown, seconds: float) -> None:
+        self._post(partial(self._paint, shown, seconds))
+
+    def _paint(self, shown: Shown, seconds: float) -> None:
+        (low, high), (bottom, top) = shown.view.xlim, shown.window
+        cell = (high - low) / (shown.pixels.shape[1] - 1)
+        self.source.data = {
+            "image": [shown.pixels],
+            "x": [low - 0.5 * cell],
+            "y": [bottom],
+            "dw": [high - low + cell],
+            "dh": [top - bottom],
+        }
+        if shown.view.ylim is None:
+            self.fitted = shown.window
+            self._set_window(shown.window)
+        outcomes = picture.outcomes(shown.results, shown.values)
+        for outcome, (source, item) in self._strips.items():
+            x = outcomes.get(outcome, np.empty(0))
+            if len(x) or len(source.data["x"]):
+                source.data = {"x": x, "y": np.full(len(x), 0.015)}
+                item.label = f"{outcome.meaning} ({len(x)} of {len(shown.values)})"
+                item.visible = bool(len(x))
+        self.legend.visible = bool(outcomes)
+        self._report(shown, seconds)

@@ -1,0 +1,171 @@
+"""The page: what is looked at, the thread that computes it, and the models that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset
+from bokeh.layouts import column, row
+from bokeh.models import CustomJS, Div, TextInput
+
+from sweeps.errors import ConfigError, Failed
+from sweeps.explore.controls import Controls
+from sweeps.explore.diagram import Diagram, Shown
+from sweeps.explore.saving import write_yaml
+from sweeps.explore.view import View
+from sweeps.explore.worker import Worker
+from sweeps.text import shown_count
+
+_ENDED = (
+    "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
+    "it is. Start it again in a terminal."
+)
+#: Time in which the four ends of a window arrive [ms].
+_GATHER = 8
+
+
+class Page:
+    """One open page.
+
+    Parameters
+    ----------
+    document : Document
+        An empty one.
+    home : View
+        The view that the page opens with, and returns to on a reset.
+    folder : Path
+        Where configurations are saved.
+    """
+
+    def __init__(self, document: Document, home: View, folder: Path) -> None:
+        self.document, self.home, self.view, self.folder = document, home, home, folder
+        self._reading = False
+        self.shown: Shown | None = None
+        self.controls = Controls(home, self.change, self._save)
+        self.diagram = Diagram(self._post, self._report)
+        self.worker = Worker(lambda text: self._post(lambda: self._refuse(text)))
+        self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
+        self._ended.styles = {"background": "#F5D79A", "padding": "6px"}
+        self._address = TextInput(visible=False, name="address")
+        self._connect()
+        body = row(self.controls.layout, self.diagram.figure, sizing_mode="stretch_both")
+        document.add_root(column(self._ended, body, self._address, sizing_mode="stretch_both"))
+        document.title = f"{home.name}: vibroimpact"
+        self._show()
+
+    def _connect(self) -> None:
+        """Let the figure, the address and the connection change what is shown."""
+        figure, document = self.diagram.figure, self.document
+        for model in (figure.x_range, figure.y_range):
+            for name in ("start", "end"):
+                model.on_change(name, self._ranges_changed)
+        for name in ("inner_width", "inner_height"):
+            figure.on_change(name, self._resized)
+        figure.on_event(Reset, lambda _: self.change(self._at_home))
+        self.diagram.mark.on_change("location", self._mark_moved)
+        document.config.notify_connection_status = False  # the page has words of its own
+        document.on_session_destroyed(lambda _: self.worker.close())
+        document.add_periodic_callback(self._show_progress, 500)
+        # The address holds the view: it is read when the page opens, and follows the view.
+        self._address.on_change("value", self._address_read)
+        read = CustomJS(args={"to": self._address}, code="to.value = location.search")
+        write = (
+            "const id = new URLSearchParams(location.search).get('bokeh-session-id');"
+            "history.replaceState(null, '', '?' + from.title + '&bokeh-session-id=' + id)"
+        )
+        document.js_on_event(DocumentReady, read)
+        self._address.js_on_change("title", CustomJS(args={"from": self._address}, code=write))
+        for event, visible in ((ConnectionLost, "true"), (ClientReconnected, "false")):
+            code = f"div.visible = {visible}"
+            document.js_on_event(event, CustomJS(args={"div": self._ended}, code=code))
+
+    def _post(self, call: Callable[[], None]) -> None:
+        self.document.add_next_tick_callback(call)
+
+    def change(self, changed: Callable[[View], View]) -> None:
+        """Show another view, or say why there is none."""
+        try:
+            view = changed(self.view)
+            view.check()
+        except ConfigError as error:
+            self._refuse(str(error))
+        else:
+            self.view = view
+            self.controls.error.text = ""
+        self._show()
+
+    def _refuse(self, text: str) -> None:
+        self.controls.error.text = text
+
+    def _show(self) -> None:
+        self.controls.show(self.view)
+        self.diagram.show(self.view)
+        self._address.title = self.view.query()
+        self._compute()
+
+    def _compute(self) -> None:
+        """Ask for the pictures of the view, once the size of the page is known."""
+        if all(self.diagram.size):
+            self.worker.ask(self.diagram.steps(self.view))
+
+    def _resized(self, attr: str, old: int, new: int) -> None:
+        columns, rows = self.diagram.size
+        self.diagram.size = (new, rows) if attr == "inner_width" else (columns, new)
+        self._compute()
+
+    def _ranges_changed(self, attr: str, old: Any, new: Any) -> None:
+        """Read the window once, when all four ends of it are there: they come one by one."""
+        if not self._reading:
+            self._reading = True
+            self.document.add_timeout_callback(self._read_ranges, _GATHER)
+
+    def _read_ranges(self) -> None:
+        self._reading = False
+        x: Any = self.diagram.figure.x_range
+        y: Any = self.diagram.figure.y_range
+        xlim, ylim = (x.start, x.end), (y.start, y.end)
+        fits = self.view.ylim is None and ylim == self.diagram.fitted
+        if xlim != self.view.xlim or not (fits or ylim == self.view.ylim):
+            self.change(lambda view: replace(view, xlim=xlim, ylim=None if fits else ylim))
+
+    def _at_home(self, view: View) -> View:
+        xlim = self.home.xlim if view.axis == self.home.axis else view.xlim
+        return replace(view, xlim=xlim, ylim=None)
+
+    def _mark_moved(self, attr: str, old: Any, new: Any) -> None:
+        if new is not None and new != self.view.values[self.view.axis]:
+            self.change(lambda view: view.moved(**{view.axis: float(new)}))
+
+    def _address_read(self, attr: str, old: str, new: str) -> None:
+        self.change(lambda view: view.with_query(new))
+
+    def _report(self, shown: Shown, seconds: float) -> None:
+        self.shown = shown
+        record, points = shown.view.record, len(shown.values)
+        periods = points * (record["transient"] + record["periods"])
+        self.controls.status.text = (
+            f"{shown_count(points, 'point')}, {periods:,} forcing periods in "
+            f"{1e3 * seconds:.0f} ms: {1e-6 * periods / seconds:.3g} million periods/s"
+        )
+
+    def _show_progress(self) -> None:
+        """Say since when a step has been computed, and that the first one compiles."""
+        if (busy := self.worker.busy) is not None:
+            name, first, begin = busy
+            if (seconds := perf_counter() - begin) > 1.0:
+                why = ", which is compiled at the first use" if first else ""
+                self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
+
+    def _save(self) -> None:
+        try:
+            path = write_yaml(self.view, self.diagram.size[0], self.folder)
+        except Failed as error:
+            self._refuse(str(error))
+        else:
+            self.controls.error.text = ""
+            self.controls.status.text = f"saved: {path}; vibroimpact run {path.name}"

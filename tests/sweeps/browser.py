@@ -1,0 +1,139 @@
+"""A headless Chromium for the tests of the live picture, and what they ask of its pages."""
+
+import base64
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sweeps.explore.page import Page
+from sweeps.explore.server import Explorer
+
+#: Nothing is downloaded, and nothing is asked of the network.
+_OPTIONS = (
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+).split()
+#: Set where a missing browser is a failure, not a reason to skip.
+REQUIRED = "VIBROIMPACT_TEST_BROWSER"
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Yield a browser; skip the test where there is none, unless ``REQUIRED`` is set."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = next(filter(None, map(shutil.which, names)), None)
+    if path is None:
+        reason = "there is no Chromium; install one, on Debian with: apt install chromium"
+        pytest.fail(reason) if os.environ.get(REQUIRED) else pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, headless=True, args=_OPTIONS)
+        yield browser
+        browser.close()
+
+
+class Window:
+    """A page in the browser beside the `Page` of the server in this process.
+
+    Parameters
+    ----------
+    browser
+        From `chromium`.
+    explorer : Explorer
+    address : str, optional
+        By default one with a session of its own.
+    """
+
+    def __init__(
+        self,
+        browser: Any,
+        explorer: Explorer,
+        address: str | None = None,
+        size: tuple[int, int] = (1280, 720),
+    ) -> None:
+        self.requests: list[str] = []
+        self.problems: list[str] = []
+        self.tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.tab.on("request", lambda request: self.requests.append(request.url))
+        self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.tab.goto(address or explorer.new_address())
+        self.page: Page = explorer.pages[-1]
+        self.settle(lambda: self.page.shown is not None)
+
+    def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
+        """Wait until a condition holds, nothing is computed, and the browser has the picture."""
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline:
+            if condition() and self.page.worker.idle and self.painted():
+                return
+            self.tab.wait_for_timeout(20)
+        raise AssertionError(f"the page did not come to rest: {self.page.view}")
+
+    def painted(self) -> bool:
+        """Whether the browser has the window and the fine picture of the view."""
+        shown, (columns, rows) = self.page.shown, self.page.diagram.size
+        if shown is None or shown.view != self.page.view or shown.pixels.shape != (rows, columns):
+            return False
+        ends = self.model(
+            "diagram",
+            "{return [m.x_range.start, m.x_range.end, m.y_range.start, m.y_range.end]}",
+        )
+        return tuple(ends) == (*shown.view.xlim, *shown.window) and np.array_equal(
+            self.pixels(), shown.pixels
+        )
+
+    def pixels(self) -> np.ndarray:
+        """Return the picture in the browser, shape (rows, columns)."""
+        code = (
+            "{const i = m.data.image[0]; if (i === undefined) return ['', [0, 0]];"
+            "const b = new Uint8Array(i.buffer, i.byteOffset, i.length); let s = '';"
+            "for (let k = 0; k < b.length; k += 8192)"
+            " s += String.fromCharCode(...b.subarray(k, k + 8192)); return [btoa(s), i.shape]}"
+        )
+        data, shape = self.model("pixels", code) or ("", (0, 0))
+        return np.frombuffer(base64.b64decode(data), np.uint8).reshape(shape)
+
+    def model(self, name: str, code: str) -> Any:
+        """Run JavaScript with the model `m` of a name."""
+        return self.tab.evaluate(
+            f"(() => {{const m = Bokeh.documents[0]?.get_model_by_name('{name}');"
+            f"if (m == null) return null; return (() => {code})()}})()"
+        )
+
+    def box(self, name: str = "diagram") -> dict[str, float]:
+        """Return where the frame of a figure is on the screen."""
+        return self.tab.evaluate(
+            "(name) => {const m = Bokeh.documents[0].get_model_by_name(name);"
+            "const v = Bokeh.index.find_one(m); const b = v.el.getBoundingClientRect();"
+            "const f = v.frame.bbox; return {x: b.x + f.left, y: b.y + f.top, width: f.width,"
+            " height: f.height}}",
+            name,
+        )
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Drag the mouse between two places in the diagram, as shares of its width and height."""
+        box, mouse = self.box(), self.tab.mouse
+        places = [
+            (box["x"] + u * box["width"], box["y"] + v * box["height"]) for u, v in (start, end)
+        ]
+        mouse.move(*places[0])
+        mouse.down()
+        mouse.move(*places[1], steps=5)
+        mouse.up()
+
+    def wheel(self, delta: float, at: tuple[float, float] = (0.5, 0.5)) -> None:
+        """Turn the wheel over a place in the diagram."""
+        box = self.box()
+        self.tab.mouse.move(box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"])
+        self.tab.mouse.wheel(0, delta)
+
+    def tool(self, title: str) -> None:
+        """Press a button of the toolbar."""
+        self.tab.locator(f".bk-tool-icon-{title}").first.click()

@@ -1,0 +1,242 @@
+"""The live picture without a browser: views, pixels, the thread that computes, and the server."""
+
+import http.client
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import psutil
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.ioloop import IOLoop
+from tornado.websocket import websocket_connect
+
+import sweeps
+from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
+from sweeps.engine.background import check_given_up
+from sweeps.explore import picture
+from sweeps.explore.diagram import numbers
+from sweeps.explore.view import View
+from sweeps.explore.worker import Step, Worker
+from vibroimpact.oscillator import PARAMETERS
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture
+def view():
+    return View.of(load_config(CONFIGS / "quickstart.yaml"))
+
+
+@pytest.fixture(scope="module")
+def explorer():
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    yield explorer
+    explorer.close()
+
+
+def test_every_scene_can_be_looked_at():
+    for path in sorted(CONFIGS.glob("*.yaml")):
+        View.of(load_config(path)).check()
+
+
+@pytest.mark.parametrize("axis", PARAMETERS)
+def test_a_view_returns_from_its_address(view, axis):
+    changed = replace(
+        view.moved(R=1 / 3, clearance=0.1),
+        axis=axis,
+        xlim=(0.1, 0.7),
+        ylim=(-1e-9, 0.1 + 0.2),
+        record={**view.record, "transient": 7, "phase": 1.1},
+        marked=True,
+        ordinate="impact_v",
+    )
+    changed = replace(changed, xlim=(-0.7, 0.1)) if axis == "x0" else changed
+    assert view.with_query("?" + changed.query()) == changed
+
+
+@pytest.mark.parametrize(
+    ("query", "said"),
+    [
+        ("R=1.5", "oscillator.R = 1.5 is not allowed; expected: .* a number from 0 to 1"),
+        ("omega=fast", "could not convert"),
+        ("x0=1", "lies beyond the stop"),
+        ("xlim=3:2", "the window xlim = .* is empty"),
+        ("xlim=-1:2", "contains -1, which is not allowed"),
+        ("axis=mass", "mass is no parameter"),
+        ("ordinate=z", "z is no ordinate"),
+        ("transient=-1", "record.transient = -1 is not allowed"),
+        ("phase=7", "record.phase = 7 is not allowed"),
+    ],
+)
+def test_an_address_that_asks_for_too_much_is_refused(view, query, said):
+    with pytest.raises(ConfigError, match=said):
+        view.with_query(query)
+
+
+def test_the_numbers_are_those_of_a_run(view, tmp_path):
+    config = replace(view, record={**view.record, "transient": 20, "periods": 10}).diagram(101)
+    results = numbers(config)
+    path = run_sweep(config, tmp_path / "run.h5")
+    with open_sweep(path) as dataset:
+        for name in dataset.data_vars:
+            np.testing.assert_array_equal(results[name], dataset[name].values)
+
+
+def test_pixels_are_the_shares_of_their_columns():
+    values = np.array([[0.0, 0.0, 0.0, 0.9], [np.nan, np.nan, 0.5, 0.5], [2.0, 2.0, 2.0, 2.0]])
+    pixels = picture.density(values, (0.0, 1.0), 10)
+    shade = {
+        share: 1 + round((1 - np.log(share) / np.log(1e-3)) * 254) for share in (0.25, 0.75, 1.0)
+    }
+    assert pixels[0, 0] == shade[0.75]
+    assert pixels[9, 0] == shade[0.25]
+    assert pixels[5, 1] == 255
+    assert not pixels[2:5].any()
+
+
+def test_the_colours_are_those_of_the_files_pictures():
+    from matplotlib.colors import to_rgb
+
+    from sweeps.plotting.density import _ONE_RAMP
+
+    seen = np.array([to_rgb(colour) for colour in picture.ramp()])
+    in_files = _ONE_RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
+    np.testing.assert_allclose(seen, in_files, atol=2 / 255)
+
+
+def test_only_the_newest_request_is_finished():
+    started, shown = threading.Event(), []
+    worker = Worker(shown.append)
+
+    def compute(i):
+        started.set()
+        for _ in range(1000 if i else 1):
+            check_given_up()
+            time.sleep(0.01)
+        return i
+
+    def step(i):
+        return Step("picture", i, lambda: compute(i), lambda result, seconds: shown.append(result))
+
+    try:
+        worker.ask([step(0)])  # the first one compiles, and is not given up
+        while not worker.idle:
+            time.sleep(0.01)
+        for i in (1, 2, 3):
+            started.clear()
+            worker.ask([step(i)])
+            assert started.wait(5)
+        assert shown == [0]
+        worker.ask([step(0)])
+        time.sleep(0.2)
+        assert worker.idle  # what is shown already is not computed again
+    finally:
+        worker.close()
+    assert shown == [0]
+    assert not worker._thread.is_alive()
+
+
+def test_an_error_of_a_step_is_said_once():
+    said = []
+    worker = Worker(said.append)
+
+    def fail():
+        raise Refused("too much")
+
+    step = Step("picture", 1, fail, lambda *_: None)
+    for _ in range(2):
+        worker.ask([step])
+        while not worker.idle:
+            time.sleep(0.01)
+    worker.close()
+    assert said == ["too much"]
+
+
+def answer(explorer, path, **headers):
+    connection = http.client.HTTPConnection(
+        "127.0.0.1", urlsplit(explorer.address).port, timeout=30
+    )
+    connection.request("GET", path, headers=headers)
+    response = connection.getresponse()
+    connection.close()
+    return response.status, response.read().decode()
+
+
+def test_only_the_signed_address_and_this_host_are_served(explorer):
+    parts = urlsplit(explorer.address)
+    signed = f"/?{parts.query}"
+    status, text = answer(explorer, signed)
+    assert status == 200
+    assert "cdn" not in text.lower() and "http://" not in text and "https://" not in text
+    assert answer(explorer, "/")[0] == 403
+    assert answer(explorer, signed[:-5] + "aaaaa")[0] == 403
+    for host in ("evil.example", f"evil.example:{parts.port}", "127.0.0.1.evil.example"):
+        assert answer(explorer, signed, Host=host)[0] == 403
+        assert answer(explorer, "/static/js/bokeh.min.js", Host=host)[0] == 403
+    assert answer(explorer, signed, Host=f"localhost:{parts.port}")[0] == 200
+    sockets = psutil.Process().net_connections("tcp")
+    bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
+    assert bound == {"127.0.0.1"}
+
+
+def test_the_websocket_of_another_page_is_refused(explorer):
+    parts = urlsplit(explorer.address)
+    request = HTTPRequest(f"ws://{parts.netloc}/ws", headers={"Origin": "http://evil.example"})
+    with pytest.raises(HTTPClientError, match="403"):
+        IOLoop(make_current=False).run_sync(lambda: websocket_connect(request))
+
+
+def test_a_notebook_shows_the_page_itself(explorer):
+    text = explorer._repr_html_()
+    assert text.startswith("<iframe")
+    assert explorer.address in text
+
+
+def test_the_room_can_be_called_whatever_was_imported_first():
+    code = "import sweeps.explore.view, sweeps; assert callable(sweeps.explore), sweeps.explore"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_port_in_use_is_refused(explorer):
+    port = urlsplit(explorer.address).port
+    with pytest.raises(Refused, match=f"--port {port} cannot be used .*in use"):
+        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)
+
+
+def test_without_bokeh_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    with pytest.raises(Refused, match=r"vibroimpact\[explore\]"):
+        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+
+
+def command(*arguments, cwd):
+    run = [sys.executable, "-m", "sweeps.cli", *map(str, arguments)]
+    return subprocess.run(run, cwd=cwd, capture_output=True, text=True, timeout=100)
+
+
+def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text("oscillator: {h: 0.1, R: 2, omega: 1, f: 1}\n")
+    run, explore = (command(name, path, cwd=tmp_path) for name in ("run", "explore"))
+    assert (explore.returncode, explore.stderr) == (run.returncode, run.stderr)
+    assert run.returncode == 2
+    absent = command("explore", "absent.yaml", cwd=tmp_path)
+    assert absent.returncode == 2
+    assert "absent.yaml" in absent.stderr
+
+
+def test_a_damaged_file_is_refused_as_by_plot(tmp_path):
+    config = View.of(load_config(CONFIGS / "quickstart.yaml")).diagram(5)
+    path = run_sweep(config, tmp_path / "run.h5")
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    plot, explore = (command(name, path, cwd=tmp_path) for name in ("plot", "explore"))
+    assert (explore.returncode, explore.stderr) == (plot.returncode, plot.stderr)
+    assert plot.returncode == 2

@@ -1,0 +1,212 @@
+"""The live picture in a real browser: every gesture, and what the page then shows."""
+
+import signal
+import subprocess
+import sys
+import time
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+import pytest
+
+import sweeps
+from browser import Window, chromium
+from sweeps import load_config, open_sweep
+from sweeps.explore import picture
+from sweeps.explore.diagram import numbers
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def explorer(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explore")
+    config = folder / "scene.yaml"
+    config.write_text(
+        "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}\n"
+        "record: {transient: 60, periods: 30}\n"
+    )
+    explorer = sweeps.explore(load_config(config), folder=folder)
+    yield explorer
+    explorer.close()
+
+
+@pytest.fixture
+def window(browser, explorer):
+    window = Window(browser, explorer)
+    yield window
+    window.tab.close()
+    assert window.problems == []
+
+
+def expected(page):
+    """Return the picture of the page's view, computed apart from the page."""
+    view, rows = page.view, page.shown.pixels.shape[0]
+    results = numbers(view.diagram(page.shown.pixels.shape[1]))
+    values = picture.ordinates(results, view.ordinate)
+    return picture.density(values, view.ylim or picture.fitted(values), rows)
+
+
+def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_network(
+    window, explorer
+):
+    page = window.page
+    assert page.view.xlim == (2.4, 3.5)
+    columns, rows = page.diagram.size
+    assert window.pixels().shape == (rows, columns)
+    assert columns > 800
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    assert {url.split("/")[2] for url in window.requests} == {explorer.address.split("/")[2]}
+    assert window.tab.get_by_text("million periods/s").is_visible()
+
+
+def test_wheel_pan_box_back_forward_and_reset(window):
+    page = window.page
+    home = page.view
+    window.wheel(-400.0)
+    window.settle(lambda: page.view.xlim != home.xlim)
+    zoomed = page.view
+    assert home.xlim[0] < zoomed.xlim[0] < zoomed.xlim[1] < home.xlim[1]
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+    window.drag((0.6, 0.5), (0.4, 0.5))
+    window.settle(lambda: page.view.xlim != zoomed.xlim)
+    panned = page.view
+    assert np.diff(panned.xlim) == pytest.approx(np.diff(zoomed.xlim))
+    assert panned.xlim[0] - zoomed.xlim[0] == pytest.approx(0.2 * np.diff(zoomed.xlim)[0], rel=0.05)
+
+    window.tool("box-zoom")
+    window.drag((0.25, 0.25), (0.75, 0.75))
+    window.settle(lambda: page.view.xlim != panned.xlim)
+    boxed = page.view
+    assert np.diff(boxed.xlim) == pytest.approx(0.5 * np.diff(panned.xlim), rel=0.02)
+    assert np.diff(boxed.ylim) == pytest.approx(0.5 * np.diff(panned.ylim), rel=0.02)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+    window.tool("undo")
+    window.settle(lambda: page.view.xlim == pytest.approx(panned.xlim))
+    window.tool("redo")
+    window.settle(lambda: page.view.xlim == pytest.approx(boxed.xlim))
+    window.tool("reset")
+    window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_slider_field_abscissa_and_ordinate(window):
+    page = window.page
+    window.model("R slider", "{m.value = 0.6}")
+    window.settle(lambda: page.view.values["R"] == 0.6)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    assert window.model("R", "{return m.value}") == 0.6
+    field = window.tab.locator("input[type=text]").nth(1)
+    field.fill("0.7")
+    field.press("Enter")
+    window.settle(lambda: page.view.values["R"] == 0.7)
+    selects = window.tab.locator("select")
+    selects.nth(0).select_option(label="speed before the impact")
+    window.settle(lambda: page.view.ordinate == "impact_v")
+    selects.nth(1).select_option(label="R: coefficient of restitution")
+    window.settle(lambda: page.view.axis == "R" and page.view.xlim == (0.0, 1.0))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_a_field_refuses_what_is_not_allowed_and_says_what_is(window):
+    page = window.page
+    field = window.tab.locator("input[type=text]").nth(1)
+    field.fill("1.5")
+    field.press("Enter")
+    window.settle(lambda: bool(page.controls.error.text))
+    assert "R = 1.5" in page.controls.error.text
+    assert "a number from 0 to 1" in page.controls.error.text
+    assert page.view.values["R"] == 0.8
+    window.settle(lambda: window.model("R", "{return m.value}") == 0.8)
+    assert window.tab.get_by_text("a number from 0 to 1").is_visible()
+
+
+def test_the_address_holds_the_view(window, browser, explorer):
+    page = window.page
+    window.wheel(-300.0)
+    window.settle(lambda: page.view.ylim is not None)
+    window.model("R slider", "{m.value = 0.65}")
+    window.settle(lambda: page.view.values["R"] == 0.65)
+    seen, address, pixels = page.view, window.tab.url, window.pixels()
+    assert "R=0.65" in address
+    window.tool("reset")
+    window.settle(lambda: page.view.ylim is None)
+    query = parse_qs(urlsplit(address).query)
+    assert "bokeh-session-id" in query
+    session = explorer.new_address().rpartition("=")[2]
+    address = address.replace(query["bokeh-session-id"][0], session)
+    again = Window(browser, explorer, address)
+    assert again.page is not page
+    again.settle(lambda: again.page.view == seen)
+    np.testing.assert_array_equal(again.pixels(), pixels)
+    again.tab.close()
+
+
+def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
+    page = window.page
+    window.wheel(-300.0)
+    window.settle(lambda: page.view.ylim is not None)
+    window.tab.get_by_text("save as YAML").click()
+    window.settle(lambda: "saved" in page.controls.status.text)
+    (path,) = page.folder.glob("scene-view-*.yaml")
+    command = [
+        sys.executable,
+        "-m",
+        "sweeps.cli",
+        "run",
+        path,
+        "-o",
+        tmp_path / "again.h5",
+        "--quiet",
+    ]
+    subprocess.run(command, check=True)
+    path.unlink()
+    with open_sweep(tmp_path / "again.h5") as dataset:
+        for name in ("poincare_x", "poincare_v", "impact_v", "impact_phase", "status"):
+            np.testing.assert_array_equal(dataset[name].values, page.shown.results[name])
+        values = dataset["poincare_x"].values
+    np.testing.assert_array_equal(
+        window.pixels(), picture.density(values, page.view.ylim, len(window.pixels()))
+    )
+
+
+def test_thirty_gestures_in_a_burst_end_with_the_last(window):
+    page = window.page
+    shown = []
+    report = page.diagram._report
+    page.diagram._report = lambda *args: (shown.append(args[0].view), report(*args))
+    for i in range(30):
+        window.model("R slider", f"{{m.value = {0.5 + 0.01 * i}}}")
+    window.settle(lambda: page.view.values["R"] == pytest.approx(0.79))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    assert shown[-1] == page.view
+    assert len(shown) < 60, "stale pictures were computed to their end"
+
+
+def test_a_lost_connection_and_its_end_are_said(browser, tmp_path):
+    command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    try:
+        address = process.stdout.readline().strip()
+        tab = browser.new_page()
+        tab.goto(address)
+        tab.get_by_text("save as YAML").wait_for()
+        notice = tab.get_by_text("vibroimpact explore has ended")
+        assert not notice.is_visible()
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+        notice.wait_for(timeout=10_000)
+        assert time.monotonic() - begin < 20
+        tab.close()
+    finally:
+        process.kill()
+        process.communicate()
