@@ -152,11 +152,11 @@ class Diagram:
         steps = []
         if self._kept is None or self._kept.config != wanted:
             few = max(_LEAST, columns // COARSER)
-            steps.append(self._step("coarse", key, view, few, rows))
-        return [*steps, self._step("fine", key, view, columns, rows)]
+            steps.append(self._step(("coarse", *key), view, few, rows))
+        return [*steps, self._step(key, view, columns, rows)]
 
-    def _step(self, name: str, key: Any, view: View, columns: int, rows: int) -> Step:
-        return Step(name, key, partial(self._draw, view, columns, rows), self._draw_later)
+    def _step(self, key: Any, view: View, columns: int, rows: int) -> Step:
+        return Step("diagram", key, partial(self._draw, view, columns, rows), self._draw_later)
 
     def _draw(self, view: View, columns: int, rows: int) -> Shown:
         """Compute a picture; only the pixels, where the numbers are those of the last."""

@@ -90,7 +90,7 @@ class Page:
     def change(self, changed: Callable[[View], View]) -> None:
         """Show another view, or say why there is none."""
         try:
-            view = changed(self.view)
+            view = changed(self._as_zoomed(self.view))
             view.check()
         except ConfigError as error:
             self._refuse(str(error))
@@ -126,12 +126,15 @@ class Page:
 
     def _read_ranges(self) -> None:
         self._reading = False
-        x: Any = self.diagram.figure.x_range
-        y: Any = self.diagram.figure.y_range
-        xlim, ylim = (x.start, x.end), (y.start, y.end)
-        fits = self.view.ylim is None and ylim == self.diagram.fitted
-        if xlim != self.view.xlim or not (fits or ylim == self.view.ylim):
-            self.change(lambda view: replace(view, xlim=xlim, ylim=None if fits else ylim))
+        if self._as_zoomed(self.view) != self.view:
+            self.change(lambda view: view)
+
+    def _as_zoomed(self, view: View) -> View:
+        """Return a view with the window that the figure has."""
+        x, y = self.diagram.figure.x_range, self.diagram.figure.y_range
+        ylim = (y.start, y.end)
+        fits = view.ylim is None and ylim == self.diagram.fitted
+        return replace(view, xlim=(x.start, x.end), ylim=None if fits else ylim)
 
     def _at_home(self, view: View) -> View:
         xlim = self.home.xlim if view.axis == self.home.axis else view.xlim

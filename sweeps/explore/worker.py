@@ -21,9 +21,10 @@ class Step:
     Attributes
     ----------
     name : str
-        Of the place that it fills.
+        Of the place in the page that it fills; several steps may fill one, each better.
     key : object
-        What the result depends on: it is not computed again while this is equal.
+        What the result depends on: what the place holds already is not computed again, nor what
+        is worse.
     compute : callable
         Returns the result; in the thread of the worker.
     show : callable
@@ -93,10 +94,11 @@ class Worker:
                     return
                 steps, stale = self._steps or (), self._stale
                 self._steps, self._working = None, True
-            for step in steps:
+            for i, step in enumerate(steps):
                 if stale[0] or self._closed[0]:
                     break
-                if self._done.get(step.name) != step.key:
+                keys = [other.key for other in steps[i:] if other.name == step.name]
+                if self._done.get(step.name) not in keys:
                     self._take(step, stale)
 
     def _take(self, step: Step, stale: np.ndarray) -> None:

@@ -74,7 +74,7 @@ class Window:
             if condition() and self.page.worker.idle and self.painted():
                 return
             self.tab.wait_for_timeout(20)
-        raise AssertionError(f"the page did not come to rest: {self.page.view}")
+        raise AssertionError(f"the page did not come to rest: {self.page.view}, {self.page.shown}")
 
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""
