@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from vibroimpact.integrate import resolve
 from vibroimpact.jit import is_set, jit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
+from vibroimpact.step.methods import checked_method
 from vibroimpact.step.one_step import advance, from_state, prepare, to_state
 from vibroimpact.step.phases import THETA, lead_in, one_period, sine_at_start
 from vibroimpact.step.rules import EXACT, PLAIN
@@ -195,7 +195,7 @@ def trace(
     """
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    rule, code, n_steps = resolve(points, integrator, impact, steps_per_period)
+    rule, code, n_steps = checked_method(points, integrator, impact, steps_per_period)
     steps = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
     outcome = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     rows, log = periods * (n_steps // every + 8) + 1, np.empty((0, 4))

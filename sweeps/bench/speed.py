@@ -17,8 +17,9 @@ from rich.console import Console
 from rich.progress import track
 
 from sweeps.bench.costs import scene
-from vibroimpact.integrate import default_steps, integrate
+from vibroimpact.integrate import integrate
 from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
+from vibroimpact.step.methods import default_steps
 
 #: Multiply-adds in a step of the affine map.
 PER_STEP = 8

@@ -36,9 +36,9 @@ from sweeps.config.values import (
     plain_number,
 )
 from sweeps.text import nearest, shortest, suggestion
-from vibroimpact.integrate import MOST_STEPS
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.methods import MOST_STEPS
 from vibroimpact.step.rules import IMPACT_RULES
 
 #: What can be computed of each point beside what is always recorded.

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from sweeps.config.values import MisplacedError
-from vibroimpact.integrate import MOST_STEPS
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.methods import MOST_STEPS
 from vibroimpact.step.stability import least_stable_steps
 
 # Values of h looked at together: a long axis costs time, no memory.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, Status
-from vibroimpact.integrate import default_steps
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.methods import default_steps
 from vibroimpact.step.rules import IMPACT_RULES
 
 # One integrator for every rule.

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
-from vibroimpact.integrate import default_steps
 from vibroimpact.step.exact import is_below
 from vibroimpact.step.flight import LONGEST_STEP, TERMS, expand, first_crossing
 from vibroimpact.step.flight import value_and_slope as evaluate
 from vibroimpact.step.flow import bend, equation_of, flow_of, glide, impulse
+from vibroimpact.step.methods import default_steps
 from vibroimpact.step.single_impact import FIRST, ONLY, single_impact
 
 POINTS = pytest.mark.parametrize(

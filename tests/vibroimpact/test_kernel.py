@@ -7,11 +7,12 @@ import pytest
 
 from kernel_cases import DONE, METHODS, PERIOD, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.integrate import default_steps, integrate
+from vibroimpact.integrate import integrate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.scaling import SCALED
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.methods import default_steps
 from vibroimpact.trajectory import trajectories
 
 

@@ -10,10 +10,11 @@ import pytest
 
 from kernel_cases import METHODS, PERIOD, assert_same, one, random_points, steps_for
 from vibroimpact import Status
-from vibroimpact.integrate import default_steps, integrate
+from vibroimpact.integrate import integrate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.flight import LONGEST_STEP
+from vibroimpact.step.methods import default_steps
 from vibroimpact.trajectory import trace, trajectories
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, simulate
-from vibroimpact.integrate import MOST_STEPS, default_steps, integrate
+from vibroimpact.integrate import integrate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.methods import MOST_STEPS, default_steps
 from vibroimpact.step.stability import free_map, is_stable, least_stable_steps, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)

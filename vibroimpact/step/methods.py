@@ -1,0 +1,70 @@
+"""A method is an integrator with an impact rule: its check, and its steps per forcing period."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibroimpact.step.exact import steps_needed
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.stability import least_stable_steps
+
+#: More steps per forcing period are not chosen, and the rule ``exact`` is refused where it needs
+#: more.
+MOST_STEPS = 1_000_000
+#: The steps per forcing period of the paper.
+PAPER_STEPS = 100
+
+
+def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
+    """Return the steps per forcing period where none are asked for.
+
+    For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or as
+    many as the integrator needs to be stable at every point, if there are as many.
+
+    Raises
+    ------
+    ValueError
+        If that is more than ``MOST_STEPS``.
+    """
+    h, p, omega = points["h"], points["p"], points["omega"]
+    if impact != "exact":
+        stable = least_stable_steps(integrator, h, p, omega).max(initial=1.0)
+        return max(PAPER_STEPS, int(stable)) if stable <= MOST_STEPS else PAPER_STEPS
+    with np.errstate(over="ignore"):
+        steps = float(steps_needed(h, p, omega).max(initial=1.0))
+    if not steps <= MOST_STEPS:
+        raise ValueError(
+            f"exact impacts would need {steps:.3g} steps per forcing period here, expected: "
+            f"at most {MOST_STEPS}; omega is too small against p and h"
+        )
+    return int(steps)
+
+
+def checked_method(
+    points: np.ndarray, integrator: str, impact: str, steps_per_period: int | None
+) -> tuple[int, int, int]:
+    """Check a method; return the codes of rule and integrator, and the steps per period.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, the rule does not take the integrator, or it needs more steps.
+    """
+    for name, value, table in (
+        ("integrator", integrator, INTEGRATORS),
+        ("impact", impact, IMPACT_RULES),
+    ):
+        if not isinstance(value, str) or value not in table:
+            raise ValueError(f"{name} must be one of {', '.join(table)}, not {value!r}")
+    if impact == "exact" and integrator != "exact":
+        raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
+    steps = steps_per_period
+    if steps is None or impact == "exact":
+        least = default_steps(points, impact, integrator)
+        steps = least if steps is None else steps
+        if impact == "exact" and steps < least:
+            raise ValueError(
+                f"steps_per_period must be >= {least} for exact impacts here, not {steps}"
+            )
+    return IMPACT_RULES[impact].code, INTEGRATORS[integrator].code, steps
