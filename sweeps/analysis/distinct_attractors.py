@@ -24,8 +24,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.exact_links import ExactLinks
 from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
 from sweeps.analysis.motion import Motion
+from sweeps.analysis.selection import Setting
 from sweeps.analysis.tracking import PeriodicAttractors, track
 from sweeps.analysis.unsettled import EXTENSIONS, Outcomes, outcomes
 from sweeps.errors import Refused
@@ -82,7 +84,7 @@ def attractors(
     points = PointNumbers.of(dataset)
     ends = outcomes(dataset, points, extensions)
     groups = group_periodic(dataset, points, ends.period, ends.cycles, tolerance)
-    return _as_dataset(dataset, points, _numbered(points, ends, groups), ends)
+    return _as_dataset(dataset, points, _numbered(dataset, points, ends, groups), ends)
 
 
 class _Attractors(NamedTuple):
@@ -109,7 +111,9 @@ class _Attractors(NamedTuple):
     section: np.ndarray
 
 
-def _numbered(points: PointNumbers, ends: Outcomes, groups: Groups) -> _Attractors:
+def _numbered(
+    dataset: xr.Dataset, points: PointNumbers, ends: Outcomes, groups: Groups
+) -> _Attractors:
     """Number the attractors, those that are not periodic among them."""
     motion = ends.motion
     representative = groups.representative.copy()
@@ -123,7 +127,8 @@ def _numbered(points: PointNumbers, ends: Outcomes, groups: Groups) -> _Attracto
     at = at[at >= 0]
     members = np.bincount(of_point[of_point >= 0], minlength=len(at))
     total = np.bincount(points.parameter[at], members, points.count)
-    m, number = _tracked(points, motion, at, members / total[points.parameter[at]], groups)
+    share = members / total[points.parameter[at]]
+    m, number = _tracked(dataset, points, motion, at, share, groups)
     order = np.lexsort((number, -members, points.parameter[at]))
     at = at[order]
     if len(at):
@@ -147,7 +152,12 @@ def _settled_members(of_point: np.ndarray, at: np.ndarray, ends: Outcomes) -> np
 
 
 def _tracked(
-    points: PointNumbers, motion: np.ndarray, at: np.ndarray, share: np.ndarray, groups: Groups
+    dataset: xr.Dataset,
+    points: PointNumbers,
+    motion: np.ndarray,
+    at: np.ndarray,
+    share: np.ndarray,
+    groups: Groups,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return m and the number of each attractor: the periodic by their share, the rest last."""
     lengths, places = np.zeros(motion.size, np.int64), np.zeros(motion.size, np.int64)
@@ -157,9 +167,14 @@ def _tracked(
     periodic = np.flatnonzero(motion[at] == Motion.PERIODIC)
     periodic = periodic[np.argsort(points.parameter[at[periodic]], kind="stable")]
     heads = at[periodic]
+    links = None
+    if points.shape and Setting.of(dataset).method.get("impact") == "exact":
+        axis = points.parameters[int(np.argmax(points.shape))]
+        links = ExactLinks(dataset, axis, heads, groups.last[heads], lengths[heads])
     chains = track(
         points.shape,
         PeriodicAttractors(points.parameter[heads], lengths[heads], places[heads], groups.cycles),
+        links,
     )
     _, chain = np.unique(chains, return_inverse=True)
     shares = np.bincount(chain, share[periodic])

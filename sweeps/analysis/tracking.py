@@ -1,9 +1,10 @@
 """Track attractors from one parameter point to the next: one number for each along the axes.
 
 An attractor goes on at the next value of an axis as the one whose cycle is nearest, if each is the
-nearest to the other and they are no further apart than ``MAX_DISTANCE``. It keeps its number
-through a flip: an orbit of m periods may go on as one of 2 m, or of m / 2, that lies near it, as
-the branches of a diagram do. It loses it in a jump, as at the end of a window.
+nearest to the other and they are no further apart than ``MAX_DISTANCE``; or, where a step moves the
+section by more, as the one on the same exact branch (`sweeps.analysis.exact_links`). It keeps its
+number through a flip: an orbit of m periods may go on as one of 2 m, or of m / 2, that lies near
+it, as the branches of a diagram do. It loses it in a jump, as at the end of a window.
 
 Along the longest axis chains are made so, also over gaps of ``MAX_GAP`` of the axis: beside a flip
 the motion settles slowly, and for a few values no repetition is found. Along the other axes chains
@@ -14,7 +15,7 @@ cusp, where one attractor leads to another, the number therefore changes along s
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from vibroimpact.orbits.cycles import Cycles, distances
 
 #: Attractors further apart than this, relative to their greatest coordinate, are two.
 MAX_DISTANCE = 0.2
+#: So many pairs are tried by their exact branches, each for some milliseconds.
+MOST_BRANCHES = 1000
 #: The longest gap that is bridged, as a share of an axis.
 MAX_GAP = 1 / 32
 
@@ -89,6 +92,24 @@ class PeriodicAttractors:
         mutual = _is_least(first, apart) & _is_least(second, apart)
         return first[mutual], second[mutual]
 
+    def on_branches(
+        self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Callable[[int, int], bool]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pair attractors as `links` does, but those that are on one branch, at any distance."""
+        pairs: dict[int, int] = {}
+        tried = 0
+        for i in a.tolist():
+            low, high = np.searchsorted(self.point[b], self.point[i] + step + np.array([0, 1]))
+            for j in b[low:high].tolist():
+                flip = sorted((self.m[i], self.m[j]))
+                if j in pairs.values() or not (flip[0] == flip[1] or 2 * flip[0] == flip[1]):
+                    continue
+                tried += 1
+                if tried <= MOST_BRANCHES and on_one_branch(i, j):
+                    pairs[i] = j
+                    break
+        return np.array([*pairs], np.int64), np.array([*pairs.values()], np.int64)
+
 
 def _is_least(key: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return which values are the first of the least ones that share their key."""
@@ -98,7 +119,11 @@ def _is_least(key: np.ndarray, value: np.ndarray) -> np.ndarray:
     return least
 
 
-def track(shape: tuple[int, ...], attractors: PeriodicAttractors) -> np.ndarray:
+def track(
+    shape: tuple[int, ...],
+    attractors: PeriodicAttractors,
+    on_one_branch: Callable[[int, int], bool] | None = None,
+) -> np.ndarray:
     """Return a number for each attractor, the same for those that continue each other.
 
     Parameters
@@ -106,6 +131,8 @@ def track(shape: tuple[int, ...], attractors: PeriodicAttractors) -> np.ndarray:
     shape : tuple of int
         Of the grid of parameter points.
     attractors : PeriodicAttractors
+    on_one_branch : callable, optional
+        Whether one attractor goes on as another one, which is beside it on the longest axis.
 
     Returns
     -------
@@ -116,7 +143,8 @@ def track(shape: tuple[int, ...], attractors: PeriodicAttractors) -> np.ndarray:
         return alone
     longest = int(np.argmax(shape))
     before = alone.copy()
-    for a, b in _along(shape, attractors, longest, max(1, int(MAX_GAP * shape[longest]))):
+    gap = max(1, int(MAX_GAP * shape[longest]))
+    for a, b in _along(shape, attractors, longest, gap, on_one_branch):
         before[b] = a
     while not np.array_equal(before, before[before]):  # twice as far back each time
         before = before[before]
@@ -132,7 +160,11 @@ def track(shape: tuple[int, ...], attractors: PeriodicAttractors) -> np.ndarray:
 
 
 def _along(
-    shape: tuple[int, ...], attractors: PeriodicAttractors, axis: int, longest_step: int
+    shape: tuple[int, ...],
+    attractors: PeriodicAttractors,
+    axis: int,
+    longest_step: int,
+    on_one_branch: Callable[[int, int], bool] | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the links along an axis, those over gaps last; none has two ahead or behind."""
     n = len(attractors.point)
@@ -145,6 +177,12 @@ def _along(
         a, b = attractors.links(a, b, step * stride)
         ends[a] = begins[b] = False
         yield a, b
+        if step == 1 and on_one_branch is not None:
+            open_ends = np.flatnonzero(ends & (at < shape[axis] - 1))
+            open_begins = np.flatnonzero(begins & (at >= 1))
+            a, b = attractors.on_branches(open_ends, open_begins, stride, on_one_branch)
+            ends[a] = begins[b] = False
+            yield a, b
 
 
 def _joined(

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from sweeps import attractors
+from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.table import rows
 from sweeps.errors import Refused
@@ -184,3 +184,43 @@ def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     assert partition(turned["attractor"].transpose(*found["attractor"].dims)) == partition(
         found["attractor"]
     )
+
+
+@pytest.mark.parametrize("num", [23, 45])
+def test_a_branch_keeps_its_number_over_steps_of_any_size(tmp_path, num):
+    """A step of 5 to 10 rad/s moves the section by up to twice its size, along each branch.
+
+    The ends of the branches are those of the scene joint-clearance.
+    """
+    config = {
+        "oscillator": {
+            "h": 4.0, "R": 0.7, "omega": np.linspace(63.0, 283.0, num), "f": 16.0,
+            "p": 126.49110640673517, "clearance": 5e-4,
+        },
+        "start": {"x0": [-1e-3, -5e-4, 0.0], "v0": [-0.1, 0.0, 0.1]},
+        "record": {"transient": 500, "periods": 130, "diagnostics": ["period"]},
+    }  # fmt: skip
+    with open_sweep(run_sweep(config, tmp_path / "joint.h5")) as dataset:
+        found = attractors(dataset)
+    omega = found["omega"].values
+    for m, q, low, high in ((1, 3, 63.0, 68.3), (1, 2, 69.2, 100.9), (1, 1, 106.4, 218.9)):
+        numbers = found["number"].where((found["m"] == m) & (found["q"] == q)).values
+        inside = numbers[(omega >= low) & (omega <= high)]
+        assert np.isfinite(inside).any(axis=1).all()
+        assert len(np.unique(numbers[np.isfinite(numbers)])) == 1
+    kinds = found[["number", "m", "q"]].to_dataframe()[["number", "m", "q"]]
+    assert kinds.query("m == 1").drop_duplicates()["number"].is_unique
+
+
+def test_a_branch_keeps_its_number_through_a_flip_between_two_points(tmp_path):
+    """The two states of the orbit of two periods are then far from that of the one before it."""
+    config = {
+        "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.55, 2.62, 2.69, 2.715], "f": 1.0},
+        "start": {"x0": [-0.3, 0.0]},
+        "record": {"transient": 500, "periods": 130, "diagnostics": ["period"]},
+    }
+    with open_sweep(run_sweep(config, tmp_path / "flip.h5")) as dataset:
+        found = attractors(dataset)
+    classes = list(zip(found["m"].values[:, 0], found["q"].values[:, 0], strict=True))
+    assert classes == [(1, 1), (1, 1), (2, 2), (2, 2)]
+    assert len(np.unique(found["number"].values[:, 0])) == 1

@@ -1,0 +1,91 @@
+"""Whether an attractor goes on as another one at the next value of an axis, by exact branches.
+
+The exact branch of the orbit (`vibroimpact.branch`) is followed from the one value to the other.
+The attractors are the same if all of it is stable and it ends at the other orbit. They are the
+same across a flip if the branches of m and of 2 m periods meet in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from functools import cache
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.grouping import parameter_at_points
+from sweeps.analysis.selection import Setting
+from vibroimpact.orbits.branches import Branch, branch
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.oscillator import Oscillator
+
+#: Orbits and flips are the same to this share: that of Newton's method, and a margin.
+_SAME = 1e-6
+
+
+class ExactLinks:
+    """Tells whether periodic attractors are on one branch along an axis.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep, computed with exact impacts.
+    axis : str
+        The axis along which the attractors are neighbours.
+    at : ndarray of int, shape (n,)
+        A point on each attractor, in C order over the file.
+    states : ndarray, shape (n, 2)
+        x and v at a section of each [length, length/time].
+    m : ndarray of int, shape (n,)
+        Forcing periods of each.
+    """
+
+    def __init__(
+        self, dataset: xr.Dataset, axis: str, at: np.ndarray, states: np.ndarray, m: np.ndarray
+    ) -> None:
+        self._axis, self._states, self._m = axis, states, m
+        self._phase = Setting.of(dataset).phase
+        self._values = {
+            field.name: parameter_at_points(dataset, field.name)[at] for field in fields(Oscillator)
+        }
+        self._orbit = cache(self._find)
+
+    def __call__(self, a: int, b: int) -> bool:
+        """Return whether attractor `a` goes on as `b`."""
+        first, second = self._orbit(a), self._orbit(b)
+        if first is None or second is None:
+            return False
+        low, high = sorted(getattr(orbit.oscillator, self._axis) for orbit in (first, second))
+        here, there = (branch(orbit, self._axis, low, high) for orbit in (first, second))
+        if (first.m, first.q) == (second.m, second.q):
+            value = getattr(second.oscillator, self._axis)
+            ends = here.at(value) if here.stable.all() else []
+            return any(_same(orbit, second) for orbit in ends)
+        return any(
+            math.isclose(flip, other, rel_tol=_SAME)
+            for flip in _flips(here)
+            for other in _flips(there)
+        )
+
+    def _find(self, a: int) -> PeriodicOrbit | None:
+        oscillator = Oscillator(**{name: float(values[a]) for name, values in self._values.items()})
+        x, v = self._states[a].tolist()
+        try:
+            orbit = periodic_orbit(
+                oscillator, min(x, oscillator.clearance), v, int(self._m[a]), self._phase
+            )
+        except OrbitError:
+            return None
+        return orbit if orbit.stable and orbit.m == self._m[a] else None
+
+
+def _same(first: PeriodicOrbit, second: PeriodicOrbit) -> bool:
+    speeds = np.sort(second.speeds)
+    return np.allclose(
+        np.sort(first.speeds), speeds, rtol=0.0, atol=_SAME * speeds.max(initial=0.0)
+    )
+
+
+def _flips(line: Branch) -> list[float]:
+    return [point.value for point in line.special if point.kind == "flip"]
