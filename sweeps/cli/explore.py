@@ -76,7 +76,7 @@ def _left_out(config: SweepConfig) -> list[str]:
         "method.accuracy": config.method.accuracy is not None,
     }
     reason = "each point is computed from its own start, with the method exact by default"
-    return [f"{key} is left out here: {reason}" for key, given in keys.items() if given]
+    return [f"{key} is left out here: {reason}" for key, present in keys.items() if present]
 
 
 def _open(address: str) -> bool:

@@ -27,6 +27,7 @@ class _Commands(TyperGroup):
     """The commands: the one place where an error becomes a line and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
+        """Run the command; say what it refuses or fails at, and exit with the code of that."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:

@@ -5,21 +5,20 @@ Every error names the file, the line, the key, what was given and what is allowe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import yaml
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
-from sweeps.config.names import meant
-from sweeps.config.schema import RecordConfig, Trajectory, key_list
+from sweeps.config.messages import dotted, explained, shown, without_echoes
+from sweeps.config.schema import key_list
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Group, Key, MisplacedError, Range
+from sweeps.config.values import Key
 from sweeps.errors import ConfigError
-from sweeps.text import shortened, shown_count, suggestion
+from sweeps.text import shortened, shown_count
 
 #: A longer file is none that was typed; a long axis is better given as a range.
 _MOST_BYTES = 250_000
@@ -27,18 +26,6 @@ _MOST_BYTES = 250_000
 _DEEPEST = 16
 #: Of more errors the first are said, and the number of the others.
 _MOST_ERRORS = 8
-
-#: What pydantic calls an error of a number or a truth value, in the words of the messages.
-_PROBLEMS = {
-    "float_parsing": "is not a number",
-    "float_type": "is not a number",
-    "finite_number": "is not a finite number",
-    "int_type": "is not an integer",
-    "int_parsing": "is not an integer",
-    "int_from_float": "is not an integer",
-    "bool_type": "is neither true nor false",
-    "bool_parsing": "is neither true nor false",
-}
 
 
 def load_config(
@@ -96,7 +83,7 @@ def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = (
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)
     if not isinstance(data, dict):
-        content = _shown(data) if data else "empty"
+        content = shown(data) if data else "empty"
         raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
     return _checked({"name": name, **data}, origin, sources, overrides)
 
@@ -110,8 +97,8 @@ def _checked(
     try:
         return SweepConfig.model_validate(data)
     except ValidationError as refusal:
-        errors = _without_echoes(refusal.errors())
-        texts = [_explained(error, data, sources, origin) for error in errors[:_MOST_ERRORS]]
+        errors = without_echoes(refusal.errors())
+        texts = [explained(error, data, sources, origin) for error in errors[:_MOST_ERRORS]]
         if (more := len(errors) - _MOST_ERRORS) > 0:
             texts.append(f"{origin}: and {shown_count(more, 'error')} more")
         raise ConfigError("\n".join(texts)) from None
@@ -150,6 +137,7 @@ class _Loader(yaml.BaseLoader):
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node as PyYAML does; refuse aliases, tags and too many levels."""
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
             problem = "aliases and tags are not allowed"
@@ -178,24 +166,24 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
 
 
 def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> object:
-    def source(at: yaml.Node) -> str:
+    def _line_of(at: yaml.Node) -> str:
         return origin if origin.startswith("--set") else f"{origin}, line {at.start_mark.line + 1}"
 
-    sources.setdefault(key, source(node))
+    sources.setdefault(key, _line_of(node))
     if isinstance(node, yaml.SequenceNode):
         return [_tree(item, origin, (*key, i), sources) for i, item in enumerate(node.value)]
     if isinstance(node, yaml.ScalarNode):
-        return _text_of(node, source(node))
+        return _text_of(node, _line_of(node))
     mapping: dict[str, object] = {}
     for key_node, value_node in node.value:
-        here, name = source(key_node), key_node.value
+        here, name = _line_of(key_node), key_node.value
         if not isinstance(name, str):
             raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
         _text_of(key_node, here)
         child = (*key, name)
         if name in mapping:
             raise ConfigError(
-                f"{here}: {_dotted(child)} is given twice, first in {sources[child]}; "
+                f"{here}: {dotted(child)} is given twice, first in {sources[child]}; "
                 "each key is allowed once"
             )
         sources[child] = here
@@ -213,112 +201,20 @@ def _text_of(node: yaml.Node, source: str) -> str:
 
 def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
     origin = f"--set {override}"
-    dotted, equals, value = override.partition("=")
+    name, equals, value = override.partition("=")
     if not equals:
         raise ConfigError(f"{origin}: expected key=value, for example oscillator.h=0.2")
-    key = tuple(dotted.strip().split("."))
+    key = tuple(name.strip().split("."))
     target = data
-    for depth, name in enumerate(key[:-1], 1):
+    for depth, part in enumerate(key[:-1], 1):
         sources.setdefault(key[:depth], origin)
-        target = target.setdefault(name, {})
+        target = target.setdefault(part, {})
         if not isinstance(target, dict):
             raise ConfigError(
-                f"{origin}: {_dotted(key[:depth])} = {_shown(target)} has no keys; "
-                f"set {_dotted(key[:depth])} as a whole"
+                f"{origin}: {dotted(key[:depth])} = {shown(target)} has no keys; "
+                f"set {dotted(key[:depth])} as a whole"
             )
     for replaced in [old for old in sources if old[: len(key)] == key]:
         del sources[replaced]
     sources[key] = origin
     target[key[-1]] = _parse(value, origin, key, sources)
-
-
-def _without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out that a key is missing where it is only misspelt."""
-    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
-    replaced = {(*loc[:-1], meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
-    return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
-
-
-def _keys_elsewhere() -> Iterator[str]:
-    """Yield every key of the configuration, dotted, but those of ranges."""
-    for name, field in SweepConfig.model_fields.items():
-        yield name
-        group = _group_of(field.annotation)
-        yield from (f"{name}.{key}" for key in (group.model_fields if group else ()))
-
-
-def _explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
-    """Say in one line where an error of pydantic is, what was given and what is allowed."""
-    reason = error.get("ctx", {}).get("error")
-    if isinstance(reason, MisplacedError):
-        return f"{_source(reason.key, sources, path)}: {_dotted(reason.key)}: {reason}"
-    key, group, expected = _located(error["loc"])
-    where = f"{_source(key, sources, path)}: "
-    if error["type"] == "missing":
-        return f"{where}{_dotted(key)} is missing; expected: {expected}"
-    if error["type"] == "extra_forbidden":
-        word = meant(str(key[-1]), group.model_fields, _keys_elsewhere())
-        return f"{where}unknown key {_dotted(key)}{suggestion(word)}; expected: {key_list(group)}"
-    given = f"{_dotted(key)} = {_shown(_typed(data, key, error['input']))}"
-    problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
-    return f"{where}{given} {problem}; expected: {expected}"
-
-
-def _located(loc: Key) -> tuple[Key, type[Group], str]:
-    """Return the key at pydantic's `loc`, the group it is in, and what is expected there."""
-    key: list[str | int] = []
-    group: type[Group] = SweepConfig
-    inner: type[Group] | None = SweepConfig
-    expected = ""
-    for part in loc:
-        if isinstance(part, int):
-            key.append(part)
-        elif inner is None:
-            # Not a key: below a value of several forms, pydantic names the form (see `form`).
-            inner = Trajectory if group is RecordConfig else Range
-        else:
-            key.append(part)
-            group = inner
-            field = group.model_fields.get(part)
-            expected = field.description or "" if field else ""
-            inner = _group_of(field.annotation if field else None)
-    return tuple(key), group, expected
-
-
-def _group_of(kind: Any) -> type[Group] | None:
-    """Return the group that a field holds, or may hold beside null."""
-    kinds = (kind, *get_args(kind))
-    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Group)), None)
-
-
-def _typed(data: Any, key: Key, otherwise: object) -> object:
-    """Return what was typed at `key`, which pydantic may have converted already."""
-    for part in key:
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return otherwise
-    return data
-
-
-def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
-    """Where `key` or the closest group around it comes from."""
-    for length in range(len(key), -1, -1):
-        if key[:length] in sources:
-            return sources[key[:length]]
-    return path
-
-
-def _dotted(key: Key) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)[1:]
-
-
-def _shown(value: object) -> str:
-    """Show a value as it was typed, cut where it is long."""
-    if isinstance(value, dict):
-        text = "{" + ", ".join(f"{name}: {_shown(item)}" for name, item in value.items()) + "}"
-    elif isinstance(value, (list, tuple)):
-        text = "[" + ", ".join(map(_shown, value)) + "]"
-    else:
-        text = str(value) or "(nothing)"
-    return shortened(text)

@@ -61,19 +61,19 @@ def meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> s
     folded = name.casefold().replace("-", "_").replace(" ", "_")
     ends = _OTHER_ENDS if {"start", "stop", "num"} <= {*valid} else {}
     last = {key.rpartition(".")[2]: key for key in elsewhere}
-    own = {
+    here = {
         word: key
         for key in valid
         for word in (key.casefold(), *ends.get(key, _OTHER_NAMES.get(key, "")).split())
     }
-    others = {
+    anywhere = {
         word: last[key]
         for key in last
         for word in (key.casefold(), *_OTHER_NAMES.get(key, "").split())
     }
     return (
-        own.get(folded)
+        here.get(folded)
         or nearest(name, valid, least=0.85)
-        or others.get(folded)
+        or anywhere.get(folded)
         or nearest(name, valid)
     )

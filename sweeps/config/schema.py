@@ -30,8 +30,8 @@ from sweeps.config.values import (
     extremes,
     form,
     integer,
-    known,
     null,
+    one_of,
     plain_integer,
     plain_number,
 )
@@ -121,10 +121,10 @@ class StartConfig(ParameterConfig):
 class MethodConfig(Group):
     """How the motion is computed."""
 
-    integrator: Annotated[str, known(INTEGRATORS)] = choice(
+    integrator: Annotated[str, one_of(INTEGRATORS)] = choice(
         "integrator between impacts", INTEGRATORS, "exact"
     )
-    impact: Annotated[str, known(IMPACT_RULES)] = choice("rule for impacts", IMPACT_RULES, "exact")
+    impact: Annotated[str, one_of(IMPACT_RULES)] = choice("rule for impacts", IMPACT_RULES, "exact")
     steps_per_period: Annotated[
         Annotated[int, Field(ge=4, le=MOST_STEPS), BeforeValidator(plain_integer)] | None,
         BeforeValidator(null),
@@ -150,9 +150,9 @@ class MethodConfig(Group):
 
     @model_validator(mode="after")
     def _accuracy_alone(self) -> Self:
-        given = self.model_fields_set - {"accuracy"}
-        if self.accuracy is not None and given:
-            name = next(name for name in type(self).model_fields if name in given)
+        excluded = self.model_fields_set - {"accuracy"}
+        if self.accuracy is not None and excluded:
+            name = next(name for name in type(self).model_fields if name in excluded)
             raise MisplacedError(
                 ("method", name),
                 f"{name} is for the engine to choose where method.accuracy is given; expected: "
@@ -163,11 +163,11 @@ class MethodConfig(Group):
     @model_validator(mode="after")
     def _exact_with_exact(self) -> Self:
         if self.impact == "exact" and self.integrator != "exact":
-            others = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
+            rules = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
             raise MisplacedError(
                 ("method", "integrator"),
                 f"impact exact needs the integrator exact, not {self.integrator}; "
-                f"expected: integrator exact, or one of the impact rules {others}",
+                f"expected: integrator exact, or one of the impact rules {rules}",
             )
         return self
 
@@ -205,7 +205,7 @@ class RecordConfig(Group):
         description="samples of the motion: false, or {every: k} to keep each k-th time step",
     )
     diagnostics: tuple[
-        Annotated[str, known(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
+        Annotated[str, one_of(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
     ] = Field(
         (),
         description="what else to compute of each point: a list of names out of "
@@ -236,7 +236,7 @@ class FollowConfig(Group):
         f"parameter out of {', '.join(OscillatorConfig.model_fields)}",
         json_schema_extra={"enum": [*OscillatorConfig.model_fields]},
     )
-    direction: Annotated[str, known(DIRECTIONS)] = choice(
+    direction: Annotated[str, one_of(DIRECTIONS)] = choice(
         "values of the axis increasing (up), decreasing (down), or once each way",
         DIRECTIONS,
         "up",
@@ -266,7 +266,7 @@ class UnitsConfig(Group):
 class RefineConfig(Group):
     """Where points are added."""
 
-    axis: Annotated[str, known(PARAMETERS)] = Field(
+    axis: Annotated[str, one_of(PARAMETERS)] = Field(
         description=f"the only swept axis, in increasing order: one of {', '.join(PARAMETERS)}"
     )
     around: Literal["changes"] = Field(

@@ -65,7 +65,7 @@ def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     h, p, omega = worst["h"], worst["p"], worst["omega"]
     there = f"h = {h:g}, p = {p:g}, omega = {omega:g}"
     if least > MOST_STEPS:
-        others = [
+        stable = [
             name for name in INTEGRATORS if least_stable_steps(name, h, p, omega) <= MOST_STEPS
         ]
         need = "with no step"
@@ -74,12 +74,12 @@ def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
         raise MisplacedError(
             ("method", "integrator"),
             f"{integrator} is stable {need} at {there}; expected: {'h > 0, ' if h == 0.0 else ''}"
-            f"one of {', '.join(others)}, or method.allow_unstable: true",
+            f"one of {', '.join(stable)}, or method.allow_unstable: true",
         )
-    given, limit = 2.0 * math.pi * p / (omega * steps), INTEGRATORS[integrator].limit(h / p)
+    phase, limit = 2.0 * math.pi * p / (omega * steps), INTEGRATORS[integrator].limit(h / p)
     raise MisplacedError(
         ("method", "steps_per_period"),
-        f"{steps} are not enough for {integrator} to be stable at {there}: p T = {given:.4g} "
+        f"{steps} are not enough for {integrator} to be stable at {there}: p T = {phase:.4g} "
         f"there must be below {limit:.4g}; expected: an integer from {least:.0f} to {MOST_STEPS}, "
         "null, or method.allow_unstable: true",
     )

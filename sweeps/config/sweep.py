@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
+from sweeps.config.refinement import refuse_refinement
 from sweeps.config.schema import (
     FollowConfig,
     MethodConfig,
@@ -33,9 +34,9 @@ from sweeps.config.values import (
     MisplacedError,
     as_array,
     extremes,
-    known,
     length,
     null,
+    one_of,
 )
 from sweeps.grid import Grid
 from sweeps.text import printable, shortest
@@ -97,7 +98,7 @@ class SweepConfig(Group):
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
     )
-    compression: Annotated[str, known(COMPRESSIONS)] = choice(
+    compression: Annotated[str, one_of(COMPRESSIONS)] = choice(
         "how the file is compressed when it is complete", COMPRESSIONS, "none"
     )
 
@@ -116,9 +117,9 @@ class SweepConfig(Group):
         x0 = max(extremes(start.x0))
         clearance = min(extremes(info.data["oscillator"].clearance))
         if x0 > clearance:
-            given = "x0" in start.model_fields_set
+            typed = "x0" in start.model_fields_set
             raise MisplacedError(
-                ("start", "x0") if given else ("oscillator", "clearance"),
+                ("start", "x0") if typed else ("oscillator", "clearance"),
                 f"x0 = {shortest(x0)} lies beyond the stop at clearance = {shortest(clearance)}; "
                 "every x0 must be <= every clearance",
             )
@@ -205,7 +206,7 @@ class SweepConfig(Group):
     @model_validator(mode="after")
     def _can_be_refined(self) -> Self:
         if self.refine is not None:
-            _refuse_refinement(self.refine.axis, self)
+            refuse_refinement(self.refine.axis, self)
         return self
 
     @cached_property
@@ -277,50 +278,6 @@ class SweepConfig(Group):
         text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
         # Written for a terminal, too: what it would obey is escaped, where YAML reads it back.
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
-
-
-def _refuse_refinement(axis: str, config: SweepConfig) -> None:
-    axes, record = config.grid.axes, config.record
-    if list(axes) != [axis]:
-        swept = ", ".join(axes) or "none"
-        raise MisplacedError(
-            ("refine", "axis"),
-            f"{axis} must be the only swept axis, and swept are: {swept}; expected: one axis, and "
-            "its name here",
-        )
-    if len(axes[axis]) < 2 or not (np.diff(axes[axis]) > 0.0).all():
-        raise MisplacedError(
-            ("refine", "axis"),
-            f"{axis} cannot be refined; expected: two or more values of it, in increasing order",
-        )
-    if config.method.impact != "exact":
-        raise MisplacedError(
-            ("refine",),
-            f"the orbits beside a change are found with the impact rule exact, not "
-            f"{config.method.impact}; expected: method.impact: exact, or no refine",
-        )
-    if config.method.accuracy is not None:
-        raise MisplacedError(
-            ("refine",),
-            "the orbits beside a change are found with the exact engine; expected: no "
-            "method.accuracy, or no refine",
-        )
-    if "period" not in record.diagnostics:
-        raise MisplacedError(
-            ("refine",),
-            "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
-            "[period, lyapunov], or no refine",
-        )
-    if record.trajectory:
-        raise MisplacedError(
-            ("record", "trajectory"),
-            "is not kept where points are added; expected: false, or no refine",
-        )
-    if config.follow is not None and config.follow.direction == "both":
-        raise MisplacedError(
-            ("follow", "direction"),
-            "both branches cannot be refined at once; expected: up or down, or no refine",
-        )
 
 
 def _worst_points(oscillator: OscillatorConfig, method: MethodConfig) -> np.ndarray:

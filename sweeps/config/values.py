@@ -70,15 +70,15 @@ def form(value: object) -> str:
     return "<list>" if isinstance(value, (list, tuple)) else "<scalar>"
 
 
-def known(table: Collection[str]) -> AfterValidator:
+def one_of(table: Collection[str]) -> AfterValidator:
     """Refuse a name that is not in a table, and suggest one that is."""
 
-    def check(name: str) -> str:
+    def _check(name: str) -> str:
         if name not in table:
             raise ValueError("is unknown" + suggestion(nearest(name, table)))
         return name
 
-    return AfterValidator(check)
+    return AfterValidator(_check)
 
 
 def integer(meaning: str, low: int, high: int, default: Any = ...) -> Any:

@@ -31,18 +31,12 @@ def basins(
 
     Parameters
     ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    at : mapping of str to float, optional
-        Values of the swept parameters: the nearest of the grid is taken, by default the first.
-    page : Page, optional
-    ax : Axes, optional
-        The panel to draw into, by default that of a new figure.
+    dataset, at, page, ax
+        As for `sweeps.plotting.bifurcation`.
 
     Returns
     -------
     Figure
-        That of `ax`, or the new one.
 
     Raises
     ------
@@ -87,23 +81,12 @@ def attractor_diagram(
 
     Parameters
     ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    axes : sequence of str, optional
-        The swept parameter, by default the longest.
-    at : mapping of str to float, optional
-        Values of the other swept parameters: the nearest of the grid is taken, by default the
-        first.
-    coordinate : str, optional
-        As for `sweeps.plotting.bifurcation`.
-    page : Page, optional
-    ax : Axes, optional
-        The panel to draw into, by default that of a new figure.
+    dataset, axes, at, coordinate, page, ax
+        As for `sweeps.plotting.bifurcation`; `at` cannot fix a start.
 
     Returns
     -------
     Figure
-        That of `ax`, or the new one.
 
     Raises
     ------
@@ -157,11 +140,11 @@ def _draw_rows(
         periodic = row.motion is Motion.PERIODIC
         rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.motion)
         series.setdefault((not periodic, rank, _colour(row)), []).append(i)
-    for (other, _, colour), places in sorted(series.items()):
+    for (scattered, _, colour), places in sorted(series.items()):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         (points,) = panel.plot(x, y[np.isfinite(y)], "o", color=colour, rasterized=True)
-        size, zorder = (0.5, 2.0) if other else (1.3, 3.0)
+        size, zorder = (0.5, 2.0) if scattered else (1.3, 3.0)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
         text = _class_names([table[i] for i in places])
         text = "other periodic attractors" if colour == OTHER_ATTRACTORS else text

@@ -89,12 +89,12 @@ def in_style(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """Let a function that draws onto a figure of its own do so in the style of the pictures."""
 
     @functools.wraps(draw)
-    def styled(*arguments: Any, **options: Any) -> Figure:
-        own = options.get("ax") is None
-        with mpl.rc_context(user_style() if own else {}):
+    def _styled(*arguments: Any, **options: Any) -> Figure:
+        style = user_style() if options.get("ax") is None else {}
+        with mpl.rc_context(style):
             return draw(*arguments, **options)
 
-    return styled
+    return _styled
 
 
 def new_picture(page: Page, width: float, height: float) -> Picture:

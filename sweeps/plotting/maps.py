@@ -169,24 +169,18 @@ def parameter_map(
 
     Parameters
     ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
+    dataset, at, page, ax
+        As for `sweeps.plotting.bifurcation`.
     axes : sequence of str, optional
         Abscissa and ordinate, by default the two longest; of equals, the later is the abscissa.
-    at : mapping of str to float, optional
-        Values of the other swept axes: the nearest of the grid is taken, by default the first.
     quantity : str, optional
         One of ``QUANTITIES``, by default the first that the file has.
     exact : bool or CurveSearch
         Whether to draw the curves of flips, folds and grazes over it; or these, found before.
-    page : Page, optional
-    ax : Axes, optional
-        The panel to draw into, by default that of a new figure.
 
     Returns
     -------
     Figure
-        That of `ax`, or the new one.
 
     Raises
     ------

@@ -21,18 +21,12 @@ def section(
 
     Parameters
     ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    at : mapping of str to float, optional
-        Values of the swept axes: the nearest of the grid is taken, and by default the first.
-    page : Page, optional
-    ax : Axes, optional
-        The panel to draw into, by default that of a new figure.
+    dataset, at, page, ax
+        As for `sweeps.plotting.bifurcation`.
 
     Returns
     -------
     Figure
-        That of `ax`, or the new one.
 
     Raises
     ------
@@ -64,7 +58,7 @@ def impacts(
     Parameters
     ----------
     dataset, at, page, ax
-        As for `section`.
+        As for `sweeps.plotting.bifurcation`.
 
     Returns
     -------

@@ -67,10 +67,8 @@ def trajectory(
 
     Parameters
     ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    at : mapping of str to float, optional
-        Values of the swept axes: the nearest of the grid is taken, and by default the first.
+    dataset, at
+        As for `sweeps.plotting.bifurcation`.
     periods : int, optional
         Forcing periods to compute with the method of the sweep, from the last state of the section
         on. By default the trajectory of the file is drawn or, where there is none, ``PERIODS``.

@@ -1,0 +1,119 @@
+"""Errors of a configuration in words: where, what was typed and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args
+
+from pydantic_core import ErrorDetails
+
+from sweeps.config.names import meant
+from sweeps.config.schema import RecordConfig, Trajectory, key_list
+from sweeps.config.sweep import SweepConfig
+from sweeps.config.values import Group, Key, MisplacedError, Range
+from sweeps.text import shortened, suggestion
+
+#: What pydantic calls an error of a number or a truth value, in the words of the messages.
+_PROBLEMS = {
+    "float_parsing": "is not a number",
+    "float_type": "is not a number",
+    "finite_number": "is not a finite number",
+    "int_type": "is not an integer",
+    "int_parsing": "is not an integer",
+    "int_from_float": "is not an integer",
+    "bool_type": "is neither true nor false",
+    "bool_parsing": "is neither true nor false",
+}
+
+
+def without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out that a key is missing where it is only misspelt."""
+    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
+    replaced = {(*loc[:-1], meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
+    return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
+
+
+def _keys_elsewhere() -> Iterator[str]:
+    """Yield every key of the configuration, dotted, but those of ranges."""
+    for name, field in SweepConfig.model_fields.items():
+        yield name
+        group = _group_of(field.annotation)
+        yield from (f"{name}.{key}" for key in (group.model_fields if group else ()))
+
+
+def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
+    """Say in one line where an error of pydantic is, what was given and what is allowed."""
+    reason = error.get("ctx", {}).get("error")
+    if isinstance(reason, MisplacedError):
+        return f"{_source(reason.key, sources, path)}: {dotted(reason.key)}: {reason}"
+    key, group, expected = _located(error["loc"])
+    where = f"{_source(key, sources, path)}: "
+    if error["type"] == "missing":
+        return f"{where}{dotted(key)} is missing; expected: {expected}"
+    if error["type"] == "extra_forbidden":
+        word = meant(str(key[-1]), group.model_fields, _keys_elsewhere())
+        return f"{where}unknown key {dotted(key)}{suggestion(word)}; expected: {key_list(group)}"
+    typed = f"{dotted(key)} = {shown(_typed(data, key, error['input']))}"
+    problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
+    return f"{where}{typed} {problem}; expected: {expected}"
+
+
+def _located(loc: Key) -> tuple[Key, type[Group], str]:
+    """Return the key at pydantic's `loc`, the group it is in, and what is expected there."""
+    key: list[str | int] = []
+    group: type[Group] = SweepConfig
+    inner: type[Group] | None = SweepConfig
+    expected = ""
+    for part in loc:
+        if isinstance(part, int):
+            key.append(part)
+        elif inner is None:
+            # Not a key: below a value of several forms, pydantic names the form (see `form`).
+            inner = Trajectory if group is RecordConfig else Range
+        else:
+            key.append(part)
+            group = inner
+            field = group.model_fields.get(part)
+            expected = field.description or "" if field else ""
+            inner = _group_of(field.annotation if field else None)
+    return tuple(key), group, expected
+
+
+def _group_of(kind: Any) -> type[Group] | None:
+    """Return the group that a field holds, or may hold beside null."""
+    kinds = (kind, *get_args(kind))
+    return next((k for k in kinds if isinstance(k, type) and issubclass(k, Group)), None)
+
+
+def _typed(data: Any, key: Key, otherwise: object) -> object:
+    """Return what was typed at `key`, which pydantic may have converted already."""
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return otherwise
+    return data
+
+
+def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
+    """Where `key` or the closest group around it comes from."""
+    for length in range(len(key), -1, -1):
+        if key[:length] in sources:
+            return sources[key[:length]]
+    return path
+
+
+def dotted(key: Key) -> str:
+    """Write a key as in ``--set``: oscillator.h[2]."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)[1:]
+
+
+def shown(value: object) -> str:
+    """Show a value as it was typed, cut where it is long."""
+    if isinstance(value, dict):
+        text = "{" + ", ".join(f"{name}: {shown(item)}" for name, item in value.items()) + "}"
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(map(shown, value)) + "]"
+    else:
+        text = str(value) or "(nothing)"
+    return shortened(text)

@@ -1,0 +1,63 @@
+"""Which sweeps can be refined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sweeps.config.values import MisplacedError
+
+if TYPE_CHECKING:
+    from sweeps.config.sweep import SweepConfig
+
+
+def refuse_refinement(axis: str, config: SweepConfig) -> None:
+    """Refuse to refine a sweep along an axis, where that cannot be done.
+
+    Raises
+    ------
+    MisplacedError
+        Names the key that is in the way, and what would be allowed.
+    """
+    axes, record = config.grid.axes, config.record
+    if list(axes) != [axis]:
+        swept = ", ".join(axes) or "none"
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} must be the only swept axis, and swept are: {swept}; expected: one axis, and "
+            "its name here",
+        )
+    if len(axes[axis]) < 2 or not (np.diff(axes[axis]) > 0.0).all():
+        raise MisplacedError(
+            ("refine", "axis"),
+            f"{axis} cannot be refined; expected: two or more values of it, in increasing order",
+        )
+    if config.method.impact != "exact":
+        raise MisplacedError(
+            ("refine",),
+            f"the orbits beside a change are found with the impact rule exact, not "
+            f"{config.method.impact}; expected: method.impact: exact, or no refine",
+        )
+    if config.method.accuracy is not None:
+        raise MisplacedError(
+            ("refine",),
+            "the orbits beside a change are found with the exact engine; expected: no "
+            "method.accuracy, or no refine",
+        )
+    if "period" not in record.diagnostics:
+        raise MisplacedError(
+            ("refine",),
+            "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
+            "[period, lyapunov], or no refine",
+        )
+    if record.trajectory:
+        raise MisplacedError(
+            ("record", "trajectory"),
+            "is not kept where points are added; expected: false, or no refine",
+        )
+    if config.follow is not None and config.follow.direction == "both":
+        raise MisplacedError(
+            ("follow", "direction"),
+            "both branches cannot be refined at once; expected: up or down, or no refine",
+        )
