@@ -15,6 +15,8 @@ from typing import Any
 import numba
 import platformdirs
 from numba import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
 from vibroimpact.cache import CompiledCode
@@ -53,6 +55,38 @@ def _cache_folder() -> Path:
     return Path(root, f"compiled-{NUMERICS}")
 
 
+class _MergedLibrary(JITCodeLibrary):
+    """The code of a function for its callers, which optimise it and make machine code of it.
+
+    By itself numba does both for every function, with all that it calls: for the innermost of them
+    eight times over. Only what Python calls needs machine code; without that of the others the
+    first run compiles for half as long.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 0  # there is none
+
+    @property
+    def codegen(self) -> Any:
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: only code that raises exceptions or calls Python needs an environment."""
+
+
+class _MergingCompiler(Compiler):
+    """Compiles a function for its callers in compiled code."""
+
+    def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
+        super().__init__(typing, target, _MergedLibrary(target.codegen(), "merged"), *arguments)
+
+
 def jit(
     function: Callable | None = None,
     *,
@@ -67,9 +101,8 @@ def jit(
     Parameters
     ----------
     inline : bool
-        Merge into the caller before compiling. LLVM optimises everything below a function
-        again at each level of calls; for helpers with one caller this saves a fifth of the
-        compile time, and the hot loop is a fifth faster.
+        Merge into the caller before numba infers types. A helper then sees which of its arguments
+        are constants, and what is left out for them is not compiled.
     forced_inline : bool
         Let LLVM merge it into the caller: a loop around a call is not vectorised.
     refcounts : bool
@@ -93,30 +126,26 @@ def jit(
     }
     dispatcher: Any = numba.njit(function, **options)
     dispatcher._cache = CompiledCode(function, _cache_folder())
+    options |= {"pipeline_class": _MergingCompiler, "no_cpython_wrapper": True}
+    merged: Any = numba.njit(function, **options)
+    dispatcher.get_call_template, dispatcher.get_overload = (
+        merged.get_call_template,
+        merged.get_overload,
+    )
     return dispatcher
-
-
-def _compile(function: Any, signature: tuple[Any, ...]) -> None:
-    collecting = gc.isenabled()
-    gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
-    try:
-        function.compile(signature)
-    finally:
-        if collecting:
-            gc.enable()
-
-
-# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB, which a
-# compilation does 200,000 times, or not, by the depth it starts from: 2 s of 16. Below a frame this
-# large it takes 1 MB at once.
-_compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
 
 
 def compiled(function: Any, *arguments: Any) -> Any:
     """Return a function compiled for arguments of these types, sooner than a call would be."""
     signature = tuple(map(numba.typeof, arguments))
     if signature not in function.overloads:
-        _compile(function, signature)
+        collecting = gc.isenabled()
+        gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
+        try:
+            function.compile(signature)
+        finally:
+            if collecting:
+                gc.enable()
     return function
 
 

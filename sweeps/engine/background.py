@@ -2,7 +2,7 @@
 
 The main thread waits, and hears Ctrl-C and SIGTERM at once. Where it leaves the items, because of
 a signal or an error, it sets a flag, which the kernel looks at in every forcing period, and numba
-before each of its passes over a function: a pass takes two seconds at the most, of the 15 that a
+before each of its passes over a function: a pass takes two seconds at the most, of the 10 that a
 first run compiles. So the thread ends by itself.
 """
 

@@ -190,6 +190,8 @@ def _outcomes(dataset: xr.Dataset) -> str:
         text += ", all certified: every impact found, none missed"
     elif remarks:
         text += f", of which {'; '.join(remarks)}"
-    contact = dataset["impacts_per_period"].fillna(0.0) + dataset["rest_fraction"].fillna(0.0)
-    met = bool((contact > 0.0).any()) or counts[Status.PENDING] == points
-    return text if met else f"{text}; no impact in any record: no motion meets the stop"
+    # In NumPy, since arithmetic of xarray imports Dask; a comparison with NaN is false.
+    contact = (dataset[name].values > 0.0 for name in ("impacts_per_period", "rest_fraction"))
+    if counts[Status.PENDING] < points and not any(met.any() for met in contact):
+        text += "; no impact in any record: no motion meets the stop"
+    return text

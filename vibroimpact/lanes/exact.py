@@ -339,20 +339,21 @@ def pass_section(w, points, k, step, tally):
 @jit
 def run_exact(block, points, run, tally):
     """Run a block of at most ``LANES`` points from its start to the end of the record."""
-    w = block.w
+    w, transient = block.w, run.extent.transient
     set_start(w, points, sine_at_start(run.lead, run.grid))
-    set_equations(w, points, run.lead.step, block.scratch.coefficients)
-    advance(block, points, run.lead, False, False, tally)
-    set_equations(w, points, run.grid.step, block.scratch.coefficients)
-    for k in range(-run.extent.transient, run.extent.periods):
+    for k in range(-transient - 1, run.extent.periods):
         if is_set(run.interrupt):
             break
+        steps = run.lead if k < -transient else run.grid
+        if k <= -transient:
+            set_equations(w, points, steps.step, block.scratch.coefficients)
         if k == 0:
             for i in range(points.size):
                 if w[_RESTING + i] > 0.0:  # nothing is left of its past
                     put_tangents(w, _TANGENTS + i, (0.0, 0.0, 0.0, 0.0))
-        advance(block, points, run.grid, k >= 0, k >= 0 and run.extent.lyapunov, tally)
-        pass_section(w, points, k, run.grid.step, tally)
+        advance(block, points, steps, k >= 0, k >= 0 and run.extent.lyapunov, tally)
+        if k >= -transient:
+            pass_section(w, points, k, steps.step, tally)
     if run.extent.lyapunov:
         for i in range(points.size):
             ay, aw, by, bw = tangents_in(w, _TANGENTS + i)

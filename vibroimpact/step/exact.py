@@ -167,8 +167,9 @@ def fly(eq, launch, released, E, left, step, flight):
     expand_flight(eq, launch, released, step, flight)
     end = left / step
     if launched or launch.y < 0.0:
-        if is_below(flight, end, E, 2) or is_below(flight, end, E, 4):
-            return -1.0, 0.0, 0, -math.inf
+        for pieces in (2, 4):
+            if is_below(flight, end, E, pieces):
+                return -1.0, 0.0, 0, -math.inf
     m, u, turn = next_impact(flight, end)
     w_i = launch.w
     if u > 0.0:
