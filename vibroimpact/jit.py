@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import hashlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -126,12 +127,14 @@ def jit(
     }
     dispatcher: Any = numba.njit(function, **options)
     dispatcher._cache = CompiledCode(function, _cache_folder())
-    options |= {"pipeline_class": _MergingCompiler, "no_cpython_wrapper": True}
-    merged: Any = numba.njit(function, **options)
-    dispatcher.get_call_template, dispatcher.get_overload = (
-        merged.get_call_template,
-        merged.get_overload,
-    )
+
+    @cache
+    def merged() -> Any:
+        return numba.njit(function, pipeline_class=_MergingCompiler, **merging)
+
+    merging: Any = options | {"no_cpython_wrapper": True}
+    dispatcher.get_call_template = lambda args, kws: merged().get_call_template(args, kws)
+    dispatcher.get_overload = lambda signature: merged().get_overload(signature)
     return dispatcher
 
 

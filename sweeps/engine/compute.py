@@ -6,14 +6,42 @@ the numbers of a file, and names itself in it.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, interrupt
 from sweeps.grid import Block
+from vibroimpact.jit import NUMERICS
 from vibroimpact.points import Computation, compute_box, compute_points, scales_with_f
+
+#: The sources, of this package, that decide which points there are and what is said of them.
+SOURCES = (
+    "engine/refine.py",
+    "engine/classification.py",
+    "analysis/class_changes.py",
+    "analysis/motion.py",
+    "analysis/nearby_orbit.py",
+    "analysis/selection.py",
+    "grid.py",
+)
+
+
+def numerics(config: SweepConfig) -> str:
+    """Name the code that determines the data of a sweep.
+
+    That is all of `vibroimpact`, whose results the engine only passes on, and, where the sweep is
+    refined, ``SOURCES``.
+    """
+    if config.refine is None:
+        return NUMERICS
+    digest = hashlib.sha256(NUMERICS.encode())
+    for source in SOURCES:
+        digest.update((Path(__file__).parents[1] / source).read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def computation(config: SweepConfig) -> Computation:

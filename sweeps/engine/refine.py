@@ -9,9 +9,7 @@ may be one of them, which is then followed longer.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -20,37 +18,11 @@ from sweeps.analysis.class_changes import Label, changes, labels
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.classification import ClassifiedPoint, Classifier, Results
 from sweeps.store import VARIABLES
-from vibroimpact.jit import NUMERICS
 
 #: Intervals that are halved at the same time, at most: a chaotic range has windows everywhere.
 MOST_INTERVALS = 1000
 
 Interval = tuple[ClassifiedPoint, ClassifiedPoint]
-
-#: The sources, of this package, that decide which points there are and what is said of them.
-SOURCES = (
-    "engine/refine.py",
-    "engine/classification.py",
-    "analysis/class_changes.py",
-    "analysis/motion.py",
-    "analysis/nearby_orbit.py",
-    "analysis/selection.py",
-    "grid.py",
-)
-
-
-def numerics(config: SweepConfig) -> str:
-    """Name the code that determines the data of a sweep.
-
-    That is all of `vibroimpact`, whose results the engine only passes on, and, where the sweep is
-    refined, ``SOURCES``.
-    """
-    if config.refine is None:
-        return NUMERICS
-    digest = hashlib.sha256(NUMERICS.encode())
-    for source in SOURCES:
-        digest.update((Path(__file__).parents[1] / source).read_bytes())
-    return digest.hexdigest()[:16]
 
 
 class Refinement:

@@ -6,19 +6,23 @@ As in ``cli.py``, what a report needs is imported inside it.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, table
 
 if TYPE_CHECKING:
-    import numpy as np
     import xarray as xr
 
     from sweeps.config.sweep import SweepConfig
     from sweeps.engine.plan import Estimate
+
+#: Where neither is above 0, the mass did not meet the stop.
+_CONTACT = ("impacts_per_period", "rest_fraction")
 
 
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
@@ -73,15 +77,13 @@ def summary(path: Path) -> str:
         If its file is gone.
     """
     from sweeps.errors import Failed, StoreError
-    from sweeps.store import open_sweep
+    from sweeps.store import per_point
 
     try:
-        with open_sweep(path, verify=False) as dataset:
-            seconds = float(dataset.attrs["duration"])
-            outcome = f"{path}: {_outcomes(dataset)}"
+        variables, seconds = per_point(path, ("status", *_CONTACT))
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
-    return f"{outcome} in {shown_duration(seconds)}"
+    return f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
 
 
 def next_command(paths: Iterable[Path]) -> str:
@@ -173,12 +175,12 @@ def _axis(name: str, values: np.ndarray, unit: str) -> str:
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 
 
-def _outcomes(dataset: xr.Dataset) -> str:
+def _outcomes(variables: Mapping[Any, Any]) -> str:
     """Say how many points there are, and of which there is more to say."""
     from sweeps.store import is_remarkable, status_counts
     from vibroimpact.status import Status
 
-    counts = status_counts(dataset)
+    counts = status_counts(variables)
     remarks = [
         f"{number:,} {status.name} ({status.meaning})"
         for status, number in counts.items()
@@ -190,8 +192,7 @@ def _outcomes(dataset: xr.Dataset) -> str:
         text += ", all certified: every impact found, none missed"
     elif remarks:
         text += f", of which {'; '.join(remarks)}"
-    # In NumPy, since arithmetic of xarray imports Dask; a comparison with NaN is false.
-    contact = (dataset[name].values > 0.0 for name in ("impacts_per_period", "rest_fraction"))
+    contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # NaN is not
     if counts[Status.PENDING] < points and not any(met.any() for met in contact):
         text += "; no impact in any record: no motion meets the stop"
     return text

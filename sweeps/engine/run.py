@@ -24,10 +24,9 @@ from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background
 from sweeps.engine.cluster import computer_for
-from sweeps.engine.compute import computation, compute_block
+from sweeps.engine.compute import computation, compute_block, numerics
 from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
-from sweeps.engine.refine import Refinement, numerics
 from sweeps.engine.reports import plan
 from sweeps.engine.workers import Computer
 from sweeps.grid import Block, block_points
@@ -141,6 +140,8 @@ def _refine(
     config: SweepConfig, writer: SweepWriter, path: Path, threads: int | None, console: Console
 ) -> None:
     """Put further points into a complete file, where its classes change."""
+    from sweeps.engine.refine import Refinement  # with xarray, which takes long to import
+
     assert config.refine is not None
     with console.status("refining") as status, open_sweep(path, verify=False) as line:
         (refinement,) = in_background(map(Refinement, [config], [line], [threads]))

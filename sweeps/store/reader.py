@@ -8,10 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
-import xarray as xr
 
 from sweeps.errors import StoreError
 from sweeps.grid import Block
@@ -21,6 +21,9 @@ from sweeps.store.ledger import DamageError, Ledger, State, checksum
 from sweeps.store.output import damaged, open_regular, reason, refuse_version, refuse_without_ledger
 from sweeps.store.variables import VARIABLES
 from vibroimpact.status import Status
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Attributes of a file that its layout does not keep among the others.
 _NOT_LAID_OUT = ("duration", COORDINATES)
@@ -48,6 +51,8 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     StoreError
         If there is no such file, it is not a readable sweep of this format, or it is damaged.
     """
+    import xarray as xr  # which a short run would wait for
+
     path = Path(path)
     try:
         with sweep_file(path) as sweep:
@@ -206,13 +211,31 @@ def _check_format(path: Path, attributes: Mapping[str, object]) -> None:
         refuse_version(path, version)
 
 
-def status_counts(dataset: xr.Dataset) -> dict[Status, int]:
-    """Count the points of an opened sweep by outcome.
+def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
+    """Read variables with one value for each point, and the duration of the run [s].
+
+    Raises
+    ------
+    StoreError
+        As from `open_sweep`.
+    """
+    with sweep_file(path) as sweep:
+        values = {name: sweep.file[name][()] for name in names}
+        return values, float(sweep.file.attrs["duration"])
+
+
+def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
+    """Count the points of a sweep by outcome.
+
+    Parameters
+    ----------
+    variables : mapping of str to array_like
+        The ``status`` among them: an opened sweep, say.
 
     Returns
     -------
     dict of Status to int
         Every status, also where there is no such point.
     """
-    values = dataset["status"].values
+    values = np.asarray(variables["status"])
     return {status: int(np.count_nonzero(values == status)) for status in Status}

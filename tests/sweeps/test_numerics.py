@@ -18,8 +18,9 @@ import sweeps
 import vibroimpact
 from sweep_files import load
 from sweeps import open_sweep, run_sweep
-from sweeps.engine import compute, refine
-from sweeps.engine.refine import SOURCES, Refinement, numerics
+from sweeps.engine import compute
+from sweeps.engine.compute import SOURCES, numerics
+from sweeps.engine.refine import Refinement
 from sweeps.errors import StoreError
 from vibroimpact import jit
 from vibroimpact.points import Computation
@@ -99,7 +100,7 @@ def test_every_source_of_the_refinement_is_in_its_name(tmp_path, monkeypatch):
     config = load(REFINED)
     shutil.copytree(ENGINE, tmp_path / "sweeps")
     own = numerics(config)
-    monkeypatch.setattr(refine, "__file__", str(tmp_path / "sweeps" / "engine" / "refine.py"))
+    monkeypatch.setattr(compute, "__file__", str(tmp_path / "sweeps" / "engine" / "compute.py"))
     assert numerics(config) == own != numerics(load(SWEEPS["plain"])) == jit.NUMERICS
     names = {own}
     for source in SOURCES:
