@@ -1,6 +1,7 @@
 """The scenes of configs/: what their comments say, on coarser grids where that is enough."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,16 @@ def inner(labels):
         for j in (-1, 0, 1):
             same &= np.roll(labels, (i, j), axis=(0, 1)) == labels
     return same
+
+
+def test_every_scene_is_in_the_gallery_and_every_picture_is_there():
+    text = (CONFIGS / "README.md").read_text()
+    for path in CONFIGS.glob("*.yaml"):
+        assert f"`{path.stem.removesuffix('-reduced-step')}" in text, path
+        if not path.stem.startswith("paper-"):
+            assert f"(pictures/{path.stem}.png)" in text, path
+    for name in re.findall(r"\(pictures/([^)]+)\)", text):
+        assert (CONFIGS / "pictures" / name).stat().st_size < 600_000, name
 
 
 def test_joint_clearance(scene):
