@@ -16,8 +16,9 @@ from sweeps.grid import Grid
 from sweeps.store import bytes_per_point
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.lanes.workspace import LANES
+from vibroimpact.lanes.kernel import lanes_per_block
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.rules import IMPACT_RULES
 
 #: Results of one block in memory, more only for full lanes [bytes].
 _BLOCK_MEMORY = 64 * 2**20
@@ -26,6 +27,8 @@ _BLOCK_MEMORY = 64 * 2**20
 _BLOCKS_HELD = 5
 #: Time steps of one block at most, all points together, so that it takes about a second.
 _BLOCK_STEPS = 200_000_000
+#: Points of a block at least, where there are as many and memory for them.
+_LEAST_BLOCK = 128
 #: A sweep is reported and written in at least this many blocks where it has the points.
 _BLOCKS = 50
 
@@ -106,8 +109,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     StoreError
         If there is not enough memory for one point, or one chain of points.
     """
-    record = config.record
-    chain = _chain(config)
+    record, chain, lanes = config.record, _chain(config), _lanes(config)
     each = chain * _memory_per_point(config)
     available = _available_memory()
     if _BLOCKS_HELD * each > available:
@@ -116,13 +118,13 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
             f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
         )
     # Full sets of lanes are worth more memory, where there is plenty.
-    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * LANES * each)
+    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * each)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // each)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
-    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 4 * LANES)
-    wanted = max(min(most, max(work, 2 * LANES)), math.ceil(least / chain))
+    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
+    wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
     # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
-    return chain * (min(fits, wanted) // LANES * LANES or fits)
+    return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
 def _chain(config: SweepConfig) -> int:
@@ -157,7 +159,7 @@ def _available_memory() -> int:
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return how long a sweep will take, from trials of few points and ever more periods."""
     # No more than a block holds: a few points take as long as a full set of lanes.
-    count = min(2 * LANES * (threads or ALL_THREADS), _lanes(config))
+    count = min(2 * _lanes(config) * (threads or ALL_THREADS), _side_by_side(config))
     # Of few lanes, several calls: one point need not be like the others.
     calls = [
         _chosen(config.grid, count, seed)
@@ -183,6 +185,12 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
 
 
 def _lanes(config: SweepConfig) -> int:
+    """Return how many points a thread computes side by side at the most."""
+    chains = config.grid.size // _chain(config)
+    return lanes_per_block(IMPACT_RULES[config.method.impact].code, chains, 1)
+
+
+def _side_by_side(config: SweepConfig) -> int:
     """Return the points of a block that are computed side by side."""
     return block_size(config) // _chain(config) * max(1, len(config.directions))
 

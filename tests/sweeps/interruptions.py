@@ -25,13 +25,13 @@ from vibroimpact.status import Status
 
 ROOT = Path(sweeps.__file__).parents[1]
 CONFIG = """\
-oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 700}, f: 1.0}
+oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 1300}, f: 1.0}
 record: {transient: 500, periods: 50, diagnostics: [period]}
 """
-# 520 points in two directions, in three blocks.
+# 2,400 points in two directions, in three blocks.
 FOLLOWED = [
     "follow={axis: omega, direction: both}",
-    "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 260}, omega: [2.4, 3.0], f: 1}",
+    "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 1200}, omega: [2.4, 3.0], f: 1}",
 ]
 TRAJECTORY = "record={transient: 50, periods: 10, trajectory: {every: 5}}"
 #: What is set beside the configuration: blocks of a grid, a packed file, followed chains.
