@@ -24,7 +24,7 @@ from sweeps import open_sweep
 from vibroimpact.status import Status
 
 ROOT = Path(sweeps.__file__).parents[1]
-CONFIG = """\
+SWEEP = """\
 oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 1300}, f: 1.0}
 record: {transient: 500, periods: 50, diagnostics: [period]}
 """
@@ -259,7 +259,7 @@ def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str
 
 def prepare(forks: Forks) -> None:
     """Write the configuration, and for each kind the file of a run that no signal ended."""
-    (forks.folder / "sweep.yaml").write_text(CONFIG)
+    (forks.folder / "sweep.yaml").write_text(SWEEP)
     for index, changes in enumerate(KINDS):
         whole = f"whole-{index}.h5"
         arguments = ["run", "sweep.yaml", "-o", whole, "--quiet", *set_by(changes)]

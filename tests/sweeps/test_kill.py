@@ -22,6 +22,7 @@ from commands import call
 from interruptions import (
     KINDS,
     MOMENTS,
+    SWEEP,
     Forks,
     at_call,
     data,
@@ -37,6 +38,7 @@ from sweeps.engine import run as runner
 from sweeps.store import creation
 from vibroimpact.status import Status
 
+CONFIG = SWEEP
 LONG = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2"]  # days per block
 
 # A fork of a process that has imported everything, but not run the kernel, starts at once.

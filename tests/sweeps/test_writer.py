@@ -107,11 +107,15 @@ class Killed(BaseException):
     """Stands for a kill: nothing is written after it."""
 
 
+@pytest.mark.parametrize(
+    "every",
+    [pytest.param(101, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
+)
 @pytest.mark.parametrize("compressed", [False, True])
 def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
-    tmp_path, monkeypatch, whole, compressed
+    tmp_path, monkeypatch, whole, compressed, every
 ):
-    """Every 37th write is the last one, and is cut in half, in turn.
+    """Every 101st write, or every one, is the last one, and is cut in half, in turn.
 
     Not where it lies in one aligned piece of 32 bytes, which memory and disk take as a whole: it
     is left out instead.
@@ -134,7 +138,7 @@ def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
         monkeypatch.setattr(f"sweeps.store.{module}.write_all", write_all)
     ended = False
     while not ended:
-        last, written = last + 37, 0
+        last, written = last + every, 0
         path.unlink(missing_ok=True)
         try:
             fill_blocks(path, 2, resume=True)
