@@ -216,6 +216,7 @@ def test_a_failed_method_is_run_once(monkeypatch):
 # Peers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_meets_the_truth(name):
     if not PEERS[name].installed:
@@ -240,6 +241,7 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
 # The command
 
 
+@pytest.mark.slow
 def test_the_command(monkeypatch):
     """All methods and scenes on a short ladder: picture, rows and tables."""
     plan = replace(
@@ -298,6 +300,7 @@ def test_a_wrong_request_is_refused_before_work_begins(monkeypatch, arguments, p
     assert not list(Path().iterdir())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_written_fails_and_leaves_nothing(monkeypatch):
     few = [made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)]
     monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: few)

@@ -165,6 +165,7 @@ def test_identities_on_a_sweep_over_omega(computed_starts):
     assert len(three) == 1 and three.isdisjoint(single)
 
 
+@pytest.mark.slow
 def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     dataset = computed_starts(
         "oscillator={h: 0.02, R: {start: 0.5, stop: 0.95, num: 24}, f: 1.0, "

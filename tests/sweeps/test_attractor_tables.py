@@ -85,6 +85,7 @@ def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
     plot(dataset, tmp_path / "a.svg")
 
 
+@pytest.mark.slow
 def test_a_diagram_has_a_colour_for_each_attractor(computed_starts, tmp_path):
     dataset = computed_starts(
         "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",

@@ -93,6 +93,7 @@ def grid(sweep):
     )
 
 
+@pytest.mark.slow
 def test_a_map_is_summed_up_and_its_lines_are_listed(grid, tmp_path):
     lines = accepted("info", grid, "--bifurcations", "--axis", "omega").splitlines()
     assert len(lines) < 45 and lines[0].split() == ["kind", "classes", "times", "omega", "R"]

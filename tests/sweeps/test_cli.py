@@ -49,6 +49,7 @@ def test_run_info_and_plot():
     assert Path("b.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow
 def test_the_configuration_of_a_file_runs_again():
     accepted("run", "sweep.yaml", "--quiet")
     again = accepted("info", "small.h5", "--config")
@@ -67,6 +68,7 @@ def test_the_configuration_of_a_file_runs_again():
     assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")
 
 
+@pytest.mark.slow
 def test_units_are_names_only():
     """They change every label and attribute, and no number."""
     units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
@@ -112,6 +114,7 @@ def test_init_writes_a_scene_to_begin_from():
         assert "there is no scene" in refused("init", name)
 
 
+@pytest.mark.slow
 def test_zoom_computes_and_draws_a_piece():
     accepted("run", "sweep.yaml", "--quiet")
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
@@ -126,6 +129,7 @@ def test_zoom_computes_and_draws_a_piece():
     assert piece.sel(point).drop_attrs().identical(whole.sel(point).drop_attrs())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pieces", "reason"),
     [
@@ -147,6 +151,7 @@ def test_a_zoom_that_cannot_be(pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
 
 
+@pytest.mark.slow
 def test_a_map_and_the_exact_orbits():
     accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
     assert accepted("plot", "small.h5", "--kind", "map") == "small.png\n"
@@ -161,6 +166,7 @@ def test_a_map_and_the_exact_orbits():
     assert picture == "small.png"
 
 
+@pytest.mark.slow
 def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))

@@ -100,6 +100,7 @@ def test_a_folder_is_no_file_of_a_sweep(name):
         assert "vibroimpact: error: " in refused(command, name)
 
 
+@pytest.mark.slow
 def test_a_picture_with_a_long_name():
     accepted("run", "sweep.yaml", "--quiet")
     assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
@@ -119,6 +120,7 @@ def test_a_followed_sweep_that_records_no_impacts():
         assert "impact_v" not in dataset and np.isfinite(dataset["poincare_x"]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
@@ -141,6 +143,7 @@ def test_an_odd_date_is_refused(monkeypatch):
     assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "sweep.yaml")
 
 
+@pytest.mark.slow
 def test_odd_settings_of_matplotlib_are_refused():
     accepted("run", "sweep.yaml", "--quiet")
     result = process("plot", "small.h5", MPLBACKEND="nonsense")
@@ -149,6 +152,7 @@ def test_odd_settings_of_matplotlib_are_refused():
     assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_encoding_that_lacks_a_character():
     result = process("run", "sweep.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
     assert result.returncode == 0, result.stderr

@@ -79,6 +79,7 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
     assert result.stderr == "vibroimpact: error: interrupted\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run(folder, number):
     endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]

@@ -84,6 +84,7 @@ def test_a_file_that_is_not_a_sweep(command):
     assert "missing.h5 does not exist" in refused(command, "missing.h5")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [

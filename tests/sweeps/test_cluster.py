@@ -132,6 +132,7 @@ def test_a_long_axis_travels_without_a_warning(client):
 # Who is lost on the way
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, small_blocks):
     def kill():
         os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
@@ -187,6 +188,7 @@ def scheduler(tmp_path_factory):
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blocks):
     address, process = scheduler
     with monkeypatch.context() as patch:
@@ -246,6 +248,7 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
     )
 
 
+@pytest.mark.slow
 def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client, stranger):
     pretend, address = stranger
     # So many blocks that each worker has some left, however slow it is.
@@ -331,6 +334,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
     assert taken == 60
 
 
+@pytest.mark.slow
 def test_a_block_is_worth_sending(client):
     sweep, size = load(CONFIG, "oscillator.omega.num=1e6"), 10**6
     computer = Cluster(client)

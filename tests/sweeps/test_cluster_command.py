@@ -63,6 +63,7 @@ def command(*arguments):
     )
 
 
+@pytest.mark.slow
 def test_processes_of_this_machine():
     process = command("--dask", "local:1", "--quiet")
     assert process.communicate(timeout=120) == ("", "")
@@ -70,6 +71,7 @@ def test_processes_of_this_machine():
     assert_same_bits("out.h5")
 
 
+@pytest.mark.slow
 def test_no_other_user_reaches_the_processes_of_this_machine():
     """Every port that they listen at asks for the certificate of the run, or serves nothing."""
     others = listening()
@@ -181,6 +183,7 @@ def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
     gc.collect()  # a client that was thrown away says nothing (pytest would)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_processes_in_the_middle_of_a_long_block():
     endless = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2"]
     process = command("--dask", "local:1", "--quiet", *endless)
@@ -282,6 +285,7 @@ def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
     assert "(it is the address of a worker)" in refused_run("--dask", address)
 
 
+@pytest.mark.slow
 def test_threads_are_those_of_the_workers(client):
     message = refused_run("--threads", 1, "--dask", client.scheduler.address)
     assert "--threads 1 is not allowed with --dask" in message

@@ -152,6 +152,7 @@ def test_a_key_under_another_name_is_not_reported_missing_as_well():
     assert message.count("\n") == 3 and "missing" not in message
 
 
+@pytest.mark.slow
 def test_of_many_errors_the_first_are_said_and_the_number_of_all():
     message = refusal(oscillator(h=f"[{', '.join('a' * 60_000)}]"))
     lines = message.splitlines()

@@ -253,6 +253,7 @@ def judged(bases, seeds, commands):
     return counts
 
 
+@pytest.mark.slow
 def test_a_sample_of_damaged_files_is_refused(bases):
     counts = judged(bases, range(240), commands=False)
     assert counts[False] > 200

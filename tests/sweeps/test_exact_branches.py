@@ -110,6 +110,7 @@ def curves(figure, dashed):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coordinate", COORDINATES)
 def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
     figure = bifurcation(exact, at={"R": 0.8}, coordinate=coordinate, exact=True)
@@ -125,6 +126,7 @@ def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
     assert texts[:2] == ["exact orbits, stable", "exact orbits, unstable"]
 
 
+@pytest.mark.slow
 def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact):
     """Where the points alone would leave the unstable branch out; and of a part of the axis."""
     plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]

@@ -294,6 +294,7 @@ def hysteresis(tmp_path_factory):
     return data(path)
 
 
+@pytest.mark.slow
 def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
     """The free amplitude f / sqrt D is the clearance at a graze; folds are in closed form."""
     osc = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.5)

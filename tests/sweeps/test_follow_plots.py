@@ -165,6 +165,7 @@ def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
             bifurcation(dataset, at={"h": 0.06})
 
 
+@pytest.mark.slow
 def test_the_command_line(stored):
     def drawn(*arguments):
         return call("plot", str(stored), "-o", "picture.png", *arguments)

@@ -36,6 +36,7 @@ def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction
     xr.testing.assert_identical(ran(packed, "packed.h5"), expected)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
     config = configured()
     expected = ran(config)

@@ -202,6 +202,7 @@ def test_what_is_no_file_of_a_sweep_is_refused(where):
         open_sweep(where)
 
 
+@pytest.mark.slow
 @settings(settings.get_profile("fuzz"), max_examples=50)
 @given(data=st.binary(max_size=500), start=st.sampled_from([b"", b"\x89HDF\r\n\x1a\n", b"CDF\x01"]))
 def test_any_bytes_are_no_file_of_a_sweep(tmp_path, data, start):

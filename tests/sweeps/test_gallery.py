@@ -98,6 +98,7 @@ def test_joint_clearance(scene):
     assert dataset["poincare_v"].attrs["units"] == "m/s"
 
 
+@pytest.mark.slow
 def test_basins(scene):
     """The fractions of the full grid are met on another one, and single starts by slow steps."""
     grid = (

@@ -121,6 +121,7 @@ def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(changed, se
         xr.testing.assert_identical(data(path), data("whole.h5"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
     process = run("-o", "long one.h5", *LONG)

@@ -133,6 +133,7 @@ def test_a_full_disk(tmp_path):
     assert list((tmp_path / "compiled").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_an_unusable_cache_leaves_nothing_in_the_package_or_the_temporary_folder(tmp_path):
     package = tmp_path / "site/vibroimpact"
     ignored = shutil.ignore_patterns("__pycache__")

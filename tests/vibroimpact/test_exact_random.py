@@ -218,6 +218,7 @@ def brute_force(osc, theta, v, dps=60):
         return t
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("R", [0.0, 0.3, 0.8])
 @pytest.mark.parametrize(
     ("h", "omega", "clearance", "theta"),

@@ -48,6 +48,7 @@ def first_root(c, m, end):
         return real[0], sum(k * q * real[0] ** (k - 1) for k, q in enumerate(c) if k)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Descending")
 def test_random_roots():
     """600 polynomials of degree up to 8, roots all around: the first in the step, or none."""

@@ -78,6 +78,7 @@ def random_step(rng):
     return eq, flow, step, (y, w), theta, c
 
 
+@pytest.mark.slow
 def test_the_bounds_are_bounds():
     """5000 random steps: of the fourth derivative; none that the guard lets pass meets the stop."""
     rng = np.random.default_rng(4)
@@ -99,6 +100,7 @@ def test_the_bounds_are_bounds():
     assert passed > 1000 and met > 1000 and tightest < 3.0
 
 
+@pytest.mark.slow
 def test_what_is_proved_of_a_single_impact_holds():
     """5000 random steps: it is the first root of the flight, and the rebound does not return."""
     rng = np.random.default_rng(5)

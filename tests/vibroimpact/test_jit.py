@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import vibroimpact
 from vibroimpact.jit import fma
 
@@ -56,6 +58,7 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     assert run(tmp_path) == (3.75, 0, 1)
 
 
+@pytest.mark.slow
 def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
     """Both wait until the other is ready to compile; both are right, and so is what they leave."""
     before, call = PROGRAM.split("glide_step(w", 1)

@@ -163,6 +163,7 @@ def test_what_the_exact_rule_needs_is_said():
             integrate(points, impact=rule, lyapunov=True)
 
 
+@pytest.mark.slow
 @METHODS
 def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator):
     """What is complete has the bits of a whole run, and the rest is pending: NaN and no count."""

@@ -12,6 +12,7 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.step.tangents import orthonormalise
 
 
+@pytest.mark.slow
 def test_the_exponents_add_up_to_the_loss():
     """lambda_1 + lambda_2 = -2 h + 2 ln R * (impacts per unit time), on 1000 points that fly."""
     rng = np.random.default_rng(8)

@@ -231,6 +231,7 @@ def test_the_multipliers_are_those_of_the_section_map(h, R, omega, q):
     assert found.multipliers == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_500_one_impact_orbits_are_those_in_closed_form():
     rng, count, worst = np.random.default_rng(17), 0, 0.0
     while count < 500:

@@ -43,6 +43,7 @@ def test_what_is_not_allowed_is_named(name, value):
         simulate(OSC, **{name: value})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "osc", [OSC, Oscillator(0.0, 0.8, 1.0, 1.0), Oscillator(1.0, 0.8, 0.7, 1.0, clearance=0.4)]
 )

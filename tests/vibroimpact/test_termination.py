@@ -42,6 +42,7 @@ for R in (0.8, 0.5):
 # --- steps from states of every magnitude ---
 
 
+@pytest.mark.slow
 def test_every_step_ends():
     """20,000 steps with every rule, from random bits and from valid points at their bounds."""
     in_time(FUZZ, 1, 20_000, seconds=300)

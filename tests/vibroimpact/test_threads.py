@@ -35,6 +35,7 @@ with POOL as pool:
 FORKED, BESIDE = 'multiprocessing.get_context("fork").Pool(2)', "ThreadPoolExecutor(3)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layer", ["default", "omp", "workqueue"])
 @pytest.mark.parametrize("pool", [FORKED, BESIDE], ids=["forked", "beside each other"])
 def test_calls_in_forked_processes_and_in_threads(pool, layer):
