@@ -146,7 +146,7 @@ def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
 
 
 def test_an_interrupted_run_goes_on_with_the_command_it_names():
-    process = run("--set", "record.transient=20000", "--threads", "1")
+    process = run("--set", "record.transient=200000", "--threads", "1")
     deadline = time.monotonic() + 120
     done = 0
     while not done and time.monotonic() < deadline:
@@ -164,11 +164,11 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names():
     assert ended(python("-m", "sweeps.cli", *command.split(), "--dry-run")) == (0, "")
     # With less to do than that, since another transient is another sweep.
     code, stderr = ended(run("--resume"))
-    assert code == 2 and "record.transient was 20000 and is 500" in stderr
+    assert code == 2 and "record.transient was 200000 and is 500" in stderr
 
 
 def test_of_two_runs_started_together_one_computes():
-    both = [run("--set", "record.transient=20000") for _ in range(2)]
+    both = [run("--set", "record.transient=200000") for _ in range(2)]
     deadline = time.monotonic() + 120
     while all(one.poll() is None for one in both) and time.monotonic() < deadline:
         time.sleep(0.05)
