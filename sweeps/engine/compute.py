@@ -25,6 +25,7 @@ SOURCES = (
     "analysis/class_changes.py",
     "analysis/motion.py",
     "analysis/nearby_orbit.py",
+    "analysis/results.py",
     "analysis/selection.py",
     "grid.py",
 )
