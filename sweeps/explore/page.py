@@ -9,13 +9,14 @@ from time import perf_counter
 from typing import Any
 
 from bokeh.document import Document
-from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset
+from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset, Tap
 from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, TextInput
 
 from sweeps.errors import ConfigError, Failed
 from sweeps.explore.controls import Controls
 from sweeps.explore.diagram import Diagram, Shown
+from sweeps.explore.motion import MotionPanel
 from sweeps.explore.saving import write_yaml
 from sweeps.explore.view import View
 from sweeps.explore.worker import Worker
@@ -48,12 +49,14 @@ class Page:
         self.shown: Shown | None = None
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._post, self._report)
+        self.motion = MotionPanel(self._post)
         self.worker = Worker(lambda text: self._post(lambda: self._refuse(text)))
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
         self._ended.styles = {"background": "#F5D79A", "padding": "6px"}
         self._address = TextInput(visible=False, name="address")
         self._connect()
-        body = row(self.controls.layout, self.diagram.figure, sizing_mode="stretch_both")
+        pictures = column(self.diagram.figure, self.motion.layout, sizing_mode="stretch_both")
+        body = row(self.controls.layout, pictures, sizing_mode="stretch_both")
         document.add_root(column(self._ended, body, self._address, sizing_mode="stretch_both"))
         document.title = f"{home.name}: vibroimpact"
         self._show()
@@ -67,6 +70,7 @@ class Page:
         for name in ("inner_width", "inner_height"):
             figure.on_change(name, self._resized)
         figure.on_event(Reset, lambda _: self.change(self._at_home))
+        figure.on_event(Tap, self._tapped)
         self.diagram.mark.on_change("location", self._mark_moved)
         document.config.notify_connection_status = False  # the page has words of its own
         document.on_session_destroyed(lambda _: self.worker.close())
@@ -105,13 +109,15 @@ class Page:
     def _show(self) -> None:
         self.controls.show(self.view)
         self.diagram.show(self.view)
+        self.motion.show(self.view)
         self._address.title = self.view.query()
         self._compute()
 
     def _compute(self) -> None:
         """Ask for the pictures of the view, once the size of the page is known."""
         if all(self.diagram.size):
-            self.worker.ask(self.diagram.steps(self.view))
+            *coarse, fine = self.diagram.steps(self.view)
+            self.worker.ask([*coarse, *self.motion.steps(self.view), fine])
 
     def _resized(self, attr: str, old: int, new: int) -> None:
         columns, rows = self.diagram.size
@@ -139,6 +145,12 @@ class Page:
     def _at_home(self, view: View) -> View:
         xlim = self.home.xlim if view.axis == self.home.axis else view.xlim
         return replace(view, xlim=xlim, ylim=None)
+
+    def _tapped(self, event: Tap) -> None:
+        low, high = self.view.xlim
+        if event.x is not None and low <= event.x <= high:
+            value = {self.view.axis: float(event.x)}
+            self.change(lambda view: replace(view.moved(**value), marked=True))
 
     def _mark_moved(self, attr: str, old: Any, new: Any) -> None:
         if new is not None and new != self.view.values[self.view.axis]:

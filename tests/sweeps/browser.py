@@ -74,12 +74,17 @@ class Window:
             if condition() and self.page.worker.idle and self.painted():
                 return
             self.tab.wait_for_timeout(20)
-        raise AssertionError(f"the page did not come to rest: {self.page.view}, {self.page.shown}")
+        raise AssertionError(
+            f"the page did not come to rest: {self.page.view}, {self.page.motion.text.text}"
+        )
 
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""
         shown, (columns, rows) = self.page.shown, self.page.diagram.size
-        if shown is None or shown.view != self.page.view or shown.pixels.shape != (rows, columns):
+        view = self.page.view
+        if shown is None or shown.pixels.shape != (rows, columns):
+            return False
+        if (shown.config, shown.view.ordinate) != (view.diagram(columns), view.ordinate):
             return False
         ends = self.model(
             "diagram",
@@ -127,6 +132,11 @@ class Window:
         mouse.down()
         mouse.move(*places[1], steps=5)
         mouse.up()
+
+    def click(self, u: float, v: float, name: str = "diagram") -> None:
+        """Click into a figure, at shares of its width and height."""
+        box = self.box(name)
+        self.tab.mouse.click(box["x"] + u * box["width"], box["y"] + v * box["height"])
 
     def wheel(self, delta: float, at: tuple[float, float] = (0.5, 0.5)) -> None:
         """Turn the wheel over a place in the diagram."""
