@@ -6,7 +6,7 @@ and followed with all that its flips and grazes lead to (`vibroimpact.orbits.tre
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -110,13 +110,15 @@ class Motions:
         return [i for i in middles if 0 < self.m[i]]
 
 
-def grow(lines: Sequence[Line]) -> Tree:
+def grow(lines: Sequence[Line], check: Callable[[], object] | None = None) -> Tree:
     """Follow all orbits that the periodic motions of lines are on.
 
     Parameters
     ----------
     lines : sequence of Line
         Of one oscillator and axis: the directions in which it was followed.
+    check : callable, optional
+        Is called before each branch; what it raises ends the work.
 
     Returns
     -------
@@ -132,7 +134,7 @@ def grow(lines: Sequence[Line]) -> Tree:
             seeds.append(Seed(float(motions.values[i]), int(motions.m[i]), x, v))
     first = lines[0]
     low, high = float(values.min()), float(values.max())
-    return _grown(first.oscillator, first.axis, low, high, first.phase, tuple(seeds))
+    return _grown(first.oscillator, first.axis, low, high, first.phase, tuple(seeds), check)
 
 
 class Seed(NamedTuple):
@@ -146,10 +148,16 @@ class Seed(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _grown(
-    osc: Oscillator, axis: str, low: float, high: float, phase: float, seeds: tuple[Seed, ...]
+    osc: Oscillator,
+    axis: str,
+    low: float,
+    high: float,
+    phase: float,
+    seeds: tuple[Seed, ...],
+    check: Callable[[], object] | None,
 ) -> Tree:
     """Grow a tree from all seeds, once for all that is shown of it."""
-    tree = Tree(axis, low, high, MOST_BRANCHES, MOST_PERIODS)
+    tree = Tree(axis, low, high, MOST_BRANCHES, MOST_PERIODS, check)
     for seed in seeds:
         if seed.m > MOST_PERIODS:
             tree.given_up[f"motions of more than {MOST_PERIODS} periods"] += 1

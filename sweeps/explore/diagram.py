@@ -81,7 +81,8 @@ class Diagram:
         self, post: Callable[[Callable[[], None]], None], report: Callable[[Shown, float], None]
     ) -> None:
         self._post, self._report = post, report
-        self._kept: Shown | None = None
+        #: The last picture that was computed.
+        self.kept: Shown | None = None
         #: The window of the ordinate that holds all points, as it was set last.
         self.fitted: Window = (0.0, 1.0)
         #: Columns and rows of the canvas; 0 as long as the browser has not said.
@@ -150,7 +151,7 @@ class Diagram:
         wanted = view.diagram(columns)
         key = (wanted, view.axis, view.ordinate, view.ylim, rows)
         steps = []
-        if self._kept is None or self._kept.config != wanted:
+        if self.kept is None or self.kept.config != wanted:
             few = max(_LEAST, columns // COARSER)
             steps.append(self._step(("coarse", *key), view, few, rows))
         return [*steps, self._step(key, view, columns, rows)]
@@ -160,12 +161,12 @@ class Diagram:
 
     def _draw(self, view: View, columns: int, rows: int) -> Shown:
         """Compute a picture; only the pixels, where the numbers are those of the last."""
-        config, kept = view.diagram(columns), self._kept
+        config, kept = view.diagram(columns), self.kept
         results = kept.results if kept and kept.config == config else numbers(config)
         values = picture.ordinates(results, view.ordinate)
         window = picture.fitted(values) if view.ylim is None else view.ylim
         shown = Shown(view, config, results, window, picture.density(values, window, rows))
-        self._kept = shown
+        self.kept = shown
         return shown
 
     def _draw_later(self, shown: Shown, seconds: float) -> None:
@@ -191,5 +192,9 @@ class Diagram:
                 source.data = {"x": x, "y": np.full(len(x), 0.015)}
                 item.label = f"{outcome.meaning} ({len(x)} of {len(shown.values)})"
                 item.visible = bool(len(x))
-        self.legend.visible = bool(outcomes)
+        self.show_legend()
         self._report(shown, seconds)
+
+    def show_legend(self) -> None:
+        """Show the legend if it has anything to say."""
+        self.legend.visible = any(item.visible for item in self.legend.items)

@@ -14,6 +14,7 @@ from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, TextInput
 
 from sweeps.errors import ConfigError, Failed
+from sweeps.explore.branches import Branches
 from sweeps.explore.controls import Controls
 from sweeps.explore.diagram import Diagram, Shown
 from sweeps.explore.motion import MotionPanel
@@ -49,6 +50,7 @@ class Page:
         self.shown: Shown | None = None
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._post, self._report)
+        self.branches = Branches(self.diagram, self._post)
         self.motion = MotionPanel(self._post)
         self.worker = Worker(lambda text: self._post(lambda: self._refuse(text)))
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
@@ -109,6 +111,7 @@ class Page:
     def _show(self) -> None:
         self.controls.show(self.view)
         self.diagram.show(self.view)
+        self.branches.show(self.view)
         self.motion.show(self.view)
         self._address.title = self.view.query()
         self._compute()
@@ -117,7 +120,8 @@ class Page:
         """Ask for the pictures of the view, once the size of the page is known."""
         if all(self.diagram.size):
             *coarse, fine = self.diagram.steps(self.view)
-            self.worker.ask([*coarse, *self.motion.steps(self.view), fine])
+            branches = self.branches.steps(self.view, self.diagram.size[0])
+            self.worker.ask([*coarse, *self.motion.steps(self.view), fine, *branches])
 
     def _resized(self, attr: str, old: int, new: int) -> None:
         columns, rows = self.diagram.size

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,12 @@ def write_exact(
     write_csv(path, as_dataset(grow(lines_of(dataset, axis, at))))
 
 
-def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> dict[str, list[Line2D]]:
+def draw_branches(
+    panel: Axes,
+    lines: Sequence[Line],
+    coordinate: str,
+    check: Callable[[], object] | None = None,
+) -> dict[str, list[Line2D]]:
     """Draw the branches of all periodic motions, solid where stable, and their bifurcations.
 
     Parameters
@@ -92,6 +97,8 @@ def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> dict[s
         The points that the orbits are drawn over, once for each direction.
     coordinate : str
         One of ``sweeps.plotting.lines.COORDINATES``.
+    check : callable, optional
+        As for `sweeps.analysis.exact_branches.grow`.
 
     Returns
     -------
@@ -99,7 +106,7 @@ def draw_branches(panel: Axes, lines: Sequence[Line], coordinate: str) -> dict[s
         What was drawn of each part, by what the legend calls it.
     """
     look = _OVER_BOTH if len(lines) > 1 else _OVER_ONE
-    tree, phase = grow(lines), lines[0].phase
+    tree, phase = grow(lines, check), lines[0].phase
     parts: dict[str, list[Line2D]] = {text: [] for text in (*_STABILITY.values(), *_MARKERS)}
     for branch in tree.branches:
         if branch.q or not coordinate.startswith("impact"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class Tree:
         No more are followed.
     most_periods : int
         Orbits of more forcing periods are not followed.
+    check : callable, optional
+        Is called before each branch; what it raises ends the work.
 
     Attributes
     ----------
@@ -50,10 +52,12 @@ class Tree:
         high: float,
         most_branches: int = 100,
         most_periods: int = 64,
+        check: Callable[[], object] | None = None,
     ) -> None:
         self.parameter, self.low, self.high = parameter, low, high
         self._range = parameter, low, high
         self._most_branches, self._most_periods = most_branches, most_periods
+        self._check = check
         self.branches: list[Branch] = []
         self.given_up: Counter[str] = Counter()
 
@@ -65,6 +69,8 @@ class Tree:
         heapq.heappush(queue, (orbit.m, orbit.q, 0, 0, "", orbit))
         count = 0
         while queue:
+            if self._check is not None:
+                self._check()
             *_, depth, kind, start = heapq.heappop(queue)
             if self._has(start, kind):
                 continue

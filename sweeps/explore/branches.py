@@ -1,0 +1,112 @@
+"""The exact branches over the diagram: the lines and marks of the files' pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, LegendItem
+
+from sweeps.engine.background import check_given_up
+from sweeps.explore.diagram import Diagram
+from sweeps.explore.view import View
+from sweeps.explore.worker import Step
+from sweeps.plotting.palette import VERMILION
+
+#: What there is to see, by the name in the legend: the dashes of a line, or a marker.
+_LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": [4, 2]}
+_MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
+
+Parts = Mapping[str, tuple[list[np.ndarray], list[np.ndarray]]]
+
+
+def find_branches(diagram: Diagram) -> Parts:
+    """Follow the orbits of the diagram's points; return the coordinates of each part.
+
+    Raises
+    ------
+    Refused
+        If the orbits do not depend on the axis.
+    """
+    from matplotlib.figure import Figure
+
+    from sweeps.analysis.exact_branches import Line
+    from sweeps.analysis.results import as_dataset
+    from sweeps.plotting.exact_branches import draw_branches
+
+    shown = diagram.kept
+    assert shown is not None
+    dataset = as_dataset(shown.config, shown.config.grid.axes, shown.results)
+    lines = [Line.of(dataset, shown.view.axis)]
+    # Drawn on a figure that nobody sees: so both pictures have the same lines.
+    panel = Figure().add_subplot()
+    parts = draw_branches(panel, lines, shown.view.ordinate, check_given_up)
+    return {
+        name: (
+            [np.asarray(line.get_xdata(), float) for line in drawn],
+            [np.asarray(line.get_ydata(), float) for line in drawn],
+        )
+        for name, drawn in parts.items()
+    }
+
+
+class Branches:
+    """The lines and marks over the figure of the diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    post : callable
+        Runs a function in the thread of the document.
+    """
+
+    def __init__(self, diagram: Diagram, post: Callable[[Callable[[], None]], None]) -> None:
+        self._diagram, self._post = diagram, post
+        self._drawn: Any = None
+        figure, look = diagram.figure, {"color": VERMILION}
+        self.sources = {
+            name: ColumnDataSource({"x": [], "y": []}, name=name) for name in (*_LINES, *_MARKERS)
+        }
+        self._items = []
+        for name, source in self.sources.items():
+            if name in _LINES:
+                marks = figure.multi_line("x", "y", source=source, line_dash=_LINES[name], **look)
+            else:
+                marks = figure.scatter(
+                    "x", "y", source=source, marker=_MARKERS[name], size=6, fill_color="white",
+                    line_color=VERMILION,
+                )  # fmt: skip
+            self._items.append(LegendItem(label=name, renderers=[marks], visible=False))
+        diagram.legend.items += self._items
+
+    def show(self, view: View) -> None:
+        """Remove the branches of other oscillators."""
+        if self._drawn is not None and self._drawn != _depends_on(view):
+            self._paint(None, {name: ([], []) for name in self.sources})
+
+    def steps(self, view: View, columns: int) -> list[Step]:
+        """Return the step that finds the branches, if they are wanted."""
+        if not view.exact:
+            return []
+        key = (view.diagram(columns), view.ordinate)
+        compute = partial(find_branches, self._diagram)
+        show = partial(self._paint, _depends_on(view))
+        return [Step("branches", key, compute, lambda parts, _: self._post(partial(show, parts)))]
+
+    def _paint(self, depends_on: Any, parts: Parts) -> None:
+        self._drawn = depends_on
+        for item, (name, source) in zip(self._items, self.sources.items(), strict=True):
+            x, y = parts[name]
+            if name in _MARKERS and x:
+                x, y = list(np.concatenate(x)), list(np.concatenate(y))
+            source.data = {"x": x, "y": y}
+            item.visible = bool(len(x))
+        self._diagram.show_legend()
+
+
+def _depends_on(view: View) -> Any:
+    """Return what the branches in a window depend on; None where none are wanted."""
+    others = {name: value for name, value in view.values.items() if name != view.axis}
+    return (view.axis, view.ordinate, others, view.record["phase"]) if view.exact else None
