@@ -46,7 +46,7 @@ class Controls:
         save: Callable[[], None],
     ) -> None:
         self._change, self._showing = change, False
-        self.axis = self._choice("abscissa", [(name, _meaning(name)) for name in PARAMETERS])
+        self.axis = self._choice("abscissa", [(name, meaning(name)) for name in PARAMETERS])
         names = [(name, VARIABLES[name].long_name) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
         self.axis.on_change("value", self._on(lambda v, name: with_axis(v, name)))
@@ -130,7 +130,8 @@ class Controls:
         self._showing = False
 
 
-def _meaning(name: str) -> str:
+def meaning(name: str) -> str:
+    """Return the symbol of a parameter and what it is."""
     return f"{symbol(name)}: {PARAMETERS[name].meaning}"
 
 
@@ -149,3 +150,10 @@ def with_axis(view: View, name: str) -> View:
         across, maplim = view.axis, view.xlim
     xlim = view.maplim if name == view.across else window_around(name, view.values[name])
     return replace(view, axis=name, xlim=xlim, across=across, maplim=maplim, ylim=None)
+
+
+def with_across(view: View, name: str) -> View:
+    """Return a view with another ordinate of the map."""
+    if name == view.axis:
+        return with_axis(view, view.across)
+    return replace(view, across=name, maplim=window_around(name, view.values[name]))

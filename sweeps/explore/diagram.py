@@ -40,6 +40,18 @@ def numbers(config: SweepConfig) -> Results:
     return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
 
 
+def set_range(model: Range1d, window: Window, allowed: Any = None) -> None:
+    """Set a range and what it may hold.
+
+    The browser would cut the window of a new axis to what the old one may hold.
+    """
+    if model.bounds != allowed:
+        model.bounds = None
+    if (model.start, model.end) != window:
+        model.update(start=window[0], end=window[1])
+    model.bounds = allowed
+
+
 @dataclass(frozen=True)
 class Shown:
     """A picture of the diagram.
@@ -131,19 +143,9 @@ class Diagram:
         """Set the window, the labels and the mark."""
         self.figure.xaxis.axis_label = axis_label(view.axis)
         self.figure.yaxis.axis_label = axis_label(view.ordinate)
-        x_range, allowed = self.figure.x_range, bounds(view.axis, view.values)
-        if x_range.bounds != allowed:
-            x_range.bounds = None  # the browser would cut the window of the new axis to the old one
-        if (x_range.start, x_range.end) != view.xlim:
-            x_range.update(start=view.xlim[0], end=view.xlim[1])
-        x_range.bounds = allowed
-        self._set_window(self.fitted if view.ylim is None else view.ylim)
+        set_range(self.figure.x_range, view.xlim, bounds(view.axis, view.values))
+        set_range(self.figure.y_range, self.fitted if view.ylim is None else view.ylim)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
-
-    def _set_window(self, window: Window) -> None:
-        y_range: Any = self.figure.y_range
-        if (y_range.start, y_range.end) != window:
-            y_range.update(start=window[0], end=window[1])
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view: a coarse picture at once, then the fine one."""
@@ -184,7 +186,7 @@ class Diagram:
         }
         if shown.view.ylim is None:
             self.fitted = shown.window
-            self._set_window(shown.window)
+            set_range(self.figure.y_range, shown.window)
         outcomes = picture.outcomes(shown.results, shown.values)
         for outcome, (source, item) in self._strips.items():
             x = outcomes.get(outcome, np.empty(0))

@@ -11,17 +11,20 @@ from typing import Any
 from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset, Tap
 from bokeh.layouts import column, row
-from bokeh.models import CustomJS, Div, TextInput
+from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
 
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, Failed
 from sweeps.explore.branches import Branches
-from sweeps.explore.controls import Controls
+from sweeps.explore.controls import Controls, meaning, with_across, with_axis
 from sweeps.explore.diagram import Diagram, Shown
+from sweeps.explore.maps import Map
 from sweeps.explore.motion import MotionPanel
 from sweeps.explore.saving import write_yaml
-from sweeps.explore.view import View
-from sweeps.explore.worker import Worker
+from sweeps.explore.view import BASINS, DIAGRAM, MAP, View, window_around
+from sweeps.explore.worker import Step, Worker
 from sweeps.text import shown_count
+from vibroimpact.oscillator import PARAMETERS
 
 _ENDED = (
     "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
@@ -52,27 +55,52 @@ class Page:
         self.diagram = Diagram(self._post, self._report)
         self.branches = Branches(self.diagram, self._post)
         self.motion = MotionPanel(self._post)
+        xlim = self.diagram.figure.x_range
+        common: Any = {"post": self._post, "report": self._report_map}
+        self.map = Map("map", View.map, View.map_axes, View.map_windows, x_range=xlim, **common)
+        self.basins = Map("basins", View.basins, View.start_axes, View.start_windows, **common)
+        self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
+        self._across = Select(
+            options=[(name, meaning(name)) for name in PARAMETERS], width=220, name="across"
+        )
+        self._tabs = self._new_tabs()
         self.worker = Worker(lambda text: self._post(lambda: self._refuse(text)))
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
         self._ended.styles = {"background": "#F5D79A", "padding": "6px"}
         self._address = TextInput(visible=False, name="address")
         self._connect()
-        pictures = column(self.diagram.figure, self.motion.layout, sizing_mode="stretch_both")
-        body = row(self.controls.layout, pictures, sizing_mode="stretch_both")
+        body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
         document.add_root(column(self._ended, body, self._address, sizing_mode="stretch_both"))
         document.title = f"{home.name}: vibroimpact"
         self._show()
 
+    def _new_tabs(self) -> Tabs:
+        """Return the three tabs: the diagram with the motion, the map, and the basins."""
+        bar = row(Div(text="ordinate"), self._across, Div(text="a click takes its"), self._line)
+        about = Div(text="The starts of the marked oscillator; a click takes one.")
+        layouts = {
+            "diagram": column(self.diagram.figure, self.motion.layout, sizing_mode="stretch_both"),
+            "map of classes": column(bar, self.map.layout, sizing_mode="stretch_both"),
+            "basins": column(about, self.basins.layout, sizing_mode="stretch_both"),
+        }
+        panels = [TabPanel(child=layout, title=title) for title, layout in layouts.items()]
+        return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs")
+
     def _connect(self) -> None:
         """Let the figure, the address and the connection change what is shown."""
         figure, document = self.diagram.figure, self.document
-        for model in (figure.x_range, figure.y_range):
+        figures = (figure, self.map.figure, self.basins.figure)
+        ranges = {r.id: r for one in figures for r in (one.x_range, one.y_range)}
+        for model in ranges.values():
             for name in ("start", "end"):
                 model.on_change(name, self._ranges_changed)
         for name in ("inner_width", "inner_height"):
             figure.on_change(name, self._resized)
-        figure.on_event(Reset, lambda _: self.change(self._at_home))
-        figure.on_event(Tap, self._tapped)
+        for one in figures:
+            one.on_event(Reset, lambda _: self.change(self._at_home))
+            one.on_event(Tap, self._tapped)
+        self._tabs.on_change("active", self._tab_chosen)
+        self._across.on_change("value", self._across_chosen)
         self.diagram.mark.on_change("location", self._mark_moved)
         document.config.notify_connection_status = False  # the page has words of its own
         document.on_session_destroyed(lambda _: self.worker.close())
@@ -113,15 +141,25 @@ class Page:
         self.diagram.show(self.view)
         self.branches.show(self.view)
         self.motion.show(self.view)
+        self.map.show(self.view)
+        self.basins.show(self.view)
+        self._tabs.active, self._across.value = self.view.tab, self.view.across
         self._address.title = self.view.query()
         self._compute()
 
     def _compute(self) -> None:
         """Ask for the pictures of the view, once the size of the page is known."""
         if all(self.diagram.size):
-            *coarse, fine = self.diagram.steps(self.view)
-            branches = self.branches.steps(self.view, self.diagram.size[0])
-            self.worker.ask([*coarse, *self.motion.steps(self.view), fine, *branches])
+            self.worker.ask(self._steps())
+
+    def _steps(self) -> list[Step]:
+        """Return what the open tab shows of the view, the quickest first."""
+        view = self.view
+        if view.tab != DIAGRAM:
+            return (self.map if view.tab == MAP else self.basins).steps(view)
+        *coarse, fine = self.diagram.steps(view)
+        branches = self.branches.steps(view, self.diagram.size[0])
+        return [*coarse, *self.motion.steps(view), fine, *branches]
 
     def _resized(self, attr: str, old: int, new: int) -> None:
         columns, rows = self.diagram.size
@@ -144,17 +182,46 @@ class Page:
         x, y = self.diagram.figure.x_range, self.diagram.figure.y_range
         ylim = (y.start, y.end)
         fits = view.ylim is None and ylim == self.diagram.fitted
-        return replace(view, xlim=(x.start, x.end), ylim=None if fits else ylim)
+        _, maplim = self.map.windows
+        x0lim, v0lim = self.basins.windows
+        windows: Any = {"maplim": maplim, "x0lim": x0lim, "v0lim": v0lim}
+        return replace(view, xlim=(x.start, x.end), ylim=None if fits else ylim, **windows)
 
     def _at_home(self, view: View) -> View:
-        xlim = self.home.xlim if view.axis == self.home.axis else view.xlim
-        return replace(view, xlim=xlim, ylim=None)
+        """Return the view with the windows that the open tab began with."""
+        home = self.home
+        if view.tab == BASINS:
+            return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
+        xlim = home.xlim if view.axis == home.axis else window_around(view.axis, view.xlim[0])
+        if view.tab == DIAGRAM:
+            return replace(view, xlim=xlim, ylim=None)
+        same = (view.axis, view.across) == (home.axis, home.across)
+        return replace(view, xlim=xlim, maplim=home.maplim if same else view.maplim)
 
     def _tapped(self, event: Tap) -> None:
-        low, high = self.view.xlim
-        if event.x is not None and low <= event.x <= high:
-            value = {self.view.axis: float(event.x)}
-            self.change(lambda view: replace(view.moved(**value), marked=True))
+        """Mark what was clicked on; from a map, show the diagram through it."""
+        if event.x is None or event.y is None:
+            return
+        view, x, y = self.view, float(event.x), float(event.y)
+        if view.tab == DIAGRAM:
+            low, high = view.xlim
+            clicked = view.moved(**{view.axis: min(max(x, low), high)})
+        elif view.tab == MAP:
+            clicked = view.moved(**{view.axis: x, view.across: y})
+            if self._line.active == 1:
+                clicked = with_axis(clicked, view.across)
+            clicked = replace(clicked, ylim=None)
+        else:
+            clicked = replace(view.moved(x0=x, v0=y), ylim=None)
+        self.change(lambda view: replace(clicked, marked=True, tab=DIAGRAM))
+
+    def _tab_chosen(self, attr: str, old: int, new: int) -> None:
+        if new != self.view.tab:
+            self.change(lambda view: replace(view, tab=new))
+
+    def _across_chosen(self, attr: str, old: str, new: str) -> None:
+        if new != self.view.across:
+            self.change(lambda view: with_across(view, new))
 
     def _mark_moved(self, attr: str, old: Any, new: Any) -> None:
         if new is not None and new != self.view.values[self.view.axis]:
@@ -165,8 +232,11 @@ class Page:
 
     def _report(self, shown: Shown, seconds: float) -> None:
         self.shown = shown
-        record, points = shown.view.record, len(shown.values)
-        periods = points * (record["transient"] + record["periods"])
+        self._report_map(shown.config, seconds)
+
+    def _report_map(self, config: SweepConfig, seconds: float) -> None:
+        points = config.grid.size
+        periods = points * (config.record.transient + config.record.periods)
         self.controls.status.text = (
             f"{shown_count(points, 'point')}, {periods:,} forcing periods in "
             f"{1e3 * seconds:.0f} ms: {1e-6 * periods / seconds:.3g} million periods/s"
@@ -182,9 +252,15 @@ class Page:
 
     def _save(self) -> None:
         try:
-            path = write_yaml(self.view, self.diagram.size[0], self.folder)
+            path = write_yaml(self.view, self._configuration(), self.folder)
         except Failed as error:
             self._refuse(str(error))
         else:
             self.controls.error.text = ""
             self.controls.status.text = f"saved: {path}; vibroimpact run {path.name}"
+
+    def _configuration(self) -> SweepConfig:
+        """Return that of the finest picture in the open tab."""
+        if self.view.tab == DIAGRAM:
+            return self.view.diagram(self.diagram.size[0])
+        return (self.map if self.view.tab == MAP else self.basins).finest(self.view)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Failed
-from sweeps.explore.view import View
+from sweeps.explore.view import DIAGRAM, View
 
 
-def write_yaml(view: View, columns: int, folder: Path) -> Path:
-    """Write the configuration of the diagram to a file that was not there before.
+def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
+    """Write the configuration of a picture to a file that was not there before.
 
     Parameters
     ----------
     view : View
-    columns : int
-        How many values of the axis are shown.
+    config : SweepConfig
+        That of the picture in the tab of the view.
     folder : Path
 
     Returns
@@ -31,7 +32,7 @@ def write_yaml(view: View, columns: int, folder: Path) -> Path:
     for number in itertools.count(1):
         name = f"{view.name}-view-{number}"
         path = folder / f"{name}.yaml"
-        text = f"{_heading(view, name)}{view.diagram(columns, name).to_yaml()}"
+        text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
         try:
             with path.open("x", encoding="utf-8") as file:
                 file.write(text)
@@ -45,9 +46,11 @@ def write_yaml(view: View, columns: int, folder: Path) -> Path:
 
 def _heading(view: View, name: str) -> str:
     """Return a comment that says how the picture is drawn."""
-    options = f"--coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
-    if view.ylim is not None:
-        options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
+    options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
+    if view.tab == DIAGRAM:
+        options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
+        if view.ylim is not None:
+            options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
     return (
         "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"
         f"#   vibroimpact run {name}.yaml\n#   vibroimpact plot {name}.h5 {options}\n"

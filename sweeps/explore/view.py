@@ -121,26 +121,44 @@ class View:
         )
 
     def moved(self, **values: float) -> Self:
-        """Return this view at other values of some parameters."""
-        return replace(self, values={**self.values, **values})
+        """Return this view at other values of some parameters; the starts stay before the stop."""
+        beyond = max(0.0, self.x0lim[1] - values.get("clearance", math.inf))
+        x0lim = self.x0lim[0] - beyond, self.x0lim[1] - beyond
+        return replace(self, values={**self.values, **values}, x0lim=x0lim)
 
-    def diagram(self, columns: int, name: str | None = None) -> SweepConfig:
+    def diagram(self, columns: int) -> SweepConfig:
         """Return the sweep of the diagram, with so many values of the axis."""
-        return self._sweep({self.axis: (self.xlim, columns)}, (), name)
+        return self._sweep({self.axis: (self.xlim, columns)}, ())
 
-    def map(self, columns: int, rows: int, name: str | None = None) -> SweepConfig:
+    def map(self, columns: int, rows: int) -> SweepConfig:
         """Return the sweep of the map of classes."""
         axes = {self.across: (self.maplim, rows), self.axis: (self.xlim, columns)}
-        return self._sweep(axes, self._diagnostics, name)
+        return self._sweep(axes, self._diagnostics)
 
-    def basins(self, columns: int, rows: int, name: str | None = None) -> SweepConfig:
+    def basins(self, columns: int, rows: int) -> SweepConfig:
         """Return the sweep over the starts."""
         axes = {"x0": (self.x0lim, columns), "v0": (self.v0lim, rows)}
-        return self._sweep(axes, self._diagnostics, name)
+        return self._sweep(axes, self._diagnostics)
+
+    def map_axes(self) -> tuple[str, str]:
+        """Return abscissa and ordinate of the map."""
+        return self.axis, self.across
+
+    def map_windows(self) -> tuple[Window, Window]:
+        """Return their windows."""
+        return self.xlim, self.maplim
+
+    def start_axes(self) -> tuple[str, str]:
+        """Return abscissa and ordinate of the basins."""
+        return "x0", "v0"
+
+    def start_windows(self) -> tuple[Window, Window]:
+        """Return their windows."""
+        return self.x0lim, self.v0lim
 
     def point(self) -> SweepConfig:
         """Return the sweep of the marked point alone."""
-        return self._sweep({}, self._diagnostics, None)
+        return self._sweep({}, self._diagnostics)
 
     @property
     def _diagnostics(self) -> tuple[str, ...]:
@@ -150,14 +168,13 @@ class View:
         self,
         axes: Mapping[str, tuple[Window, int]],
         diagnostics: tuple[str, ...],
-        name: str | None,
     ) -> SweepConfig:
         given: dict[str, Any] = dict(self.values)
         for axis, ((low, high), num) in axes.items():
             given[axis] = {"start": low, "stop": high, "num": num}
         oscillator = {key: given.pop(key) for key in OscillatorConfig.model_fields}
         data = {
-            "name": self.name if name is None else name,
+            "name": self.name,
             "oscillator": oscillator,
             "start": given,
             "method": dict(self.method),
@@ -214,6 +231,8 @@ class View:
                 raise ConfigError(f"{getattr(self, name)} is no parameter: {', '.join(allowed)}")
         if self.ordinate not in COORDINATES:
             raise ConfigError(f"{self.ordinate} is no ordinate: {', '.join(COORDINATES)}")
+        if self.axis == self.across:
+            raise ConfigError(f"{self.axis} is given for both axes of the map")
         for name in _WINDOWS:
             window = getattr(self, name)
             if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):
@@ -226,10 +245,11 @@ class View:
             self.basins(2, 2)
 
 
-def bounds(name: str, values: Mapping[str, float]) -> tuple[float | None, float | None]:
-    """Return the least and the greatest value of a parameter that a window may hold; or None."""
+def bounds(name: str, values: Mapping[str, float]) -> tuple[float | None, float | None] | None:
+    """Return the least and the greatest value that a window may hold; None for no limit."""
     parameter = PARAMETERS[name]
     low = 1e-3 if parameter.low_open else parameter.low
-    high = values["clearance"] if name == "x0" else parameter.high
     low = values["x0"] if name == "clearance" else low
-    return (low if math.isfinite(low) else None, high if math.isfinite(high) else None)
+    high = values["clearance"] if name == "x0" else parameter.high
+    ends = (low if math.isfinite(low) else None, high if math.isfinite(high) else None)
+    return None if ends == (None, None) else ends

@@ -12,12 +12,16 @@ _LETTERS = {
 }  # fmt: skip
 
 
-def symbol(name: str) -> str:
-    """Return the symbol of a parameter or of a variable of the file."""
-    text = (PARAMETERS[name] if name in PARAMETERS else VARIABLES[name]).symbol
+def plain(text: str) -> str:
+    """Return a text without the marks of its formulas."""
     for formula, letters in _LETTERS.items():
         text = text.replace(formula, letters)
-    return text
+    return text.replace("$", "").replace("_1", "₁").replace(r"\approx", "≈")
+
+
+def symbol(name: str) -> str:
+    """Return the symbol of a parameter or of a variable of the file."""
+    return plain((PARAMETERS[name] if name in PARAMETERS else VARIABLES[name]).symbol)
 
 
 def axis_label(name: str) -> str:

@@ -14,6 +14,7 @@ from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
+from sweeps.analysis.unsettled import EXTENSIONS
 from sweeps.errors import Refused
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_kinds, failed_cells
@@ -47,14 +48,10 @@ def basins(
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    result = attractors(starts)
-    reached = result["attractor"].values
-    kinds = [
-        Cells(_describe(row), _colour(row), reached == row.number) for row in rows(starts, result)
-    ]
+    cells = basin_cells(starts)
     panel = new_panel(ax, page, 4.5, 4.4)
     title_end = ",\nspeed before each impact; share of the starts"
-    draw_kinds(panel, starts, [*kinds, *failed_cells(starts["status"].values)], title_end)
+    draw_kinds(panel, starts, [*cells, *failed_cells(starts["status"].values)], title_end)
     set_scale(panel.xaxis, starts["x0"].values)
     set_scale(panel.yaxis, starts["v0"].values)
     panel.set_xlabel(label(dataset["x0"]))
@@ -62,6 +59,23 @@ def basins(
     page.set_limits(panel)
     add_title(panel, page, Setting.of(dataset), starts)
     return figure_of(panel)
+
+
+def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
+    """Return the starts that reach each attractor.
+
+    Parameters
+    ----------
+    starts : Dataset
+        A cut through an opened sweep, with ``x0`` and ``v0`` as its axes.
+    extensions : int
+        As for `sweeps.analysis.distinct_attractors.attractors`.
+    """
+    result = attractors(starts, extensions=extensions)
+    reached = result["attractor"].values
+    return [
+        Cells(_describe(row), _colour(row), reached == row.number) for row in rows(starts, result)
+    ]
 
 
 @in_style

@@ -50,7 +50,12 @@ _SIGNED = LinearSegmentedColormap.from_list(
 
 
 def period_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour the kinds of motion; the most frequent classes have a colour each."""
+    """Colour the kinds of motion."""
+    return period_cells(cut)
+
+
+def period_cells(cut: xr.Dataset) -> list[Cells]:
+    """Return the points of each kind of motion; the most frequent classes have a colour each."""
     if "period" not in cut:
         raise Refused(
             "the file has no period: run the sweep again with record.diagnostics: [period]"

@@ -78,6 +78,16 @@ class Window:
             f"the page did not come to rest: {self.page.view}, {self.page.motion.text.text}"
         )
 
+    def tiles(self, name: str, shape: tuple[int, int]) -> None:
+        """Wait until a map of this shape is in the browser, and nothing is computed."""
+        deadline = time.monotonic() + 100.0
+        while time.monotonic() < deadline:
+            code = "{return m.data.image[0]?.shape}"
+            if self.page.worker.idle and self.model(f"{name} pixels", code) == [*shape]:
+                return
+            self.tab.wait_for_timeout(20)
+        raise AssertionError(f"no map: {self.page.controls.error.text}")
+
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""
         shown, (columns, rows) = self.page.shown, self.page.diagram.size

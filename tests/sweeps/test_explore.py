@@ -55,6 +55,7 @@ def test_a_view_returns_from_its_address(view, axis):
         record={**view.record, "transient": 7, "phase": 1.1},
         marked=True,
         ordinate="impact_v",
+        across="h" if axis != "h" else "R",
     )
     changed = replace(changed, xlim=(-0.7, 0.1)) if axis == "x0" else changed
     assert view.with_query("?" + changed.query()) == changed

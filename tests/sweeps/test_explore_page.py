@@ -1,5 +1,6 @@
 """The live picture in a real browser: every gesture, and what the page then shows."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -188,6 +189,49 @@ def test_the_address_holds_the_view(window, browser, explorer):
     again.settle(lambda: again.page.view == seen)
     np.testing.assert_array_equal(again.pixels(), pixels)
     again.tab.close()
+
+
+def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
+    page = window.page
+    window.tab.get_by_text("map of classes").click()
+    finest = page.map.finest(page.view)
+    window.tiles("map", (120, 192))
+    results = numbers(finest)
+    shares = re.findall(r">■</span> (\d+)/(\d+) \(([\d.]+) %", page.map.legend.text)
+    assert len(shares) == 6
+    for m, q, share in shares:
+        same = (results["period"] == int(m)) & (results["period_impacts"] == int(q))
+        same &= results["rest_fraction"] == 0.0
+        assert float(share) == pytest.approx(100.0 * same.mean(), rel=5e-3)
+    window.click(0.5, 0.25, "map")
+    window.settle(lambda: page.view.tab == 0)
+    assert page.view.values["R"] == pytest.approx(0.75, abs=0.01)
+    assert page.view.axis == "omega"
+    assert page.view.marked
+    window.tab.get_by_text("map of classes").click()
+    window.tab.get_by_text("column", exact=True).click()
+    window.tiles("map", (120, 192))
+    window.click(0.25, 0.5, "map")
+    window.settle(lambda: page.view.tab == 0)
+    assert (page.view.axis, page.view.across) == ("R", "omega")
+    assert page.view.values["omega"] == pytest.approx(2.4 + 1.1 / 4, abs=0.01)
+
+
+def test_basins_at_the_mark_and_a_start_out_of_them(window):
+    page = window.page
+    for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
+        window.model(f"{name} slider", f"{{m.value = {value}}}")
+        window.settle(lambda name=name, value=value: page.view.values[name] == value)
+    window.model("transient", "{m.value = 300}")
+    window.settle(lambda: page.view.record["transient"] == 300)
+    window.tab.get_by_text("basins", exact=True).click()
+    window.tiles("basins", (120, 192))
+    orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
+    assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
+    assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
+    window.click(0.7, 0.6, "basins")
+    window.settle(lambda: page.view.tab == 0)
+    assert page.view.values["x0"] == pytest.approx(-0.9, abs=0.05)
 
 
 def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
