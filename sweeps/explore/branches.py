@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from bokeh.models import ColumnDataSource, LegendItem
 
+from sweeps.analysis.exact_branches import Line
+from sweeps.analysis.results import as_dataset
 from sweeps.engine.background import check_given_up
 from sweeps.explore.diagram import Diagram
 from sweeps.explore.view import View
@@ -30,26 +32,13 @@ def find_branches(diagram: Diagram) -> Parts:
     Refused
         If the orbits do not depend on the axis.
     """
-    from matplotlib.figure import Figure
-
-    from sweeps.analysis.exact_branches import Line
-    from sweeps.analysis.results import as_dataset
-    from sweeps.plotting.exact_branches import draw_branches
+    from sweeps.plotting.exact_branches import branch_parts  # whose import takes a second
 
     shown = diagram.kept
     assert shown is not None
     dataset = as_dataset(shown.config, shown.config.grid.axes, shown.results)
     lines = [Line.of(dataset, shown.view.axis)]
-    # Drawn on a figure that nobody sees: so both pictures have the same lines.
-    panel = Figure().add_subplot()
-    parts = draw_branches(panel, lines, shown.view.ordinate, check_given_up)
-    return {
-        name: (
-            [np.asarray(line.get_xdata(), float) for line in drawn],
-            [np.asarray(line.get_ydata(), float) for line in drawn],
-        )
-        for name, drawn in parts.items()
-    }
+    return branch_parts(lines, shown.view.ordinate, check_given_up)
 
 
 class Branches:

@@ -9,7 +9,16 @@ from functools import partial
 from typing import Any
 
 from bokeh.layouts import column, row
-from bokeh.models import Button, Checkbox, Div, LayoutDOM, NumericInput, Select, Slider
+from bokeh.models import (
+    Button,
+    Checkbox,
+    Div,
+    LayoutDOM,
+    NumericInput,
+    PrintfTickFormatter,
+    Select,
+    Slider,
+)
 
 from sweeps.explore.view import View, window_around
 from sweeps.explore.words import symbol
@@ -90,7 +99,7 @@ class Controls:
         tip = f"{parameter.meaning}: {parameter.allowed}"
         low, high = window_around(name, value)
         field = NumericInput(mode="float", name=name, width=74, height=24, margin=(0, 2, 0, 0))
-        field.stylesheets = [_COMPACT]
+        field.update(stylesheets=[_COMPACT], format=PrintfTickFormatter(format="%.7g"))
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
             title=None, width=110, height=22, margin=(2, 4, 0, 8), name=f"{name} slider",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,8 @@ class Shown:
     window : (float, float)
         Of the ordinate.
     pixels : ndarray of uint8, shape (rows, columns)
+    seconds : float
+        That the numbers took.
     """
 
     view: View
@@ -71,6 +74,7 @@ class Shown:
     results: Results
     window: Window
     pixels: np.ndarray
+    seconds: float
 
     @property
     def values(self) -> np.ndarray:
@@ -86,7 +90,7 @@ class Diagram:
     post : callable
         Runs a function in the thread of the document.
     report : callable
-        Is given a `Shown` and the seconds that it took, in the thread of the document.
+        Is given a `Shown` and the seconds that it took in all, in the thread of the document.
     """
 
     def __init__(
@@ -135,8 +139,9 @@ class Diagram:
             )  # fmt: skip
             items.append(LegendItem(label=outcome.meaning, renderers=[marks], visible=False))
             strips[outcome] = source, items[-1]
-        self.legend = Legend(items=items, visible=False, background_fill_alpha=0.8)
-        self.figure.add_layout(self.legend)
+        self.legend = Legend(items=items, visible=False, orientation="horizontal")
+        self.legend.update(margin=0, padding=2, border_line_color=None, label_text_font_size="11px")
+        self.figure.add_layout(self.legend, "above")
         return strips
 
     def show(self, view: View) -> None:
@@ -164,10 +169,16 @@ class Diagram:
     def _draw(self, view: View, columns: int, rows: int) -> Shown:
         """Compute a picture; only the pixels, where the numbers are those of the last."""
         config, kept = view.diagram(columns), self.kept
-        results = kept.results if kept and kept.config == config else numbers(config)
+        begin = perf_counter()
+        if kept is not None and kept.config == config:
+            results, seconds = kept.results, kept.seconds
+        else:
+            results = numbers(config)
+            seconds = perf_counter() - begin
         values = picture.ordinates(results, view.ordinate)
         window = picture.fitted(values) if view.ylim is None else view.ylim
-        shown = Shown(view, config, results, window, picture.density(values, window, rows))
+        pixels = picture.density(values, window, rows)
+        shown = Shown(view, config, results, window, pixels, seconds)
         self.kept = shown
         return shown
 

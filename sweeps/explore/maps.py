@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
+from time import perf_counter
 
 import numpy as np
 import xarray as xr
@@ -38,6 +39,8 @@ class Tiles:
         Values of the abscissa and the ordinate.
     pixels : ndarray of uint8, shape (rows, columns)
         1 + the number of the kind; 0 for none.
+    seconds : float
+        That the numbers took.
     """
 
     config: SweepConfig
@@ -45,6 +48,7 @@ class Tiles:
     y: np.ndarray
     kinds: list[tuple[str, str, float]]
     pixels: np.ndarray
+    seconds: float
 
 
 def _tiles(config: SweepConfig, x: str, y: str, by_start: bool) -> Tiles:
@@ -53,7 +57,10 @@ def _tiles(config: SweepConfig, x: str, y: str, by_start: bool) -> Tiles:
     from sweeps.plotting.cells import failed_cells
     from sweeps.plotting.maps import period_cells
 
-    dataset: xr.Dataset = as_dataset(config, config.grid.axes, numbers(config))
+    begin = perf_counter()
+    results = numbers(config)
+    seconds = perf_counter() - begin
+    dataset: xr.Dataset = as_dataset(config, config.grid.axes, results)
     cut = dataset.transpose(y, x, ...)
     cells = basin_cells(cut, extensions=0) if by_start else period_cells(cut)
     pixels = np.zeros(cut["status"].shape, np.uint8)
@@ -62,7 +69,7 @@ def _tiles(config: SweepConfig, x: str, y: str, by_start: bool) -> Tiles:
         if cell.where.any():
             kinds.append((plain(cell.label), cell.colour, float(cell.where.mean())))
             pixels[cell.where] = len(kinds)
-    return Tiles(config, cut[x].values, cut[y].values, kinds, pixels)
+    return Tiles(config, cut[x].values, cut[y].values, kinds, pixels, seconds)
 
 
 class Map:
@@ -79,7 +86,8 @@ class Map:
     windows : callable
         Returns their windows.
     post, report : callable
-        As for `sweeps.explore.diagram.Diagram`; `report` is given the configuration and seconds.
+        As for `sweeps.explore.diagram.Diagram`; `report` is given the
+        configuration, the seconds that its numbers took, and those in all.
     """
 
     def __init__(
@@ -89,7 +97,7 @@ class Map:
         axes: Callable[[View], tuple[str, str]],
         windows: Callable[[View], tuple[Window, Window]],
         post: Callable[[Callable[[], None]], None],
-        report: Callable[[SweepConfig, float], None],
+        report: Callable[[SweepConfig, float, float], None],
         x_range: Range1d | None = None,
     ) -> None:
         self._name, self._sweep, self._axes, self._windows = name, sweep, axes, windows
@@ -155,7 +163,7 @@ class Map:
             "dh": [cell_y * len(y)],
         }
         self.legend.text = _in_words(tiles.kinds)
-        self._report(tiles.config, seconds)
+        self._report(tiles.config, tiles.seconds, seconds)
 
 
 def _in_words(kinds: Sequence[tuple[str, str, float]]) -> str:

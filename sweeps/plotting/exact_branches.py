@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
@@ -126,6 +127,20 @@ def draw_branches(
             points.set_markeredgewidth(0.7)
             parts[kind].append(points)
     return parts
+
+
+def branch_parts(
+    lines: Sequence[Line], coordinate: str, check: Callable[[], object] | None = None
+) -> dict[str, tuple[list[np.ndarray], list[np.ndarray]]]:
+    """Return abscissae and ordinates of what `draw_branches` draws, whose arguments these are."""
+    parts = draw_branches(Figure().add_subplot(), lines, coordinate, check)
+    return {
+        name: (
+            [np.asarray(line.get_xdata(), float) for line in drawn],
+            [np.asarray(line.get_ydata(), float) for line in drawn],
+        )
+        for name, drawn in parts.items()
+    }
 
 
 def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:

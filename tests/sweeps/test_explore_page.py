@@ -155,19 +155,19 @@ def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
 def test_exact_branches_lie_over_the_points_and_go_when_the_oscillator_changes(window):
     page = window.page
     window.tab.locator("input[type=checkbox]").click()
-    window.settle(
-        lambda: "flip" in page.branches.sources and page.branches.sources["flip"].data["x"]
-    )
+    flips = "{return m.data.x.length}"
+    window.settle(lambda: window.model("flip", flips))
     shown = window.model("flip", "{return [...m.data.x]}")
     assert min(abs(np.array(shown) - 2.65888454668484)) < 1e-9
     stable = window.model("exact orbits, stable", "{return m.data.x.map((x) => [...x])}")
     assert min(min(x) for x in stable) == pytest.approx(2.4)
     window.model("R slider", "{m.value = 0.6}")
     window.settle(lambda: page.view.values["R"] == 0.6)
-    window.settle(lambda: page.branches.sources["flip"].data["x"])
+    window.settle(lambda: window.model("flip", flips))
+    window.settle(lambda: window.model("flip", "{return Math.min(...m.data.x)}") != min(shown))
     assert min(abs(np.array(window.model("flip", "{return [...m.data.x]}")) - 2.65888)) > 1e-4
     window.tab.locator("input[type=checkbox]").click()
-    window.settle(lambda: not page.branches.sources["flip"].data["x"])
+    window.settle(lambda: not window.model("flip", flips))
 
 
 def test_the_address_holds_the_view(window, browser, explorer):
