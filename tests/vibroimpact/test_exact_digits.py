@@ -1,0 +1,149 @@
+"""The digits of the exact rule: against mpmath, at any clearance, on any processor."""
+
+import os
+import subprocess
+import sys
+
+import llvmlite.binding as llvm
+import mpmath as mp
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator, integrate, simulate
+from vibroimpact.oscillator import POINT
+
+# --- one period in mpmath ---
+
+
+class Flight:
+    """The free motion of eq. (1) for h < p from a state at time t0, in closed form."""
+
+    def __init__(self, osc, t0, x, v):
+        h, p, w = mp.mpf(osc.h), mp.mpf(osc.p), mp.mpf(osc.omega)
+        self.h, self.w, self.root, self.t0 = h, w, mp.sqrt(p * p - h * h), t0
+        self.steady = -mp.mpf(osc.f) / (p * p - w * w + 2j * h * w)
+        wave = self.steady * mp.expj(w * t0)
+        x, v = x - wave.imag, v - (1j * w * wave).imag
+        # Its real part is x; with the rate -h + i root that of its derivative is v.
+        self.free = x - 1j * (v + h * x) / self.root
+
+    def state(self, t):
+        """x and v at time t."""
+        rate = -self.h + 1j * self.root
+        free = self.free * mp.exp(rate * (t - self.t0))
+        wave = self.steady * mp.expj(self.w * t)
+        return free.real + wave.imag, (rate * free).real + (1j * self.w * wave).imag
+
+    def sampled(self, t):
+        """x at an array of times, in double precision."""
+        rate, t0 = complex(-self.h + 1j * self.root), float(self.t0)
+        free = complex(self.free) * np.exp(rate * (t - t0))
+        return free.real + (complex(self.steady) * np.exp(1j * float(self.w) * t)).imag
+
+
+def after_one_period(osc, x, v, most=12):
+    """The state one forcing period after (x, v) at t = 0; None where impacts come too fast."""
+    stop, end, t = mp.mpf(osc.clearance), 2 * mp.pi / mp.mpf(osc.omega), mp.mpf(0)
+    x, v = mp.mpf(x), mp.mpf(v)
+    for _ in range(most):
+        flight = Flight(osc, t, x, v)
+        grid = np.linspace(float(t), float(end), 3000)[1:]
+        beyond = np.flatnonzero(flight.sampled(grid) > osc.clearance)
+        if not beyond.size:
+            return flight.state(end)
+        if beyond[0] == 0:
+            return None  # a bounce shorter than the distance of two samples
+        bracket = grid[beyond[0] - 1], grid[beyond[0]]
+        t = mp.findroot(lambda q, *, f=flight: f.state(q)[0] - stop, bracket, solver="anderson")
+        x, v = stop, -mp.mpf(osc.R) * flight.state(t)[1]
+    return None
+
+
+def test_the_median_error_after_one_period_is_below_1e_15():
+    """Of 200 points; relative to the size of the motion."""
+    rng = np.random.default_rng(5)
+    points = np.zeros(200, POINT)
+    for name, low, high in (
+        ("h", 0.0, 0.6), ("R", 0.2, 1.0), ("omega", 0.7, 4.0), ("clearance", -0.2, 0.8),
+    ):  # fmt: skip
+        points[name] = rng.uniform(low, high, points.size)
+    points["f"] = points["p"] = 1.0
+    points["x0"] = points["clearance"] - rng.uniform(0.1, 2.0, points.size)
+    points["v0"] = rng.normal(0.0, 1.0, points.size)
+    results = integrate(points, transient=0, periods=1, threads=1)
+    errors, impacts = [], 0.0
+    with mp.workdps(40):
+        for i, point in enumerate(points):
+            given = {name: float(point[name]) for name in POINT.names}
+            x0, v0 = given.pop("x0"), given.pop("v0")
+            state = after_one_period(Oscillator(**given), x0, v0)
+            if state is not None:
+                size = max(abs(x0), abs(v0), *map(abs, state))
+                ours = results["poincare_x"][i, 0], results["poincare_v"][i, 0]
+                gaps = (abs(a - b) for a, b in zip(ours, state, strict=True))
+                errors.append(float(max(gaps) / size))
+                impacts += results["impacts_per_period"][i]
+    print(
+        f"{len(errors)} points, median {np.median(errors):.2g}, 90 % {np.quantile(errors, 0.9):.2g}"
+    )
+    assert len(errors) > 150 and impacts > 0.7 * len(errors)
+    assert np.median(errors) < 1e-15
+    assert np.quantile(errors, 0.9) < 3e-15
+
+
+# --- rests ---
+
+
+@pytest.mark.parametrize("R", [0.1, 0.3, 0.6, 0.8, 0.9])
+@pytest.mark.parametrize(("clearance", "f"), [(-1.5, 1.0), (0.3, 1.0), (40.0, 100.0)])
+def test_the_time_of_rest_does_not_depend_on_the_steps(R, clearance, f):
+    """A bounce has the digits of its own height, however far the stop is from 0."""
+    osc = Oscillator(h=0.05, R=R, omega=0.15, f=f, clearance=clearance)
+    rests = [
+        simulate(osc, 2, steps_per_period=n, x0=clearance, v0=-0.1 * f).rests[:, 0]
+        for n in (None, 47, 64, 150, 400)
+    ]
+    assert len(rests[0]) >= 1
+    for other in rests[1:]:
+        np.testing.assert_allclose(other, rests[0], rtol=0.0, atol=1e-13)
+
+
+# --- vectors ---
+
+PROGRAM = """\
+import hashlib
+import numpy as np
+from vibroimpact import Oscillator, integrate
+points = np.concatenate(
+    [Oscillator(h=0.1, R=0.8, omega=omega, f=1.0, clearance=c).at()
+     for omega in np.linspace(0.2, 4.0, 100) for c in (0.0, 0.2)]
+)
+for integrator, impact in (
+    ("exact", "exact"), ("rk4", "plain"), ("newmark", "reduced-step"), ("rk4", "cubic")
+):
+    out = integrate(points, integrator=integrator, impact=impact, transient=5, periods=20,
+                    lyapunov=impact == "exact", threads=1)
+    data = b"".join(out[name].tobytes() for name in sorted(out))
+    print(impact, hashlib.sha256(data).hexdigest())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not llvm.get_host_cpu_features().get("avx512f"), reason="a processor without wide vectors"
+)
+def test_a_processor_with_narrower_vectors_gives_the_same_bits(tmp_path):
+    """Compiled for AVX2, and for this processor with its vectors of 512 bits."""
+
+    def hashes(**settings):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)} | settings
+        command = [sys.executable, "-c", PROGRAM]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+
+    features = [
+        ("-" if name.startswith(("avx512", "evex")) or not there else "+") + name
+        for name, there in llvm.get_host_cpu_features().items()
+    ]
+    narrow = hashes(NUMBA_CPU_NAME="haswell", NUMBA_CPU_FEATURES=",".join(features)).stdout
+    assert narrow.count("\n") == 4
+    assert narrow == hashes().stdout
