@@ -27,7 +27,7 @@ from vibroimpact.oscillator import Oscillator
 
 #: Longer orbits are not followed, nor more curves than this, and a pair of classes from which so
 #: many changes lead to no curve is left.
-MOST_PERIODS, MOST_CURVES, MOST_FAILURES = 8, 120, 4
+MOST_PERIODS, MOST_CURVES, MOST_FAILURES = 8, 400, 4
 #: How far beyond a change, in cells, its bifurcation is looked for.
 _CELLS = 0.5
 

@@ -189,13 +189,8 @@ class Walked:
         X, objection, orbits = end.X, end.objection, self.orbits
         if objection is None:
             kind, orbit = "lost", orbits.orbit(X)
-        elif objection.kind == "edge":
-            kind = "edge"
-            exact = orbits.at(X, objection.where)
-            X = X if exact is None else exact
-            orbit = orbits.orbit(X)
-        elif objection.kind == "rest":
-            kind, orbit = "rest", orbits.orbit(X)
+        elif objection.kind in ("edge", "rest"):
+            kind, orbit = objection.kind, orbits.orbit(X)
         else:
             kind, X, orbit = graze_at_end(orbits, X, objection.kind, objection.at, objection.where)
         self.points[-1] = X

@@ -162,12 +162,10 @@ class Orbits:
             X[2 * system.graze + 1] = 0.0  # it is, to rounding
         return X
 
-    def at(self, X: np.ndarray, value: float) -> np.ndarray | None:
-        """Return the point at a value of the only axis."""
-        X = X.copy()
-        X[-1] = value / self.spans[0]
-        plane = np.zeros((1, X.size))
-        plane[0, -1] = 1.0
+    def at(self, X: np.ndarray, value: float, axis: int = 0) -> np.ndarray | None:
+        """Return the point near X at a value of an axis; None if none is found."""
+        X, plane, at = X.copy(), np.zeros((1, X.size)), 2 * self.q + axis
+        X[at], plane[0, at] = value / self.spans[axis], 1.0
         return self.corrected(X, plane)
 
     def tangent(self, X: np.ndarray) -> np.ndarray:
@@ -328,15 +326,33 @@ def _returns(segment: Segment, begin: np.ndarray, tangent: np.ndarray) -> bool:
 
 def _last(segment: Segment, objection: Objection) -> tuple[np.ndarray, Objection]:
     """Return the last point of a step that is an orbit, and what objects just after it."""
-    low, high, last = 0.0, segment.length, segment.X
+    low, high, last, Y = 0.0, segment.length, segment.X, segment.Y
     for _ in range(_HALVINGS):
+        if objection.kind == "edge":
+            edge = _edge(segment, objection, last, Y)
+            if edge is not None:
+                return edge, objection
         middle = 0.5 * (low + high)
         X = segment.at(middle)
         if X is None or middle in (low, high):
             break
-        found = segment.orbits.objection(X)
-        if found is None:
+        beyond = segment.orbits.objection(X)
+        if beyond is None:
             low, last = middle, X
         else:
-            high, objection = middle, found
+            high, objection, Y = middle, beyond, X
     return last, objection
+
+
+def _edge(
+    segment: Segment, objection: Objection, X: np.ndarray, Y: np.ndarray
+) -> np.ndarray | None:
+    """Return the orbit at the edge between X and a point Y beyond it, if there is one."""
+    orbits, axis = segment.orbits, objection.at
+    inside, beyond = orbits.values(X)[axis], orbits.values(Y)[axis]
+    share = (objection.where - inside) / (beyond - inside)
+    edge = orbits.at(X + share * (Y - X), objection.where, axis)
+    if edge is None or orbits.objection(edge) is not None:
+        return None
+    ends = segment.place(X), segment.place(Y)
+    return edge if ends[0] <= segment.place(edge) <= ends[1] else None

@@ -204,18 +204,10 @@ def _end(orbits: Orbits, end: End) -> tuple[np.ndarray, CurvePoint]:
     X, objection = end.X, end.objection
     if objection is None:
         kind = "lost"
-    elif objection.kind == "edge":
-        kind = "edge"
-        exact = X.copy()
-        exact[2 * orbits.q + objection.at] = objection.where / orbits.spans[objection.at]
-        plane = np.zeros((1, X.size))
-        plane[0, 2 * orbits.q + objection.at] = 1.0
-        corrected = orbits.corrected(exact, plane)
-        X = X if corrected is None else corrected
     elif objection.kind == "pass":
         kind = "graze" if _touches(orbits, X, objection.at, objection.where) else "penetration"
     else:
-        kind = "rest" if objection.kind == "rest" else "graze"
+        kind = "graze" if objection.kind == "speed" else objection.kind
     return X, CurvePoint(kind, orbits.kept(X), _zeroed(orbits, X))
 
 

@@ -29,8 +29,9 @@ from vibroimpact.orbits.flights import residuals
 # Conditions.
 NONE, FLIP, FOLD, GRAZE = range(4)
 
-#: Step of the central differences, that of the least error.
-_DIFFERENCE = 6e-6
+#: Step of the central differences, that of the least error; the least, and by what share it may
+#: change a speed.
+_DIFFERENCE, _LEAST_DIFFERENCE, _SLOWING = 6e-6, 1e-12, 1e-2
 #: The iteration ends after a step below the first, or one below the second that is no smaller than
 #: half the one before it.
 _CONVERGED, _STALLED = 1e-12, 1e-7
@@ -251,13 +252,16 @@ def _gradient(system, X, along):
     """Return the derivative of the condition along a vector."""
     if system.condition == GRAZE:
         return along[2 * system.graze + 1]
-    Y = np.empty(X.size)
+    step, Y = _DIFFERENCE, np.empty(X.size)
+    for i in range(1, 2 * system.q, 2):  # the slow impacts of a chatter stay what they are
+        if step * abs(along[i]) > _SLOWING * abs(X[i]):
+            step = max(_SLOWING * abs(X[i] / along[i]), _LEAST_DIFFERENCE)
     for i in range(X.size):
-        Y[i] = X[i] + _DIFFERENCE * along[i]
+        Y[i] = X[i] + step * along[i]
     above = condition_value(system, Y)
     for i in range(X.size):
-        Y[i] = X[i] - _DIFFERENCE * along[i]
-    return (above - condition_value(system, Y)) / (2.0 * _DIFFERENCE)
+        Y[i] = X[i] - step * along[i]
+    return (above - condition_value(system, Y)) / (2.0 * step)
 
 
 @jit
