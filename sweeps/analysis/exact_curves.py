@@ -1,35 +1,43 @@
 """The exact curves of flips, folds and grazes over a map: where its tongues end.
 
-A change between two periodic classes, from one cell of the map to the next, is a seed: the orbit of
-one side is followed towards the other until it flips, folds or grazes, and that is followed in both
-parameters (`vibroimpact.orbits.curves`). A change counts as explained where a curve of one of its
-classes passes within one cell. Curves are sought until no change is left that could give one.
+From the middle of each large tongue its orbit is followed along both axes until it flips, folds or
+grazes, and these bifurcations are followed in both parameters (`vibroimpact.orbits.curves`). Then
+every change between two periodic classes, from one cell of the map to the next, is a seed: the
+orbit of one side is followed to the other. A change counts as explained where a curve of one of its
+classes passes within one cell; each of the others gets a reason.
 """
 
 from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.motion import Motion, classify
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.errors import Refused
-from vibroimpact.orbits.branches import branch
-from vibroimpact.orbits.curves import Curve, bifurcation_curve
+from vibroimpact.orbits.branches import Branch, Special, branch
+from vibroimpact.orbits.continuation import lost_text
+from vibroimpact.orbits.curves import KINDS, Curve, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 
-#: Longer orbits are not followed, nor more curves than this, and a pair of classes from which so
-#: many changes lead to no curve is left.
-MOST_PERIODS, MOST_CURVES, MOST_FAILURES = 8, 400, 4
-#: How far beyond a change, in cells, its bifurcation is looked for.
-_CELLS = 0.5
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+#: No more curves are followed. A tongue is large from this share of the map.
+MOST_CURVES, LARGE = 400, 0.01
+#: How far beyond a change, in cells, its bifurcation is looked for; and how near to a curve of its
+#: kind it is on it.
+_CELLS, _ON = 0.5, 0.2
+#: Pairs of classes that are named with a reason.
+_EXAMPLES = 3
 
 
 @dataclass
@@ -45,29 +53,46 @@ class CurveSearch:
         Between periodic classes.
     explained : int
         Those with a curve of one of their classes within one cell.
-    reasons : Counter
-        Why the others have none.
+    reasons : dict of str to Counter
+        Why the others have none, and between which classes they are.
     """
 
     axes: tuple[str, str]
     curves: list[Curve] = field(default_factory=list)
     changes: int = 0
     explained: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
+    reasons: dict[str, Counter[str]] = field(default_factory=dict)
 
-    def told(self) -> list[str]:
-        """Say it in lines."""
-        if not self.changes:
-            return ["there is no change between periodic classes"]
-        share = self.explained / self.changes
+    def summary(self) -> list[str]:
+        """Say in lines what was found, and why changes have no curve."""
         kinds = Counter(curve.kind for curve in self.curves)
-        counted = ", ".join(f"{kinds[kind]} of {kind}s" for kind in kinds) or "none"
-        lines = [
-            f"{len(self.curves)} exact curves: {counted}",
-            f"{self.explained:,} of {self.changes:,} changes between periodic classes "
-            f"({100.0 * share:.1f} %) have a curve within one cell",
+        counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
+        lines = [f"{len(self.curves)} exact curves: {counted}"]
+        if self.changes:
+            lines.append(
+                f"{self.explained:,} of {self.changes:,} changes between periodic classes "
+                f"({100.0 * self.explained / self.changes:.1f} %) have a curve within one cell"
+            )
+        else:
+            lines.append("there is no change between periodic classes")
+        for reason, pairs in sorted(self.reasons.items(), key=lambda item: -item[1].total()):
+            named = [pair for pair, _ in pairs.most_common(_EXAMPLES)]
+            dots = ", ..." if len(pairs) > _EXAMPLES else ""
+            lines.append(f"  {pairs.total():,}: {reason} ({', '.join(named)}{dots})")
+        return lines + [
+            f"a curve of {curve.kind}s of {curve.m}/{curve.q} is lost at {where}: {text}"
+            for curve in self.curves
+            for where, text in _lost_ends(curve)
         ]
-        return lines + [f"  {count:,}: {reason}" for reason, count in self.reasons.most_common()]
+
+
+def _lost_ends(curve: Curve) -> Iterator[tuple[str, str]]:
+    """Yield where a curve is lost, and why."""
+    for point in curve.special:
+        if point.kind == "lost":
+            values = zip(curve.parameters, point.values.tolist(), strict=True)
+            where = ", ".join(f"{name} = {value:g}" for name, value in values)
+            yield where, lost_text(len(curve.values), point.orbit.speeds)
 
 
 def find_curves(
@@ -123,134 +148,174 @@ class _Search:
         last = [cut[name].isel(section=-1).values for name in ("poincare_x", "poincare_v")]
         self._states = np.stack(last, axis=2)
         periodic = classify(cut) == Motion.PERIODIC
-        self._m = np.where(periodic, cut["period"].values, 0)
-        self._q = np.where(periodic, cut["period_impacts"].values, 0)
-        self._pairs = np.array(list(self._changes())).reshape(-1, 2, 2)
-        self._explained = np.zeros(len(self._pairs), bool)
-        self._result = CurveSearch(axes, changes=len(self._pairs))
+        m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
+        self._classes = np.stack([m, q], axis=2).astype(int)
+        self._cells = np.array(list(self._changes())).reshape(-1, 2, 2)
+        sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
+        self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
+        self._explained = np.zeros(len(self._cells), bool)
+        self._lines: list[tuple[Curve, cKDTree]] = []
+        self._result = CurveSearch(axes, changes=len(self._cells))
 
     def _changes(self) -> Iterator[np.ndarray]:
         """Yield the cells on both sides of every change between periodic classes."""
-        index = np.moveaxis(np.indices(self._m.shape), 0, 2)
-        for axis in (0, 1):
-            low = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
-            high = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-            m, q = self._m, self._q
-            differ = (m[low] != m[high]) | (q[low] != q[high])
-            where = differ & (m[low] > 0) & (m[high] > 0)
+        index = np.moveaxis(np.indices(self._classes.shape[:2]), 0, 2)
+        for low, high in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+            before, after = self._classes[low], self._classes[high]
+            where = (before != after).any(axis=2) & (before[..., 0] > 0) & (after[..., 0] > 0)
             yield from np.stack([index[low][where], index[high][where]], axis=1)
 
     def run(self) -> CurveSearch:
-        """Look for curves until nothing is left to look for."""
-        result, failures = self._result, Counter[tuple[int, ...]]()
-        tried = np.zeros(len(self._pairs), bool)
-        names = [self._classes(pair) for pair in self._pairs]
-        reasons: dict[tuple[int, ...], str] = {}
-        while len(result.curves) < MOST_CURVES:
-            left = Counter(
-                names[i]
-                for i in np.flatnonzero(~self._explained & ~tried).tolist()
-                if failures[names[i]] < MOST_FAILURES
-            )
-            if not left:
-                break
-            name = left.most_common(1)[0][0]
-            own = [
-                i for i in np.flatnonzero(~self._explained & ~tried).tolist() if names[i] == name
-            ]
-            chosen = own[len(own) // 2]
-            tried[chosen] = True
+        """Look at the large tongues, and then at every change that no curve explains yet."""
+        result = self._result
+        for cell, axis in self._tongues():
+            for point in self._borders(cell, axis):
+                if not self._is_on_curve(point, axis, cell):
+                    self._follow(point)
+        reasons: dict[int, str] = {}
+        while (chosen := self._next(reasons)) is not None:
             try:
-                curve = self._curve(self._pairs[chosen])
+                self._follow(self._bifurcation(self._cells[chosen]))
+                reasons[chosen] = "the curve found there is of other classes"
             except OrbitError as error:
-                failures[name] += 1
-                reasons[name] = str(error)
-                continue
-            result.curves.append(curve)
-            self._explain(curve, names)
-            if not self._explained[chosen]:
-                failures[name] += 1
-                reasons[name] = "the curve found there is of another class"
+                reasons[chosen] = str(error)
         result.explained = int(self._explained.sum())
         for i in np.flatnonzero(~self._explained).tolist():
-            result.reasons[reasons.get(names[i], "not tried")] += 1
+            pair = " and ".join(f"{m}/{q}" for m, q in self._names[i])
+            result.reasons.setdefault(reasons[i], Counter())[pair] += 1
         return result
 
-    def _classes(self, pair: np.ndarray) -> tuple[int, ...]:
-        (a, b), (c, d) = pair.tolist()
-        ends = sorted(
-            [(int(self._m[a, b]), int(self._q[a, b])), (int(self._m[c, d]), int(self._q[c, d]))]
+    def _tongues(self) -> Iterator[tuple[np.ndarray, int]]:
+        """Yield the middle of every large tongue where it is widest along an axis, and the axis."""
+        flat = self._classes.reshape(-1, 2)
+        names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
+        for name in names[counts >= LARGE * len(flat)]:
+            inside = (self._classes == name).all(axis=2)
+            for axis in (0, 1):
+                widest = int(np.argmax(inside.sum(axis=axis)))
+                within = np.flatnonzero(inside.take(widest, axis=1 - axis))
+                middle = int(within[len(within) // 2])
+                yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
+
+    def _borders(self, cell: np.ndarray, axis: int) -> Iterator[Special]:
+        """Yield the bifurcations next to a cell along an axis, on the branch of its orbit."""
+        values = self._values[axis]
+        try:
+            special = self._branch(cell, axis, values[0], values[-1]).special
+        except OrbitError:
+            return
+        away = [(point.value - values[cell[axis]], point) for point in special]
+        for side in (-1.0, 1.0):
+            beyond = [pair for pair in away if side * pair[0] > 0.0]
+            _, point = min(beyond, key=lambda pair: abs(pair[0]), default=(0.0, None))
+            if point is not None and point.kind in KINDS:
+                yield point
+
+    def _is_on_curve(self, point: Special, axis: int, cell: np.ndarray) -> bool:
+        """Whether a bifurcation on the line through a cell is on a curve that is known."""
+        at = cell.astype(float)
+        at[axis] = np.interp(point.value, self._values[axis], np.arange(len(self._values[axis])))
+        return any(
+            (curve.kind, curve.m, curve.q) == (point.kind, point.orbit.m, point.orbit.q)
+            and line.query(at, p=np.inf)[0] < _ON
+            for curve, line in self._lines
         )
-        return (*ends[0], *ends[1])
+
+    def _next(self, reasons: Container[int]) -> int | None:
+        """Return the middle one of the changes, of the most frequent pair, that have no reason."""
+        groups: dict[tuple[tuple[int, int], ...], list[int]] = {}
+        for i in np.flatnonzero(~self._explained).tolist():
+            if i not in reasons:
+                groups.setdefault(self._names[i], []).append(i)
+        if not groups:
+            return None
+        most = max(groups.values(), key=len)
+        return most[len(most) // 2]
 
     def _orbit(self, cell: np.ndarray) -> PeriodicOrbit:
+        """Return the orbit of a cell; OrbitError if there is none, or one of another class."""
         i, j = cell.tolist()
-        if self._m[i, j] > MOST_PERIODS:
-            raise OrbitError(f"orbits of more than {MOST_PERIODS} periods are not followed")
+        m, q = self._classes[i, j].tolist()
         here = {
             axis: float(values[k])
             for axis, values, k in zip(self._axes, self._values, (i, j), strict=True)
         }
         x, v = self._states[i, j].tolist()
-        return periodic_orbit(replace(self._first, **here), x, v, int(self._m[i, j]), self._phase)
+        orbit = periodic_orbit(replace(self._first, **here), x, v, m, self._phase)
+        if (orbit.m, orbit.q) != (m, q):
+            raise OrbitError("a motion has not settled: its orbit is of another class")
+        return orbit
 
-    def _curve(self, pair: np.ndarray) -> Curve:
-        """Follow the bifurcation at a change of class, coming from either side."""
-        axis = int(np.flatnonzero(pair[0] != pair[1])[0])
-        name, values = self._axes[axis], self._values[axis]
-        ends = values[pair[0, axis]], values[pair[1, axis]]
-        width = ends[1] - ends[0]
-        low, high = max(values[0], ends[0] - 2 * width), min(values[-1], ends[1] + 2 * width)
-        nearest = ends[0] - _CELLS * width, ends[1] + _CELLS * width
-        reason = ""
-        for cell in pair:
+    def _branch(self, cell: np.ndarray, axis: int, low: float, high: float) -> Branch:
+        return branch(self._orbit(cell), self._axes[axis], float(low), float(high))
+
+    def _bifurcation(self, cells: np.ndarray) -> Special:
+        """Return the bifurcation at a change, coming from either side.
+
+        Raises
+        ------
+        OrbitError
+            If there is none; the text says why.
+        """
+        axis = int(np.flatnonzero(cells[0] != cells[1])[0])
+        values = self._values[axis]
+        ends = values[cells[0, axis]], values[cells[1, axis]]
+        beyond = _CELLS * (ends[1] - ends[0])
+        low, high = max(values[0], ends[0] - beyond), min(values[-1], ends[1] + beyond)
+        points: list[Special] = []
+        reason = "both motions are stable on both sides, and the start decides"
+        for cell in cells:
             try:
-                orbit = self._orbit(cell)
-                followed = branch(orbit, name, float(low), float(high))
+                points += self._branch(cell, axis, low, high).special
             except OrbitError as error:
                 reason = str(error)
-                continue
-            near = [
-                point
-                for point in followed.special
-                if point.kind in ("flip", "fold", "graze")
-                and nearest[0] <= point.value <= nearest[1]
-            ]
-            if near:
-                middle = 0.5 * (ends[0] + ends[1])
-                best = min(near, key=lambda point: abs(point.value - middle))
-                ranges = [
-                    (axis, float(values[0]), float(values[-1]))
-                    for axis, values in zip(self._axes, self._values, strict=True)
-                ]
-                return bifurcation_curve(best.orbit, best.kind, ranges[0], ranges[1])
-            reason = "both orbits go on beyond the change: the start decides"
-        raise OrbitError(reason)
+        near = [point for point in points if point.kind in KINDS]
+        if near:
+            middle = 0.5 * (ends[0] + ends[1])
+            return min(near, key=lambda point: abs(point.value - middle))
+        ends_so = [point.kind for point in points if point.kind != "edge"]
+        raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
 
-    def _explain(self, curve: Curve, names: Sequence[tuple[int, ...]]) -> None:
-        """Mark the changes of the classes of a curve that it passes within one cell."""
-        from scipy.spatial import cKDTree
+    def _follow(self, point: Special) -> None:
+        """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
 
-        cells = [
-            np.interp(column, values, np.arange(len(values)))
-            for column, values in zip(curve.values.T, self._values, strict=True)
-        ]
-        line = np.stack(cells, axis=1)
-        steps = np.ceil(4.0 * np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)).astype(int)
-        parts = [
-            line[i]
-            + np.linspace(0.0, 1.0, max(1, n), endpoint=False)[:, None] * (line[i + 1] - line[i])
-            for i, n in enumerate(steps.tolist())
-        ]
-        tree = cKDTree(np.concatenate([*parts, line[-1:]]))
+        Raises
+        ------
+        OrbitError
+            If it cannot be followed.
+        """
+        if len(self._lines) >= MOST_CURVES:
+            raise OrbitError(f"curves beyond the first {MOST_CURVES} are not followed")
+        first, second = (
+            (axis, float(values[0]), float(values[-1]))
+            for axis, values in zip(self._axes, self._values, strict=True)
+        )
+        curve = bifurcation_curve(point.orbit, point.kind, first, second)
+        line = self._line(curve)
+        self._result.curves.append(curve)
+        self._lines.append((curve, line))
         separated = {(curve.m, curve.q)}
         if curve.kind == "flip":
             separated.add((2 * curve.m, 2 * curve.q))
         elif curve.kind == "graze":
-            separated.add((curve.m, curve.q - 1))
-        own = np.array([bool({name[:2], name[2:]} & separated) for name in names])
-        distances, _ = tree.query(self._pairs.mean(axis=1), p=np.inf)
-        self._explained |= own & (distances <= 1.0)
+            separated.add((1, 0) if curve.q == 1 else (curve.m, curve.q - 1))
+        own = np.array([not separated.isdisjoint(pair) for pair in self._names], bool)
+        rows = np.flatnonzero(own & ~self._explained)
+        distances, _ = line.query(self._cells[rows].mean(axis=1), p=np.inf)
+        self._explained[rows[distances <= 1.0]] = True
+
+    def _line(self, curve: Curve) -> cKDTree:
+        """Return points along a curve, a quarter of a cell apart, in units of cells."""
+        from scipy.spatial import cKDTree
+
+        columns = zip(curve.values.T, self._values, strict=True)
+        line = np.stack(
+            [np.interp(column, values, np.arange(len(values))) for column, values in columns], 1
+        )
+        steps = np.ceil(4.0 * np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)).astype(int)
+        along = np.concatenate([[0], np.cumsum(np.maximum(steps, 1))])
+        whole = np.arange(along[-1] + 1)
+        return cKDTree(np.stack([np.interp(whole, along, column) for column in line.T], axis=1))
 
 
 def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
@@ -263,21 +328,22 @@ def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None)
         ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``: ``special_kind``,
         ``special_curve`` and ``special_values`` (``special``, 2). The attributes ``changes`` and
         ``explained`` count the changes between periodic classes, and those with a curve within one
-        cell; ``told`` says why the others have none.
+        cell; ``summary`` says why the others have none.
     """
     return as_dataset(find_curves(dataset, axes, at))
 
 
 def as_dataset(search: CurveSearch) -> xr.Dataset:
     """Return what was found as `curves` does."""
-    all_ = search.curves
-    special = [(number, point) for number, one in enumerate(all_) for point in one.special]
-    values = np.concatenate([one.values for one in all_] or [np.empty((0, 2))])
+    found = search.curves
+    sizes = [len(curve.values) for curve in found]
+    special = [(number, point) for number, curve in enumerate(found) for point in curve.special]
+    values = np.concatenate([curve.values for curve in found] or [np.empty((0, 2))])
     data = {
-        "curve": ("point", np.repeat(np.arange(len(all_)), [len(one.values) for one in all_])),
-        "kind": ("number", np.array([one.kind for one in all_], "U11")),
-        "m": ("number", np.array([one.m for one in all_], int)),
-        "q": ("number", np.array([one.q for one in all_], int)),
+        "curve": ("point", np.repeat(np.arange(len(found)), sizes)),
+        "kind": ("number", np.array([curve.kind for curve in found], "U11")),
+        "m": ("number", np.array([curve.m for curve in found], int)),
+        "q": ("number", np.array([curve.q for curve in found], int)),
         "special_kind": ("special", np.array([point.kind for _, point in special], "U11")),
         "special_curve": ("special", np.array([number for number, _ in special], int)),
         "special_values": (
@@ -286,8 +352,12 @@ def as_dataset(search: CurveSearch) -> xr.Dataset:
         ),
     }
     coordinates = {axis: ("point", values[:, i]) for i, axis in enumerate(search.axes)}
-    told = {"changes": search.changes, "explained": search.explained}
-    return xr.Dataset(data, coordinates, told | {"told": "\n".join(search.told())})
+    attributes = {
+        "changes": search.changes,
+        "explained": search.explained,
+        "summary": "\n".join(search.summary()),
+    }
+    return xr.Dataset(data, coordinates, attributes)
 
 
 def write_curves(path: Path, search: CurveSearch) -> None:

@@ -187,7 +187,7 @@ def _exact(
         from sweeps.analysis.exact_curves import find_curves, write_curves
 
         search = options["exact"] = find_curves(dataset, axes, cut)
-        return search.told(), lambda path: write_curves(path, search)
+        return search.summary(), lambda path: write_curves(path, search)
     from sweeps.plotting.exact_branches import compare, write_exact
 
     texts = compare(dataset, axes, cut, options.get("coordinate"))

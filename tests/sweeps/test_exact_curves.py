@@ -9,8 +9,12 @@ import pytest
 from commands import call
 from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
-from sweeps.analysis.exact_curves import find_curves
+from sweeps.analysis.exact_curves import CurveSearch, find_curves
 from sweeps.errors import Refused
+from vibroimpact.orbits.continuation import MOST_POINTS
+from vibroimpact.orbits.curves import Curve, CurvePoint
+from vibroimpact.orbits.periodic import PeriodicOrbit
+from vibroimpact.oscillator import Oscillator
 
 CONFIG = """
 name: the flip of one impact per period
@@ -72,3 +76,43 @@ def test_a_map_of_starts_has_no_curves(tmp_path):
     with open_sweep(run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")) as dataset:
         with pytest.raises(Refused, match="do not depend on x0"):
             find_curves(dataset, ["omega", "x0"])
+
+
+MAP = """
+oscillator: {h: 0.02, R: 0.9, clearance: 1.0, f: {start: 0.345, stop: 0.385, num: 21},
+             omega: {start: 0.782, stop: 0.80, num: 21}}
+record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
+"""
+
+
+def test_every_change_has_a_curve_or_a_reason(tmp_path):
+    """Beside the fold of 2/1, where free motion and 2/2 coexist."""
+    (tmp_path / "c.yaml").write_text(MAP)
+    with open_sweep(run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "map.h5")) as dataset:
+        search = find_curves(dataset)
+    assert 0 < search.explained < search.changes
+    counts = {reason: pairs.total() for reason, pairs in search.reasons.items()}
+    assert sum(counts.values()) == search.changes - search.explained
+    decides = "both motions are stable on both sides, and the start decides"
+    assert search.reasons[decides]["1/0 and 2/2"] > 10
+    assert f"{counts[decides]}: {decides} (1/0 and 2/2" in "\n".join(search.summary())
+    graze = next(one for one in search.curves if (one.kind, one.m, one.q) == ("graze", 1, 1))
+    omega, f = graze.values.T
+    assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
+
+
+def test_a_curve_that_is_lost_says_where_and_why():
+    orbit = PeriodicOrbit(
+        Oscillator(h=0.02, R=0.9, omega=2.0, f=1.0), 1, *np.array([[1, 2], [4, 1]])
+    )
+    for points, reason in (
+        (MOST_POINTS, "not at its end after 600 points"),
+        (9, "Newton's method"),
+    ):
+        values = np.full((points, 2), 0.5)
+        end = CurvePoint("lost", np.array([0.25, 2.0]), orbit)
+        speeds = np.ones((points, 2))
+        curve = Curve("flip", ("R", "omega"), 1, 2, values, speeds, speeds, [end])
+        (_, _, line) = CurveSearch(("R", "omega"), [curve], changes=0).summary()
+        assert line.startswith("a curve of flips of 1/2 is lost at R = 0.25, omega = 2: " + reason)
+        assert line.endswith("the slowest impact has 2e-01 of the speed of the fastest")

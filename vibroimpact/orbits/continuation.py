@@ -24,7 +24,7 @@ _NAMES = [field.name for field in fields(Oscillator)]
 #: the walk is given up.
 _FIRST, LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: Points of a walk at the most; the turn of the tangent in one step (its cosine); iterations.
-MOST_POINTS, _LEAST_COSINE, _MOST_ITERATIONS = 1500, 0.985, 8
+MOST_POINTS, _LEAST_COSINE, _MOST_ITERATIONS = 600, 0.985, 8
 #: Halvings to the last orbit of a walk.
 _HALVINGS = 52
 #: A speed below this, in units of the largest, counts as zero: a graze.
@@ -301,6 +301,15 @@ def walk(
         tangent = turned if orbits.inner(turned, tangent) > 0.0 else -turned
         length = min(1.5 * segment.length, LONGEST * orbits.size(X))
     yield End(X, objection)
+
+
+def lost_text(points: int, speeds: np.ndarray) -> str:
+    """Say why a walk of so many points is lost at an orbit with these speeds."""
+    text = "Newton's method fails"
+    if points >= MOST_POINTS:
+        text = f"not at its end after {MOST_POINTS:,} points"
+    slowest, fastest = float(speeds.min()), float(speeds.max())
+    return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
 
 def _step(orbits: Orbits, X: np.ndarray, tangent: np.ndarray, length: float) -> Segment | None:

@@ -29,9 +29,8 @@ from vibroimpact.orbits.flights import residuals
 # Conditions.
 NONE, FLIP, FOLD, GRAZE = range(4)
 
-#: Step of the central differences, that of the least error; the least, and by what share it may
-#: change a speed.
-_DIFFERENCE, _LEAST_DIFFERENCE, _SLOWING = 6e-6, 1e-12, 1e-2
+#: Step of the central differences, that of the least error.
+_DIFFERENCE = 6e-6
 #: The iteration ends after a step below the first, or one below the second that is no smaller than
 #: half the one before it.
 _CONVERGED, _STALLED = 1e-12, 1e-7
@@ -191,9 +190,9 @@ def solution_space(system, X, P, N):
     Parameters
     ----------
     P : ndarray, shape (2 q + k,)
-        Receives a solution.
+        Receives the shortest solution.
     N : ndarray, shape (k, 2 q + k)
-        Receives null vectors, of length 1.
+        Receives orthonormal null vectors.
 
     Returns
     -------
@@ -226,11 +225,22 @@ def solution_space(system, X, P, N):
         for j in range(k):
             weights[1 + j] = basis[1 + i, 2 + j]
         expand_solution(kept, whole, weights, 1.0)
-        if i:
-            length = math.sqrt(inner(whole, whole, q))
-            for j in range(whole.size):
-                whole[j] /= length
+    _orthonormalise(N, P, q)
     return size
+
+
+@jit
+def _orthonormalise(N, P, q):
+    """Make null vectors orthonormal, and a solution the shortest one, which keeps slow impacts."""
+    for i in range(N.shape[0] + 1):
+        whole = N[i] if i < N.shape[0] else P
+        for row in range(i):
+            product = inner(whole, N[row], q)
+            for j in range(whole.size):
+                whole[j] -= product * N[row, j]
+        length = math.sqrt(inner(whole, whole, q)) if i < N.shape[0] else 1.0
+        for j in range(whole.size):
+            whole[j] /= length
 
 
 @jit
@@ -252,16 +262,13 @@ def _gradient(system, X, along):
     """Return the derivative of the condition along a vector."""
     if system.condition == GRAZE:
         return along[2 * system.graze + 1]
-    step, Y = _DIFFERENCE, np.empty(X.size)
-    for i in range(1, 2 * system.q, 2):  # the slow impacts of a chatter stay what they are
-        if step * abs(along[i]) > _SLOWING * abs(X[i]):
-            step = max(_SLOWING * abs(X[i] / along[i]), _LEAST_DIFFERENCE)
+    Y = np.empty(X.size)
     for i in range(X.size):
-        Y[i] = X[i] + step * along[i]
+        Y[i] = X[i] + _DIFFERENCE * along[i]
     above = condition_value(system, Y)
     for i in range(X.size):
-        Y[i] = X[i] - step * along[i]
-    return (above - condition_value(system, Y)) / (2.0 * step)
+        Y[i] = X[i] - _DIFFERENCE * along[i]
+    return (above - condition_value(system, Y)) / (2.0 * _DIFFERENCE)
 
 
 @jit
