@@ -130,7 +130,7 @@ def run_sweep(
                         check()
                         writer.write(block, results)
                         display.written(block)
-            if config.refine is not None and not writer.refined:
+            if config.refine is not None and not writer.layout.refined:
                 _refine(config, writer, path, threads, console)
             writer.finish(compressed=config.compression != "none")
     return path

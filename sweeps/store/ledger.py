@@ -154,8 +154,8 @@ class Ledger:
         self.summary = np.frombuffer(data, SUMMARY)[0]
         # A loss of power may leave some bytes of the one and some of the other.
         values = self.summary["seconds"].tobytes(), self.summary["before"].tobytes()
-        known = all(byte in pair for byte, *pair in zip(duration, *values, strict=True))
-        return known and summary_of(self.summary).tobytes() == data
+        duration_fits = all(byte in pair for byte, *pair in zip(duration, *values, strict=True))
+        return duration_fits and summary_of(self.summary).tobytes() == data
 
     def tobytes(self) -> bytes:
         """Return the summary and the rows as they are written."""
@@ -178,8 +178,8 @@ class Ledger:
     def valid(self) -> np.ndarray:
         """Return which blocks have a row that is as it was written."""
         rows = self.rows
-        known = np.isin(rows["state"], list(State))
-        return known & (rows["check"] == _row_check(rows, np.arange(len(rows))))
+        has_state = np.isin(rows["state"], list(State))
+        return has_state & (rows["check"] == _row_check(rows, np.arange(len(rows))))
 
     def enter(self, index: int, state: State, crc: int, samples: int = 0) -> None:
         """Write the row of a block."""

@@ -237,11 +237,6 @@ class SweepWriter:
             samples = dict.fromkeys(range(len(layout.blocks)), longest)
             self._replace(lambda new: _copy(new, layout, merged_block, samples))
 
-    @property
-    def refined(self) -> bool:
-        """Whether points were added to the file's grid."""
-        return self.layout.refined
-
     def close(self) -> None:
         """Write the duration, if anything else was written, and close the file.
 
