@@ -145,8 +145,9 @@ def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
     assert "2 points, of which 2 PENDING (not computed yet)" in told.stdout
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_with_the_command_it_names():
-    process = run("--set", "record.transient=200000", "--threads", "1")
+    process = run("--set", "record.transient=50000", "--threads", "1")
     deadline = time.monotonic() + 120
     done = 0
     while not done and time.monotonic() < deadline:
@@ -164,11 +165,12 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names():
     assert ended(python("-m", "sweeps.cli", *command.split(), "--dry-run")) == (0, "")
     # With less to do than that, since another transient is another sweep.
     code, stderr = ended(run("--resume"))
-    assert code == 2 and "record.transient was 200000 and is 500" in stderr
+    assert code == 2 and "record.transient was 50000 and is 500" in stderr
 
 
+@pytest.mark.slow
 def test_of_two_runs_started_together_one_computes():
-    both = [run("--set", "record.transient=200000") for _ in range(2)]
+    both = [run("--set", "record.transient=50000") for _ in range(2)]
     deadline = time.monotonic() + 120
     while all(one.poll() is None for one in both) and time.monotonic() < deadline:
         time.sleep(0.05)

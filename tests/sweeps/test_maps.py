@@ -140,6 +140,7 @@ def test_without_an_exponent_the_legend_says_what_is_not_known():
     assert texts(figure)[0, 0] == "no repetition found"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", sorted(QUANTITIES))
 def test_every_quantity_draws_failed_and_missing_points(quantity, tmp_path):
     dataset = hand_made(

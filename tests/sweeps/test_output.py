@@ -180,6 +180,7 @@ LOSSES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [0, 1, 3])
 @pytest.mark.parametrize("lose", LOSSES)
 @pytest.mark.parametrize("compression", ["none", "gzip"])

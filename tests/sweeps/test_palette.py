@@ -19,7 +19,7 @@ def named_colours():
     """Return every colour of the palette by the first name that it has there."""
     names = {}
     for name, value in vars(palette).items():
-        if name.startswith("_") or name in ("Motion", "Status"):
+        if name.startswith("_") or name in ("Motion", "Status", "LEAST_SHARE"):
             continue
         entries = value.items() if isinstance(value, dict) else [("", value)]
         for key, entry in entries:

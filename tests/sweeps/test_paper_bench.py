@@ -27,6 +27,7 @@ def measured():
     return paper.measure(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_the_claim_and_the_orders(measured, name):
     case, (impacts, speeds, order) = measured.cases[name], KNOWN[name]
@@ -91,6 +92,7 @@ def test_the_picture_shows_what_was_measured(measured):
     assert written.count("4\n0.036") >= 6 and "3\n0.108" in written
 
 
+@pytest.mark.slow
 def test_the_command(measured, monkeypatch):
     monkeypatch.setattr("sweeps.bench.paper.measure", lambda: measured)
     done = call("bench", "paper")

@@ -89,6 +89,7 @@ NARROW = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("file", "kind", "options"), NARROW)
 def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options):
     with open_sweep(files / file) as dataset:
@@ -110,6 +111,7 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
         assert wide <= 1.0 or high <= 1.0, (one, other)
 
 
+@pytest.mark.slow
 def test_two_parameters_with_a_period_give_a_map(draw):
     assert draw("-o", "default.png").stdout == "default.png\n"
     draw("-o", "map.png", "--kind", "map")
@@ -121,6 +123,7 @@ def test_two_parameters_with_a_period_give_a_map(draw):
         assert imread("map.png").shape != shown.shape
 
 
+@pytest.mark.slow
 def test_a_value_that_was_not_chosen_is_said(draw):
     said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
     assert draw("--kind", "bifurcation").stderr == said
@@ -159,6 +162,7 @@ def test_a_motion_goes_on_from_the_stored_state(dataset):
     assert "after 132 forcing periods" in figure.get_suptitle()
 
 
+@pytest.mark.slow
 def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
     assert draw("--kind", "trajectory", "--at", "omega=2.8", "--periods", "2").exit_code == 0
     assert draw("--at", "omega=2.8", "--periods", "2").exit_code == 0
@@ -169,6 +173,7 @@ def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
     ).stderr  # fmt: skip
 
 
+@pytest.mark.slow
 def test_width_title_and_limits_by_the_command(draw):
     arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
     assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
@@ -188,6 +193,7 @@ def test_a_page_sets_title_and_limits(dataset):
     assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
     output = tmp_path / f"a.{ending}"

@@ -94,6 +94,7 @@ def test_where_it_is_the_only_one_the_exact_engine_is_taken(scene, accuracy, ove
     assert reason in pilot.summary and reason in yaml.safe_load(pilot.record)["reason"]
 
 
+@pytest.mark.slow
 def test_the_choice_is_the_same_in_every_run_and_on_any_number_of_threads():
     config = configured("rest", 1e-4)
     first = choose(config)
@@ -235,6 +236,7 @@ def test_the_configuration_round_trips_before_and_after_the_choice():
 # The run
 
 
+@pytest.mark.slow
 def test_the_file_keeps_the_pilot_and_a_configuration_that_gives_the_same_data():
     configured("rest", 1e-2)
     ran = call("run", "scene.yaml", "--set", "record.trajectory={every: 64}")

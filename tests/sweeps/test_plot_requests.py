@@ -74,6 +74,7 @@ def test_a_point_that_failed_is_titled_so(random_sweep):
     assert Status.UNRESOLVED.meaning in trajectory(dataset).get_suptitle()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ending", "start"),
     [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89")],

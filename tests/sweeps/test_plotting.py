@@ -71,6 +71,7 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
     assert r"$\omega = 1.5$" in point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "scale"),
     [
@@ -120,6 +121,7 @@ def test_very_many_points_become_a_density(random_sweep, tmp_path, monkeypatch, 
     plot(dataset, tmp_path / "a.png")
 
 
+@pytest.mark.slow
 def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(random_sweep, monkeypatch):
     """Against NumPy's histogram, with a point that failed and impacts that there were not."""
     monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 100)
@@ -235,6 +237,7 @@ def test_a_title_says_more_only_where_there_is_more_to_say(random_sweep, status)
     assert (status.meaning in title.replace("\n", " ")) != plain
 
 
+@pytest.mark.slow
 def test_the_configuration_is_read_once_per_picture(random_sweep, tmp_path, monkeypatch):
     dataset = random_sweep({"x0": R - 2.0, "v0": R, "omega": OMEGA}, diagnostics=["period"])
     read, calls = selection.yaml.safe_load, []

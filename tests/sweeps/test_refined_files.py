@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import sweeps.engine.run
 from commands import accepted, call
 from refined_sweeps import CONFIG, flip, found, refined
 from sweeps import open_sweep
 from sweeps.errors import StoreError
 
 
+@pytest.mark.slow
 def test_the_grid_keeps_its_data_and_the_new_points_are_told(around, tmp_path):
     plain = refined(tmp_path, "refine=null")
     with open_sweep(around) as dataset, open_sweep(plain) as grid:
@@ -46,7 +46,7 @@ def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(sweeps.engine.run, "Refinement", interrupted)
+        patch.setattr("sweeps.engine.refine.Refinement", interrupted)
         refined(tmp_path)
     with open_sweep(tmp_path / "out.h5") as dataset:
         assert dataset.sizes["omega"] == 21
@@ -58,6 +58,7 @@ def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
                 assert again[name].values.tobytes() == first[name].values.tobytes()
 
 
+@pytest.mark.slow
 def test_compressed_too(around, tmp_path):
     path = refined(tmp_path, "compression=gzip")
     with open_sweep(path) as again, open_sweep(around) as first:
@@ -83,6 +84,7 @@ def test_a_damaged_refined_file_is_not_mended(around, tmp_path):
 # -- what is told --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_info_lists_the_brackets(cascade):
     lines = accepted("info", cascade, "--bifurcations").splitlines()
     assert lines[0].startswith("omega = 2.65334")

@@ -27,6 +27,7 @@ def test_a_flip_is_bracketed_to_the_last_level(around):
     assert first.high - first.low == pytest.approx(0.005 / 2**17, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_bracket_holds_the_flip_however_narrow(tmp_path):
     """1e-11 from it the multipliers of the orbit of twice the period are 1 to rounding."""
     path = refined(tmp_path, "oscillator.omega=[2.652, 2.657]", "refine.levels=40")
@@ -173,6 +174,7 @@ def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tm
     assert (point.results["period"], point.results["period_impacts"]) == (2, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "axis", "direction", "near"),
     [
@@ -225,12 +227,14 @@ def test_on_either_side_of_a_later_flip_motions_do_what_the_classes_say(cascade)
             assert np.abs(x[m // 2 :] - x[: -m // 2]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_an_interval_ends_where_no_number_is_left_in_it(tmp_path):
     path = refined(tmp_path, "oscillator.omega=[2.65, 2.66]", "refine.levels=52")
     first = found(path)[0]
     assert first.low < first.high <= np.nextafter(first.low, 3.0) + 4e-9
 
 
+@pytest.mark.slow
 def test_what_happens_at_a_graze_is_resolved(tmp_path):
     """The one-impact orbit touches the stop again at 1.11292970401963, and is none below.
 

@@ -133,6 +133,7 @@ def test_a_figure_is_written_as_its_failure_says():
     assert shown == ["0.50 ", "2.00!", ""]
 
 
+@pytest.mark.slow
 def test_the_command():
     """Picture, table on the terminal, and every figure in the CSV file."""
     result = call("bench", "stability", "--quick", "--csv", "all.csv")

@@ -183,6 +183,7 @@ def test_each_part_of_a_block_is_on_the_disk_before_the_next_is_written(tmp_path
     assert events == [b"WRIT", "sync", *data, "sync", status, "sync", b"DONE"]
 
 
+@pytest.mark.slow
 def test_a_block_that_the_power_was_lost_in_is_pending_and_not_damaged(
     tmp_path, monkeypatch, whole
 ):

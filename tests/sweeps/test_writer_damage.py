@@ -43,6 +43,7 @@ class Killed(BaseException):
 # Damage
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_changed_byte_is_found_or_harmless(tmp_path, whole, compressed):
     """200 random bytes all over the file, and 100 where HDF5 keeps its own."""
@@ -64,6 +65,7 @@ def test_a_changed_byte_is_found_or_harmless(tmp_path, whole, compressed):
     assert found > 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_damaged_blocks_are_named_and_computed_again(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"
@@ -121,6 +123,7 @@ def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"
@@ -135,6 +138,7 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(tmp_path, whole, compresse
     xr.testing.assert_identical(data(path), whole)
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_loses_nothing(tmp_path, whole):
     """Only a longer trajectory, or a compressed copy, takes more room than there was."""
     path = tmp_path / "out.h5"
@@ -202,6 +206,7 @@ def test_a_lock_that_was_removed_while_it_was_waited_for_counts_for_nothing(tmp_
             pass
 
 
+@pytest.mark.slow
 def test_an_overwritten_file_stays_until_the_new_one_is_there(tmp_path, monkeypatch, whole):
     path = tmp_path / "out.h5"
     fill_blocks(path)
