@@ -196,8 +196,8 @@ def claim(context, counter):
 
     def generate(context, builder, signature, arguments):
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        one = context.get_constant(types.int64, 1)
-        return builder.atomic_rmw("add", array.data, one, "monotonic")
+        single = context.get_constant(types.int64, 1)
+        return builder.atomic_rmw("add", array.data, single, "monotonic")
 
     return types.int64(counter), generate
 
@@ -221,8 +221,10 @@ def bit(context, condition, place):
     def generate(context, builder, signature, arguments):
         condition, place = arguments
         as_bit = context.cast(builder, condition, types.boolean, types.boolean)
-        one = context.get_constant(types.int64, 1)
-        return builder.select(as_bit, builder.shl(one, place), context.get_constant(types.int64, 0))
+        single = context.get_constant(types.int64, 1)
+        return builder.select(
+            as_bit, builder.shl(single, place), context.get_constant(types.int64, 0)
+        )
 
     return types.int64(types.boolean, types.int64), generate
 

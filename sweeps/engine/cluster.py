@@ -135,7 +135,7 @@ class Cluster:
         with self._scheduler_needed(), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
             # A task, not data: it is made again where the worker that had it is lost.
-            job = self._client.submit(_itself, _Job(work, config, _own()), pure=False)
+            job = self._client.submit(_unchanged, _Job(work, config, _own_numerics()), pure=False)
         try:
             yield from in_background(self._results(job, iter(items), futures), join=False)
         finally:
@@ -225,8 +225,8 @@ class Cluster:
         """Refuse workers that compute with another version of the code."""
         versions = self._client.run(_asking(), on_error="return")
         for address, numerics in versions.items():
-            if numerics != _own():
-                raise Refused(_other(address, str(numerics), _own()))
+            if numerics != _own_numerics():
+                raise Refused(_difference(address, str(numerics), _own_numerics()))
 
 
 def computer_for(client: Client | None, threads: int | None) -> Computer:
@@ -234,7 +234,7 @@ def computer_for(client: Client | None, threads: int | None) -> Computer:
     return Local(threads) if client is None else Cluster(client)
 
 
-def _own() -> str:
+def _own_numerics() -> str:
     """Name the code of this process that computes."""
     try:
         return f"{metadata.version('vibroimpact')} ({NUMERICS})"
@@ -242,7 +242,7 @@ def _own() -> str:
         return f"of a checkout ({NUMERICS})"
 
 
-def _other(address: str, there: str, here: str) -> str:
+def _difference(address: str, there: str, here: str) -> str:
     return (
         f"the worker {address} has another version of the numerics, {there}, than this process, "
         f"{here}; install the same version of vibroimpact and numba on both"
@@ -254,10 +254,10 @@ def _asking() -> Callable[[], str]:
 
     def numerics() -> str:
         try:
-            from sweeps.engine.cluster import _own
+            from sweeps.engine.cluster import _own_numerics
         except ImportError as error:
             return f"none ({error})"
-        return _own()
+        return _own_numerics()
 
     return numerics
 
@@ -275,7 +275,7 @@ async def _reaches(address: str, client: Client) -> bool:
     return True
 
 
-def _itself(job: _Job) -> _Job:
+def _unchanged(job: _Job) -> _Job:
     return job
 
 
@@ -287,8 +287,8 @@ def _compute(job: _Job, item: Any) -> Results:
     from distributed import get_worker
 
     worker = get_worker()
-    if job.numerics != _own():
-        raise OtherNumericsError(_other(worker.address, _own(), job.numerics))
+    if job.numerics != _own_numerics():
+        raise OtherNumericsError(_difference(worker.address, _own_numerics(), job.numerics))
     with _ALONE:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         results = job.work(job.config, item, min(worker.state.nthreads, available))

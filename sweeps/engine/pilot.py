@@ -121,9 +121,9 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
     Pilot
         The same for the same configuration, on every machine.
     """
-    asked = config.method.accuracy
-    assert asked is not None
-    about: dict[str, object] = {"accuracy": asked, "margin": SAFETY_FACTOR}
+    accuracy = config.method.accuracy
+    assert accuracy is not None
+    about: dict[str, object] = {"accuracy": accuracy, "margin": SAFETY_FACTOR}
     best, tried = None, []
     if "lyapunov" in config.record.diagnostics:
         reason = "lyapunov needs the exact engine"
@@ -131,9 +131,9 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
         sample = ExactSample(config, config.grid.spread(SAMPLE_SIZE), threads)
         about |= sample.summary()
         if sample.any_judged:
-            tried = _try_all(sample, asked / SAFETY_FACTOR)
-            best = _cheapest(tried, asked / SAFETY_FACTOR)
-        reason = _reason(sample, best, asked)
+            tried = _try_all(sample, accuracy / SAFETY_FACTOR)
+            best = _cheapest(tried, accuracy / SAFETY_FACTOR)
+        reason = _reason(sample, best, accuracy)
     integrator, impact = EXACT_METHOD if best is None else (best.integrator, best.impact)
     steps = config.steps if best is None else best.steps_per_period
     chosen = {"integrator": integrator, "impact": impact, "steps_per_period": steps}
@@ -146,17 +146,17 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
     )
 
 
-def _reason(sample: ExactSample, best: Candidate | None, asked: float) -> str:
+def _reason(sample: ExactSample, best: Candidate | None, accuracy: float) -> str:
     points = f"{sample.points.size} pilot points"
     if not sample.any_judged:
         return f"the exact engine resolves none of the {points}"
     if best is None:
         return (
-            f"no other has an error <= {asked:g} / {SAFETY_FACTOR:g} on {points} "
+            f"no other has an error <= {accuracy:g} / {SAFETY_FACTOR:g} on {points} "
             f"in less than {MAX_RELATIVE_COST:g} of the exact engine's time"
         )
     return (
-        f"error {best.error:.2g} <= {asked:g} / {SAFETY_FACTOR:g} on {points}, "
+        f"error {best.error:.2g} <= {accuracy:g} / {SAFETY_FACTOR:g} on {points}, "
         f"modelled {best.cost:.2g} of the exact engine's time"
     )
 

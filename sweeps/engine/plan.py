@@ -77,8 +77,8 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
     reserved = size * bytes_per_point(reserved_widths(config), config.record.diagnostics)
     file = size * bytes_per_point(config.widths, config.record.diagnostics)
     copied = bool(config.record.trajectory or config.refine) or config.compression != "none"
-    held = min(block_size(config), config.grid.size)
-    memory = _BLOCKS_HELD * held * _memory_per_point(config)
+    points = min(block_size(config), config.grid.size)
+    memory = _BLOCKS_HELD * points * _memory_per_point(config)
     seconds = expected_seconds(config, threads) / cores
     return Estimate(seconds, file, reserved + copied * file, memory)
 
@@ -110,16 +110,17 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
         If there is not enough memory for one point, or one chain of points.
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
-    each = chain * _memory_per_point(config)
+    chain_memory = chain * _memory_per_point(config)
     available = _available_memory()
-    if _BLOCKS_HELD * each > available:
+    if _BLOCKS_HELD * chain_memory > available:
+        needed = shown_bytes(_BLOCKS_HELD * chain_memory)
         raise StoreError(
-            f"{_unit(config)} takes about {shown_bytes(_BLOCKS_HELD * each)} of memory, and only "
+            f"{_unit(config)} takes about {needed} of memory, and only "
             f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
         )
     # Full sets of lanes are worth more memory, where there is plenty.
-    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * each)
-    fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // each)
+    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
+    fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
     most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
     wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
@@ -143,8 +144,8 @@ def _unit(config: SweepConfig) -> str:
 def _memory_per_point(config: SweepConfig) -> int:
     """Return the bytes of the results of a point of the grid, and of the log for its samples."""
     widths = reserved_widths(config)
-    each = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
-    return each * max(1, len(config.directions))
+    in_one_direction = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
+    return in_one_direction * max(1, len(config.directions))
 
 
 def _available_memory() -> int:

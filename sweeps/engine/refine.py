@@ -70,8 +70,8 @@ class Refinement:
         shown = labels(line)
         numbers: dict[Label | None, int] = {None: -1}
         classes = np.array([numbers.setdefault(label, len(numbers)) for label in shown])
-        known: dict[int, ClassifiedPoint] = {}
-        while (at := np.setdiff1d(_beside_changes(classes), list(known))).size:
+        added: dict[int, ClassifiedPoint] = {}
+        while (at := np.setdiff1d(_beside_changes(classes), list(added))).size:
             results = {
                 name: line[name].isel({self._axis: at}).values for name in VARIABLES if name in line
             }
@@ -79,10 +79,10 @@ class Refinement:
             for i, point in zip(at.tolist(), points, strict=True):
                 if point.label not in (None, shown[i]):
                     self.points[point.value] = point.results
-                known[i] = point
+                added[i] = point
                 classes[i] = numbers.setdefault(point.label, len(numbers))
-        for i in sorted(known):
-            yield known[i]
+        for i in sorted(added):
+            yield added[i]
 
     def _halve(self) -> None:
         middles = np.array([self._middle(low.value, high.value) for low, high in self.intervals])
@@ -107,15 +107,15 @@ class Refinement:
     def _middle(self, low: float, high: float) -> float:
         """Return the middle of an interval, or the value of the grid that it misses by rounding."""
         middle = 0.5 * (low + high)
-        near = self._values[np.searchsorted(self._values, middle - 1e-9 * (high - low))]
-        return float(near) if low < near <= middle + 1e-9 * (high - low) else middle
+        value = self._values[np.searchsorted(self._values, middle - 1e-9 * (high - low))]
+        return float(value) if low < value <= middle + 1e-9 * (high - low) else middle
 
 
 def _beside_changes(classes: np.ndarray) -> np.ndarray:
     """Return the indices on either side of a change, among the classes known: those >= 0."""
-    known = np.flatnonzero(classes >= 0)
-    before = np.flatnonzero(np.diff(classes[known]))
-    return np.union1d(known[before], known[before + 1])
+    labelled = np.flatnonzero(classes >= 0)
+    before = np.flatnonzero(np.diff(classes[labelled]))
+    return np.union1d(labelled[before], labelled[before + 1])
 
 
 def _intervals(points: Sequence[ClassifiedPoint]) -> Iterator[Interval]:

@@ -41,8 +41,8 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
         ("steps", f"{periods * sweep.steps:,}"),
     ]
     if sweep.method.accuracy is not None:
-        asked = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
-        steps = [("method", asked)]
+        method = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
+        steps = [("method", method)]
     scaled = [("f", "one value is computed, the others are scaled")] * computation(sweep).scaled
     followed = []
     if sweep.follow:
@@ -123,8 +123,8 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
     except StoreError:
         return "nothing is kept"
     points = sum(counts.values())
-    done = points - counts[Status.PENDING]
-    return f"{done:,} of {shown_count(points, 'point')} kept in {path}; to go on: {command}"
+    complete = points - counts[Status.PENDING]
+    return f"{complete:,} of {shown_count(points, 'point')} kept in {path}; to go on: {command}"
 
 
 def contents(dataset: xr.Dataset) -> str:

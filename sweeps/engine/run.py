@@ -147,14 +147,14 @@ def _refine(
         (refinement,) = in_background(map(Refinement, [config], [line], [threads]))
         with closing(in_background(refinement)) as levels:
             for level in levels:
-                found = f"{len(refinement.intervals):,} changes of class"
-                status.update(f"refining: level {level} of {config.refine.levels}, {found}")
+                changes = f"{len(refinement.intervals):,} changes of class"
+                status.update(f"refining: level {level} of {config.refine.levels}, {changes}")
     writer.insert(config.refine.axis, refinement.points)
     added = writer.layout.attributes[ADDED]
-    told = f"refined: {added:,} points added beside the changes of class"
+    text = f"refined: {added:,} points added beside the changes of class"
     if refinement.left_out:
-        told += f"; {refinement.left_out:,} changes were too many to follow further"
-    console.print(told, markup=False)
+        text += f"; {refinement.left_out:,} changes were too many to follow further"
+    console.print(text, markup=False)
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
@@ -230,12 +230,12 @@ class _Display:
         self._show()
 
     def _show(self) -> None:
-        done = max(self._computed, self._written)
+        points = max(self._computed, self._written)
         elapsed = time.monotonic() - self._began
-        speed = done * self._periods / elapsed
+        speed = points * self._periods / elapsed
         self._bar.update(
             self._task,
-            completed=self._there + done,
+            completed=self._there + points,
             description=self._description,
             speed=f"{speed:,.0f} periods/s",
         )

@@ -72,8 +72,8 @@ class Local:
         advance: Advance | None = None,
     ) -> Generator[tuple[Item, Results], None, None]:
         """Yield every item with its results, in order."""
-        told = () if advance is None else (advance,)
-        return in_background((item, work(config, item, self.threads, *told)) for item in items)
+        report = () if advance is None else (advance,)
+        return in_background((item, work(config, item, self.threads, *report)) for item in items)
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
         """Return none."""

@@ -94,9 +94,9 @@ def _next(
     if ended.all():
         return run(lanes, True)
     stack = _Stack(1, len(lanes), 1)
-    for which, at_section in ((ended, True), (~ended, False)):
-        if which.any():
-            stack.put((0,), run(lanes[which], at_section), np.flatnonzero(which))
+    for chosen, at_section in ((ended, True), (~ended, False)):
+        if chosen.any():
+            stack.put((0,), run(lanes[chosen], at_section), np.flatnonzero(chosen))
     return {name: values[0, :, 0] for name, values in stack.arrays.items()}
 
 

@@ -64,8 +64,8 @@ def computed_once(
     """
     at_one = points.copy()
     at_one["f"] = 1.0
-    different, which = np.unique(at_one, return_inverse=True)
-    results = {name: values[which] for name, values in compute(different).items()}
+    different, index = np.unique(at_one, return_inverse=True)
+    results = {name: values[index] for name, values in compute(different).items()}
     for name, values in results.items():
         if name in SCALED:
             values *= points["f"].reshape(-1, *(1,) * (values.ndim - 1))

@@ -172,14 +172,14 @@ def single_impact(eq, start, end, waves, step, polish):
         t -= change
         change = abs(change) * per_step
         left *= change
-    found = (left < _RESIDUAL) & (change < _LAST_CHANGE)
+    converged = (left < _RESIDUAL) & (change < _LAST_CHANGE)
     u, r = t + begin, (step - begin) - t
     E = bend(eq, y_0, w_0)
     n = u * per_step
     n *= n
     middle = fma(E, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
     below = max(max(y_0, fma(w_0, u, 4.0 * y_0)), middle) < 0.0
-    first = below & found & (min(min(y_T, w_i), min(u, r)) > 0.0)
+    first = below & converged & (min(min(y_T, w_i), min(u, r)) > 0.0)
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
     launch = eq.R * w_i
     kick = w_i + launch
