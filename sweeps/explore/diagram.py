@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 from bokeh.models import (
     ColumnDataSource,
+    CustomJS,
     Legend,
     LegendItem,
     LinearColorMapper,
+    NumericInput,
     Range1d,
     Span,
 )
@@ -31,6 +33,12 @@ from sweeps.plotting.palette import STATUS_COLOURS, VERMILION
 COARSER = 4
 #: A canvas has no fewer columns and rows, and no more are computed.
 _LEAST, _MOST = 16, 4096
+
+#: Says which picture is on the screen: what is drawn in one frame is there in the next.
+_PAINTED = (
+    "const number = cb_obj.data.number[0];"
+    "requestAnimationFrame(() => requestAnimationFrame(() => {to.value = number}))"
+)
 
 Results = Mapping[str, np.ndarray]
 
@@ -116,8 +124,11 @@ class Diagram:
         self.figure.toolbar.logo = None
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.source = ColumnDataSource(
-            {"image": [], "x": [], "y": [], "dw": [], "dh": []}, name="pixels"
+            {"image": [], "x": [], "y": [], "dw": [], "dh": [], "number": []}, name="pixels"
         )
+        #: The number of the picture that the browser has painted last, and that was sent last.
+        self.painted, self.sent = NumericInput(visible=False, value=0), 0
+        self.source.js_on_change("data", CustomJS(args={"to": self.painted}, code=_PAINTED))
         colours = LinearColorMapper(palette=["#00000000", *picture.ramp()], low=0, high=255)
         self.figure.image("image", color_mapper=colours, source=self.source, level="image")
         self._strips = self._new_strips()
@@ -194,7 +205,9 @@ class Diagram:
             "y": [bottom],
             "dw": [high - low + cell],
             "dh": [top - bottom],
+            "number": [self.sent + 1],
         }
+        self.sent += 1
         if shown.view.ylim is None:
             self.fitted = shown.window
             set_range(self.figure.y_range, shown.window)

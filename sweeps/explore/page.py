@@ -49,7 +49,7 @@ class Page:
 
     def __init__(self, document: Document, home: View, folder: Path) -> None:
         self.document, self.home, self.view, self.folder = document, home, home, folder
-        self._reading = False
+        self._reading = self._waiting = False
         self.shown: Shown | None = None
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._post, self._report)
@@ -70,7 +70,8 @@ class Page:
         self._address = TextInput(visible=False, name="address")
         self._connect()
         body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
-        document.add_root(column(self._ended, body, self._address, sizing_mode="stretch_both"))
+        hidden = (self._address, self.diagram.painted)
+        document.add_root(column(self._ended, body, *hidden, sizing_mode="stretch_both"))
         document.title = f"{home.name}: vibroimpact"
         self._show()
 
@@ -99,6 +100,7 @@ class Page:
         for one in figures:
             one.on_event(Reset, lambda _: self.change(self._at_home))
             one.on_event(Tap, self._tapped)
+        self.diagram.painted.on_change("value", self._painted)
         self._tabs.on_change("active", self._tab_chosen)
         self._across.on_change("value", self._across_chosen)
         self.diagram.mark.on_change("location", self._mark_moved)
@@ -149,8 +151,15 @@ class Page:
 
     def _compute(self) -> None:
         """Ask for the pictures of the view, once the size of the page is known."""
-        if all(self.diagram.size):
-            self.worker.ask(self._steps())
+        if not all(self.diagram.size):
+            return
+        # A browser that is given more than it can paint falls behind.
+        self._waiting = self.diagram.painted.value < self.diagram.sent
+        self.worker.ask([] if self._waiting else self._steps())
+
+    def _painted(self, attr: str, old: int, new: int) -> None:
+        if self._waiting:
+            self._compute()
 
     def _steps(self) -> list[Step]:
         """Return what the open tab shows of the view, the quickest first."""
@@ -245,6 +254,9 @@ class Page:
 
     def _show_progress(self) -> None:
         """Say since when a step has been computed, and that the first one compiles."""
+        if self._waiting:  # a window that is hidden paints nothing
+            self._waiting = False
+            self.worker.ask(self._steps())
         if (busy := self.worker.busy) is not None:
             name, first, begin = busy
             if (seconds := perf_counter() - begin) > 1.0:

@@ -61,15 +61,11 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     """
     columns = len(values)
     counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
-    total = np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    # A logarithm for each of the few counts there are, not for each pixel.
-    most = int(counts.max(initial=0))
-    if most == 0:
-        return np.zeros((rows, columns), np.uint8)
-    logs = np.log(np.maximum(np.arange(most + 1), 1))
-    shade = 1.0 - (logs[counts] - np.log(total)) / np.log(LEAST_SHARE)
-    index = 1.0 + np.rint(np.clip(shade, 0.0, 1.0) * (_SHADES - 1))
-    pixels = np.ascontiguousarray(np.where(counts > 0, index, 0.0).T.astype(np.uint8))
+    column, row = np.nonzero(counts)
+    share = counts[column, row] / counts.sum(axis=1)[column]
+    shade = np.clip(1.0 - np.log(share) / np.log(LEAST_SHARE), 0.0, 1.0)
+    pixels = np.zeros((rows, columns), np.uint8)
+    pixels[row, column] = 1.0 + np.rint(shade * (_SHADES - 1))
     pixels[1:] = np.maximum(pixels[1:], pixels[:-1])
     pixels[:, 1:] = np.maximum(pixels[:, 1:], pixels[:, :-1])
     return pixels

@@ -92,7 +92,7 @@ class Window:
         """Whether the browser has the window and the fine picture of the view."""
         shown, (columns, rows) = self.page.shown, self.page.diagram.size
         view = self.page.view
-        if shown is None or shown.pixels.shape != (rows, columns):
+        if self.page._waiting or shown is None or shown.pixels.shape != (rows, columns):
             return False
         if (shown.config, shown.view.ordinate) != (view.diagram(columns), view.ordinate):
             return False
