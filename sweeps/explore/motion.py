@@ -84,7 +84,7 @@ def motion_at(view: View) -> Drawn:
     impact = np.append((np.diff(motion.t) == 0.0) & (motion.v[:-1] > 0.0), False)
     line = rows
     if config.method.integrator == "exact":
-        line = np.stack(exact_samples(osc, motion.t, motion.x, motion.v))
+        line = np.stack(exact_samples(osc, motion.t, motion.x, motion.v, per_period=64))
     start = np.array([[motion.t[0]], [0.0], [0.0]])
     return Drawn(text, line - start, rows[:, impact] - start, osc.clearance)
 
@@ -101,8 +101,8 @@ def _class_in_words(
     if motion in (Motion.PERIODIC, Motion.NEUTRAL, Motion.UNDECIDED):
         orbit = nearby_orbit(osc, record, phase, m or None)
     if orbit is not None:
-        first, second = orbit.multipliers
-        shown = f"{first:.4g} and {second:.4g}"
+        first, second = orbit.multipliers.astype(complex)
+        shown = f"{first.real:.4g} and {second.real:.4g}"
         if first.imag:
             shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
         text = f"periodic, class {orbit.m}/{orbit.q}; Floquet multipliers {shown}"

@@ -50,6 +50,7 @@ class Page:
     def __init__(self, document: Document, home: View, folder: Path) -> None:
         self.document, self.home, self.view, self.folder = document, home, home, folder
         self._reading = self._waiting = False
+        self._rate = ""
         self.shown: Shown | None = None
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._post, self._report)
@@ -246,7 +247,7 @@ class Page:
     def _report_rate(self, config: SweepConfig, computing: float, seconds: float) -> None:
         points = config.grid.size
         periods = points * (config.record.transient + config.record.periods)
-        self.controls.status.text = (
+        self._rate = self.controls.status.text = (
             f"{shown_count(points, 'point')}, {periods:,} forcing periods in "
             f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
             f"picture after {1e3 * seconds:.0f} ms"
@@ -262,6 +263,8 @@ class Page:
             if (seconds := perf_counter() - begin) > 1.0:
                 why = ", which is compiled at the first use" if first else ""
                 self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
+        elif self.controls.status.text.startswith("computing"):
+            self.controls.status.text = self._rate
 
     def _save(self) -> None:
         try:
