@@ -36,6 +36,7 @@ import cmath
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -138,7 +139,7 @@ def _rounding(osc: Oscillator, n: int) -> float:
 def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     """Cut the line of the module's docstring with the cylinder; None if it is parallel to it."""
     T = n * osc.forcing_period
-    xx, xv, xs, xc, vx, vv, vs, vc = affine_map(INTEGRATORS["exact"].code, T, _point(osc))
+    (xx, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = _flow(osc, n)
     R, sigma = osc.R, osc.clearance
     first, second = np.array([-R * xv, xs, xc]), np.array([-1.0 - R * vv, vs, vc])
     line = np.cross(first, second)
@@ -150,8 +151,7 @@ def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     reach = line / across
     radial = np.array([0.0, reach[1], reach[2]])
     # Cramer's rule for the point of the line nearest to the axis of the cylinder.
-    fallen = _one_minus(xx, xv, osc, T)
-    middle = sigma * fallen * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
+    middle = sigma * one_minus_xx * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
     middle /= across
     discriminant = 1.0 - middle[1] ** 2 - middle[2] ** 2
     return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
@@ -168,6 +168,33 @@ def _one_minus(xx: float, xv: float, osc: Oscillator, T: float) -> float:
         return 1.0 - xx
     below_1 = -math.expm1(-2.0 * osc.h * T) + (osc.p**2 - osc.h**2) * xv**2
     return below_1 / (1.0 + root) - osc.h * xv
+
+
+def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
+    """Return the eight coefficients of the flow over `n` forcing periods, and 1 - xx.
+
+    For h < p and far from resonance they are those of the closed form: with A the complex steady
+    response, G = (I - M) (A, i omega A). The angle Om T is reduced exactly, so that the small
+    coefficients near a multiple of the natural period have all their digits.
+    """
+    T = n * osc.forcing_period
+    h, p, omega = osc.h, osc.p, osc.omega
+    gain = complex((p - omega) * (p + omega), 2.0 * h * omega)
+    if h >= p or abs(gain) < 0.1 * (p * p + omega * omega):
+        flow = list(affine_map(INTEGRATORS["exact"].code, T, _point(osc)))
+        return flow, _one_minus(flow[0], flow[1], osc, T)
+    rate = math.sqrt((p - h) * (p + h))
+    turns = round(n * rate / omega)
+    angle = 2.0 * math.pi * float(n * Fraction(rate) - turns * Fraction(omega)) / omega
+    decay = math.exp(-h * T)
+    xv = decay * math.sin(angle) / rate
+    middle = 2.0 * decay * math.sin(0.5 * angle) ** 2 - math.expm1(-h * T)
+    one_minus_xx, one_minus_vv, vx = middle - h * xv, middle + h * xv, -p * p * xv
+    a = -osc.f / gain
+    sine, cosine = complex(a.real, -omega * a.imag), complex(a.imag, omega * a.real)
+    xs, xc = (one_minus_xx * y.real - xv * y.imag for y in (sine, cosine))
+    vs, vc = (one_minus_vv * y.imag - vx * y.real for y in (sine, cosine))
+    return [1.0 - one_minus_xx, xv, xs, xc, vx, 1.0 - one_minus_vv, vs, vc], one_minus_xx
 
 
 def _checked_periods(n: object) -> int:
