@@ -39,6 +39,8 @@ _STABILITY = {True: "exact orbits, stable", False: "exact orbits, unstable"}
 #: seen through the lines, whose colour is near that of neither.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
 _OVER_BOTH: dict[str, Any] = {"color": "black", "linewidth": 0.4}
+#: Of a branch that is hardly ever stable: these are many, and would hide the others.
+_UNSTABLE: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
 def compare(
@@ -111,7 +113,8 @@ def draw_branches(
     parts: dict[str, list[Line2D]] = {text: [] for text in (*_STABILITY.values(), *_MARKERS)}
     for branch in tree.branches:
         if branch.q or not coordinate.startswith("impact"):
-            for stable, pieces in _draw_branch(panel, branch, coordinate, phase, look):
+            stroke = look if not branch.q or _is_wide(branch, tree) else look | _UNSTABLE
+            for stable, pieces in _draw_branch(panel, branch, coordinate, phase, stroke):
                 parts[_STABILITY[stable]] += pieces
     for kind, marker in _MARKERS.items():
         x, y = [], []
@@ -162,8 +165,8 @@ def _is_seen(line: Line2D, view: Bbox) -> bool:
 
 def _is_wide(branch: Branch, tree: Tree) -> bool:
     """Whether a branch is stable over a hundredth of the axis: marks of others hide the lines."""
-    ends = branch.values[branch.stable]
-    return bool(ends.size and np.ptp(ends) > 0.01 * (tree.high - tree.low))
+    steps = np.abs(np.diff(branch.values))[branch.stable[1:] & branch.stable[:-1]]
+    return bool(steps.sum() > 0.01 * (tree.high - tree.low))
 
 
 def _draw_branch(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 
 from sweeps.analysis.exact_curves import CurveSearch
 
@@ -19,9 +20,10 @@ _LOOK: dict[str, dict[str, Any]] = {
 def draw_curves(panel: Axes, search: CurveSearch) -> None:
     """Draw the curves of a search over a map of its axes, with their cusps and meetings."""
     limits = panel.get_xlim(), panel.get_ylim()
+    edge = [withStroke(linewidth=1.5, foreground="white")]  # seen on black, too
     kinds = {curve.kind for curve in search.curves}
     for curve in search.curves:
-        panel.plot(*curve.values.T, linewidth=0.7, zorder=4, **_LOOK[curve.kind])
+        panel.plot(*curve.values.T, linewidth=0.7, zorder=4, path_effects=edge, **_LOOK[curve.kind])
         for point in curve.special:
             if point.kind in ("cusp", "flip"):
                 (mark,) = panel.plot(*point.values, "D", color="black", zorder=5)
