@@ -112,9 +112,7 @@ def test_a_fold_near_a_multiple_of_the_natural_period(R, omega, n):
         fold = float(-mp.sign(a) * mp.sqrt(1 + (a / b) ** 2) / abs(1 - w**2))
     bracket = sorted((0.5 * fold, 1.5 * fold))
     value = bifurcation(Oscillator(0.0, R, omega, 1.0), "fold", "clearance", *bracket, n)
-    turns = n / omega
-    moved = 2.2e-16 * turns / abs(turns - round(turns))  # by a change of omega in its last digit
-    assert value == pytest.approx(fold, rel=3.0 * moved + 1e-14)
+    assert value == pytest.approx(fold, rel=1e-13)
 
 
 def test_two_orbits_and_the_fold_where_they_meet():
