@@ -172,6 +172,7 @@ def measured():
     return {(one.kind, one.method, one.steps): one for one in found}
 
 
+@pytest.mark.slow
 def test_errors_are_ordered_as_the_rules(measured):
     for steps in (50, 100, 6400):
         for kind in (STATE, TIME, SPEED):

@@ -33,6 +33,7 @@ def test_the_table_and_its_file(computed_starts, tmp_path):
     assert float(table[1]["impact_v"]) == pytest.approx(1.4225, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_table_over_a_parameter(computed_starts):
     dataset = computed_starts(
         "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.69, num: 143}, f: 1.0}",

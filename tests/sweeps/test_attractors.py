@@ -77,6 +77,7 @@ SLOW = (
 )
 
 
+@pytest.mark.slow
 def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_starts):
     """Without impacts a deviation falls by exp(-2 pi h / omega) = 0.953 per period."""
     dataset = computed_starts(*SLOW)

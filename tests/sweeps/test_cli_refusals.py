@@ -112,6 +112,7 @@ def test_a_picture_that_cannot_be_drawn(arguments, parts):
         assert part in message
 
 
+@pytest.mark.slow
 def test_a_cut_off_the_grid_is_told():
     accepted("run", "sweep.yaml", "--quiet")
     result = call("plot", "small.h5", "--at", "clearance=0.06")

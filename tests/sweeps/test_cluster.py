@@ -84,6 +84,7 @@ def stop():
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begins_here", [True, False])
 def test_what_one_machine_began_a_cluster_ends_and_the_other_way_round(
     monkeypatch, client, small_blocks, begins_here

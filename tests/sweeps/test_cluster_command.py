@@ -39,6 +39,7 @@ ROOT = Path(sweeps.__file__).parents[1]
 # The command line
 
 
+@pytest.mark.slow
 def test_the_command_says_where_it_computes(client):
     address = client.scheduler.address
     plan = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--dry-run")
@@ -135,6 +136,7 @@ def certificates(tmp_path_factory):
     return {f"distributed.comm.tls.{key}": str(folder / name) for key, name in settings.items()}
 
 
+@pytest.mark.slow
 def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
     options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
     with dask.config.set(certificates):

@@ -45,6 +45,7 @@ def deviations(line, coordinate="poincare_x"):
     return list(exact_branches.deviations(line, grow([line]), coordinate))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coordinate", COORDINATES)
 def test_computed_points_are_on_the_stable_branches_to_rounding(exact, coordinate):
     found = {(one.m, one.q): one for one in deviations(line_of(exact), coordinate)}
@@ -78,6 +79,7 @@ def test_a_coarse_method_is_off_by_its_error(tmp_path):
     assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_short_transient_is_told_apart(tmp_path):
     with computed(tmp_path, "record.transient=80") as dataset:
         found, *_ = deviations(line_of(dataset))
@@ -149,6 +151,7 @@ def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact
     assert named(ylim=(5.0, 6.0)) == []
 
 
+@pytest.mark.slow
 def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
     """At phase 1 of the section, the impact passes it within the range; x does not jump across."""
     with computed(tmp_path, "record.phase=1.3", "oscillator.R=0.8") as dataset:

@@ -43,6 +43,7 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
     assert (found["special_kind"].values[found["special_curve"].values == first] == "edge").all()
 
 
+@pytest.mark.slow
 def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
     picture, table = tmp_path / "map.png", tmp_path / "curves.csv"
     command = ["plot", str(path), "--kind", "map", "--exact", "-o", str(picture)]

@@ -79,6 +79,7 @@ def test_a_chain_is_what_calls_by_hand_give(axis, phase):
                     np.testing.assert_array_equal(given, expected[0], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["up", "down"])
 def test_one_direction_has_no_dimension_and_is_that_of_both(way):
     both = ran(configured()).sel(direction=way, drop=True)

@@ -112,6 +112,7 @@ def test_what_shows_one_branch_shows_the_way_up(dataset):
     assert (up != down).any()
 
 
+@pytest.mark.slow
 def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 99)
     figure = bifurcation(dataset)

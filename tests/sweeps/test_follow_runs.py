@@ -24,6 +24,7 @@ from vibroimpact import Status
 # Blocks, threads, files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "direction"), [(3, "both"), (10, "both"), (15, "down")])
 def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
     config = configured(f"follow.direction={direction}")
@@ -91,6 +92,7 @@ def test_any_reader_finds_a_direction_by_its_name():
     assert "follow" not in yaml.safe_load(configured("follow=null").to_yaml())
 
 
+@pytest.mark.slow
 def test_points_are_counted_in_each_direction():
     configured()
     printed = call("run", "sweep.yaml", "--dry-run").stdout

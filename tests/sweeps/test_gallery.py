@@ -80,6 +80,7 @@ def test_every_scene_is_in_the_gallery_and_every_picture_is_there():
         assert (CONFIGS / "pictures" / name).stat().st_size < limit, name
 
 
+@pytest.mark.slow
 def test_joint_clearance(scene):
     """The rig of the comment is the oscillator, and both ranges with two motions are there."""
     dataset = scene("joint-clearance", "oscillator.omega.num=221")
@@ -121,6 +122,7 @@ def test_basins(scene):
             assert_allclose(slow_speeds(osc, row.q, **start), row.speeds, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_basins_with_a_clearance(scene):
     grid = (
         "start={x0: {start: -2.98, stop: 0.57, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
@@ -202,6 +204,7 @@ def test_quickstart(scene):
     assert found == ["1/1", "1/1", "2/2", "chaotic", "2/1"]
 
 
+@pytest.mark.slow
 def test_chatter(scene):
     """Rest up to about 0.361; at h = 0.05, omega = 0.3 for as long as by slow steps."""
     dataset = scene(

@@ -227,6 +227,7 @@ def test_300_signals_at_system_calls(forks, seed):
 # Interrupts where they were not heard
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_compression_within_a_chunk(monkeypatch):
     """Of a followed sweep each block has a part of every chunk: HDF5 kept them all in memory."""
     config = load_config(

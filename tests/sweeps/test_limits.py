@@ -27,6 +27,7 @@ def with_memory(monkeypatch, size):
     monkeypatch.setattr(limits, "_available_memory", lambda: size)
 
 
+@pytest.mark.slow
 def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
     sweep = load(CONFIG, "record.periods=1e5", "record.impacts=0")
     sizes = []

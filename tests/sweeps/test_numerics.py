@@ -45,6 +45,7 @@ refine: {axis: omega, levels: 3}
 # The engine passes on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "gzip"])
 @pytest.mark.parametrize("name", SWEEPS)
 def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, name, compression):

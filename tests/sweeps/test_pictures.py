@@ -221,6 +221,7 @@ def test_settings_of_the_user_are_kept(dataset, tmp_path):
     assert mpl.rcParams["axes.labelsize"] == mpl.rcParamsDefault["axes.labelsize"]
 
 
+@pytest.mark.slow
 def test_a_panel_of_another_figure_is_drawn_into(dataset):
     figure = Figure()
     left, right = figure.subplots(1, 2)
@@ -241,6 +242,7 @@ def test_every_exported_function_is_documented():
             assert "Parameters\n" in exported.__doc__ and "Returns\n" in exported.__doc__
 
 
+@pytest.mark.slow
 def test_the_data_file_is_left_alone(draw):
     before = Path("map.h5").read_bytes()
     assert draw("--kind", "trajectory").exit_code == 0

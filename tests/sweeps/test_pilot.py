@@ -42,6 +42,7 @@ def configured(scene, accuracy, *overrides):
 # The choice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-8])
 def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(scene, accuracy):
@@ -56,6 +57,7 @@ def test_the_asked_accuracy_is_reached_at_points_that_were_not_in_the_pilot(scen
     assert errors.max() <= accuracy
 
 
+@pytest.mark.slow
 def test_the_choice_is_the_cheapest_that_was_found_to_reach_it():
     for accuracy in (1e-2, 1e-4):
         pilot = choose(configured("rest", accuracy))

@@ -105,6 +105,7 @@ def test_points_that_failed_are_marked_and_not_drawn(random_sweep, tmp_path):
     plot(dataset, tmp_path / "a.png")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [np.linspace(1.0, 2.0, 40), np.geomspace(0.5, 8.0, 40)])
 def test_very_many_points_become_a_density(random_sweep, tmp_path, monkeypatch, values):
     monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 100)

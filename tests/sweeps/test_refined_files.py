@@ -94,6 +94,7 @@ def test_info_lists_the_brackets(cascade):
     assert "ratios of the distances 4." in ratios
 
 
+@pytest.mark.slow
 def test_info_lists_the_changes_of_any_sweep(tmp_path):
     """Line by line, at the distance of its grid."""
     path = refined(

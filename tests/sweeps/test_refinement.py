@@ -36,6 +36,7 @@ def test_a_bracket_holds_the_flip_however_narrow(tmp_path):
     assert first.high - first.low < 1e-11
 
 
+@pytest.mark.slow
 def test_the_section_may_be_at_any_phase(tmp_path):
     path = refined(
         tmp_path, "oscillator.omega=[2.64, 2.66]", "refine.levels=22", "record.phase=2.0"
@@ -54,6 +55,7 @@ def test_an_orbit_that_motions_leave_is_no_class(tmp_path):
     assert point.label is None or str(point.label) == "chaos"
 
 
+@pytest.mark.slow
 def test_a_point_of_the_grid_that_has_not_left_yet_gets_the_attractor(tmp_path):
     """The start is the unstable orbit just beyond the flip: it seems to repeat after one period."""
     omega = flip(1, 2.6, 2.7) + 1e-7
@@ -100,6 +102,7 @@ BESIDE_ANOTHER = (
 )
 
 
+@pytest.mark.slow
 def test_a_motion_that_passes_a_coexisting_orbit_is_not_taken_for_it(tmp_path):
     """Where a new point is said to be periodic, a long run from the same start ends there."""
     path = refined(tmp_path, *BESIDE_ANOTHER, "refine.levels=3")
@@ -119,6 +122,7 @@ def test_without_a_transient_motions_are_followed_longer_too(tmp_path):
     assert str(point.label) == "1/1"
 
 
+@pytest.mark.slow
 def test_no_point_is_put_beside_one_of_the_grid(tmp_path):
     """Where the class is not known between two values, their middle is on the grid."""
     axis = "{start: 0.6740400525929372, stop: 0.830268176902766, num: 36}"
@@ -308,6 +312,7 @@ def test_the_schema_knows_it():
     assert set(schema["$defs"]["RefineConfig"]["properties"]) == {"axis", "around", "levels"}
 
 
+@pytest.mark.slow
 def test_the_first_flip_with_damping_too(tmp_path):
     path = refined(tmp_path, "oscillator.h=0.05", "refine.levels=10")
     exact = bifurcation(Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0), "flip", "omega", 2.6, 2.7)

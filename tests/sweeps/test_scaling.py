@@ -49,6 +49,7 @@ def lone(f, method):
     return compute(config, config.grid.points((slice(0, 3),)), None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [(), ("method={integrator: rk4, impact: reduced-step}", "record.diagnostics=[period]")],

@@ -65,6 +65,7 @@ def test_where_no_fixed_point_is_met_nothing_is_said_of_a_flip(monkeypatch):
     assert np.isnan(section_map._flip_condition(points, EXACT, 50, None)).all()
 
 
+@pytest.mark.slow
 def test_a_flip_is_found_one_order_below_the_state():
     """The derivative of an error that jumps with the grid: order 1 and 3, and none with plain."""
     true = bifurcation(FLIPPING, "flip", "omega", 2.6, 2.7)

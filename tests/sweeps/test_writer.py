@@ -39,6 +39,7 @@ def test_a_resumed_file_ends_with_the_same_data(tmp_path, whole, compressed):
     xr.testing.assert_identical(data(path), whole)
 
 
+@pytest.mark.slow
 def test_a_file_keeps_its_own_blocks(tmp_path, whole):
     path = tmp_path / "out.h5"
     fill_blocks(path, 2)
@@ -46,6 +47,7 @@ def test_a_file_keeps_its_own_blocks(tmp_path, whole):
         assert store.pending() == list(GRID.blocks(2))[2:]
 
 
+@pytest.mark.slow
 def test_the_duration_is_that_of_all_sessions(tmp_path, monkeypatch):
     path, now = tmp_path / "out.h5", 0.0
     monkeypatch.setattr("time.monotonic", lambda: now)

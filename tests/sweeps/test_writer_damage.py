@@ -220,6 +220,7 @@ def test_an_overwritten_file_stays_until_the_new_one_is_there(tmp_path, monkeypa
     xr.testing.assert_identical(data(path), whole)
 
 
+@pytest.mark.slow
 def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
     path = tmp_path / "out.h5"
     with sweep_writer(path, layout()) as store:

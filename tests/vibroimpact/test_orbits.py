@@ -113,6 +113,7 @@ def test_the_orbit_after_the_upper_edge():
         assert orbit.v == pytest.approx(v, abs=5.1e-5)
 
 
+@pytest.mark.slow
 def test_orbits_of_another_formulation():
     """400 points, under-, critically and over-damped, any clearance: all orbits, 1e-10."""
     numbers = [0, 0, 0]

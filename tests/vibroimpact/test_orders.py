@@ -62,6 +62,7 @@ def error_of_the_state(orbit, integrator, rule, steps):
     return rms(errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["paper_A", "paper_B", "paper_C"])
 def test_the_order_through_impacts_is_the_lower_of_the_two(truth, case, rule, integrator):
     """State after 20 periods of the paper's cases, against 30 certified digits.

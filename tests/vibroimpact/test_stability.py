@@ -173,6 +173,7 @@ def exploding(name, n, steps):
     return points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["euler", "verlet", "rk4"])
 @pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
 def test_an_unstable_run_ends_and_no_overflow_is_called_computed(name, rule):
@@ -235,6 +236,7 @@ def test_where_no_steps_are_asked_for_they_are_stable():
     np.testing.assert_array_equal(out["poincare_x"], same["poincare_x"])
 
 
+@pytest.mark.slow
 def test_asking_for_a_limit_compiles_nothing():
     """A configuration is checked, or refused, without waiting for the compiler."""
     code = (
