@@ -103,6 +103,7 @@ class View:
         }
         if config.method.impact != "exact":  # whose steps follow from the parameters
             method["steps_per_period"] = config.steps
+            method["allow_unstable"] = config.method.allow_unstable
         record = {name: getattr(config.record, name) for name in _RECORD}
         starts = {name: window(name) for name in ("x0", "v0")}
         if sizes["x0"] == 1:

@@ -1,6 +1,7 @@
 """The live picture without a browser: views, pixels, the thread that computes, and the server."""
 
 import http.client
+import signal
 import subprocess
 import sys
 import threading
@@ -12,6 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import psutil
 import pytest
+from bokeh.document import Document
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
@@ -21,9 +23,11 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.engine.background import check_given_up
 from sweeps.explore import picture
 from sweeps.explore.diagram import numbers
+from sweeps.explore.page import Page
 from sweeps.explore.view import View
 from sweeps.explore.worker import Step, Worker
 from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -109,6 +113,42 @@ def test_the_colours_are_those_of_the_files_pictures():
     seen = np.array([to_rgb(colour) for colour in picture.ramp()])
     in_files = _ONE_RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
     np.testing.assert_allclose(seen, in_files, atol=2 / 255)
+
+
+def test_failed_points_are_marked_and_named(tmp_path):
+    config = load_config(
+        {
+            "oscillator": {"h": 0.0, "R": 0.8, "omega": [0.5, 3.0], "f": 1.0},
+            "method": {
+                "integrator": "rk4",
+                "impact": "plain",
+                "steps_per_period": 4,
+                "allow_unstable": True,
+            },
+            "record": {"transient": 2000, "periods": 10},
+        }
+    )
+    page = Page(Document(), View.of(config), tmp_path)
+    diagram, columns = page.diagram, 60
+    shown = diagram._draw(page.view, columns, 40)
+    failed = shown.results["status"] == Status.NON_FINITE
+    assert 0 < failed.sum() < columns
+    diagram._paint(shown, 1.0)
+    source, item = diagram._strips[Status.NON_FINITE]
+    np.testing.assert_array_equal(source.data["x"], shown.values[failed])
+    assert item.visible
+    assert diagram.legend.visible
+    assert item.label == f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
+    assert not shown.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
+    page.worker.close()
+
+
+def test_ctrl_c_ends_the_command_at_once_with_0(tmp_path):
+    command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        assert process.stdout.readline().startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
 
 
 def test_only_the_newest_request_is_finished():
