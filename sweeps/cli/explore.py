@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import time
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,6 +33,9 @@ def explore(
     ] = False,
 ) -> None:
     """Look at a diagram in the browser: every zoom, pan or slider computes it anew."""
+    import logging
+    import time
+
     from sweeps import explore as open_page
 
     config = _configuration(source)
@@ -81,6 +81,8 @@ def _left_out(config: SweepConfig) -> list[str]:
 
 def _open(address: str) -> bool:
     """Open a browser, but none that would take the terminal; return whether there is one."""
+    import webbrowser
+
     try:
         browser = webbrowser.get()
     except webbrowser.Error:
