@@ -95,7 +95,7 @@ class Motions:
         data = line.dataset[names].sortby(line.axis).load()
         x, v = data["poincare_x"].values, data["poincare_v"].values
         m, q = period_class(x, v, data["impacts_per_period"].values)
-        failed = np.isin(data["status"].values, [one for one in Status if one.failed])
+        failed = np.isin(data["status"].values, [status for status in Status if status.failed])
         unknown = failed | (data["rest_fraction"].values > 0.0)
         states = np.stack([x[:, -1], v[:, -1]], axis=1)
         return cls(data[line.axis].values, states, np.where(unknown, 0, m), np.where(unknown, 0, q))
@@ -172,15 +172,15 @@ def _grown(
     return tree
 
 
-def told(tree: Tree) -> list[str]:
+def summary(tree: Tree) -> list[str]:
     """Say in lines what was found, and what was given up."""
-    classes = sorted({(one.m, one.q) for one in tree.branches})
+    classes = sorted({(branch.m, branch.q) for branch in tree.branches})
     if not classes:
         return ["no exact orbit is found"]
     names = [f"{m}/{q}" for m, q in classes]
-    some = listed(names[:8]) + (", ..." if len(names) > 8 else "")
+    shown = listed(names[:8]) + (", ..." if len(names) > 8 else "")
     noun = "branch" if len(tree.branches) == 1 else "branches"
-    lines = [f"{len(tree.branches)} exact {noun} of {some}"]
+    lines = [f"{len(tree.branches)} exact {noun} of {shown}"]
     if tree.given_up:
         texts = [f"{count} {reason}" for reason, count in sorted(tree.given_up.items())]
         lines.append(f"not followed: {'; '.join(texts)}")
@@ -229,7 +229,7 @@ class Deviation:
     sizes: np.ndarray
     settled: np.ndarray
 
-    def told(self, axis: str) -> str:
+    def summary(self, axis: str) -> str:
         """Say it in one line."""
         worst = int(np.argmax(self.sizes))
         text = (
@@ -257,12 +257,12 @@ def deviations(line: Line, tree: Tree, coordinate: str) -> Iterator[Deviation]:
     motions = Motions.of(line)
     records = line.dataset[coordinate].sortby(line.axis).values
     transient = int(line.dataset["section"].values[0]) - 1
-    for m, q in sorted({(one.m, one.q) for one in tree.branches if one.q}):
-        same = [one for one in tree.branches if (one.m, one.q) == (m, q)]
+    for m, q in sorted({(branch.m, branch.q) for branch in tree.branches if branch.q}):
+        alike = [branch for branch in tree.branches if (branch.m, branch.q) == (m, q)]
         compared = []
         for i in np.flatnonzero((motions.m == m) & (motions.q == q)).tolist():
             value = float(motions.values[i])
-            orbits = [orbit for one in same for orbit in one.at(value) if orbit.stable]
+            orbits = [orbit for branch in alike for orbit in branch.at(value) if orbit.stable]
             sizes = [
                 _distance(records[i], coordinates(orbit, coordinate, line.phase), coordinate)
                 for orbit in orbits

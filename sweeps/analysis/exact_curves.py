@@ -269,10 +269,10 @@ class _Search:
                 points += self._branch(cell, axis, low, high).special
             except OrbitError as error:
                 reason = str(error)
-        near = [point for point in points if point.kind in KINDS]
-        if near:
+        bifurcations = [point for point in points if point.kind in KINDS]
+        if bifurcations:
             middle = 0.5 * (ends[0] + ends[1])
-            return min(near, key=lambda point: abs(point.value - middle))
+            return min(bifurcations, key=lambda point: abs(point.value - middle))
         ends_so = [point.kind for point in points if point.kind != "edge"]
         raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
 
@@ -299,8 +299,8 @@ class _Search:
             separated.add((2 * curve.m, 2 * curve.q))
         elif curve.kind == "graze":
             separated.add((1, 0) if curve.q == 1 else (curve.m, curve.q - 1))
-        own = np.array([not separated.isdisjoint(pair) for pair in self._names], bool)
-        rows = np.flatnonzero(own & ~self._explained)
+        separated_rows = np.array([not separated.isdisjoint(pair) for pair in self._names], bool)
+        rows = np.flatnonzero(separated_rows & ~self._explained)
         distances, _ = line.query(self._cells[rows].mean(axis=1), p=np.inf)
         self._explained[rows[distances <= 1.0]] = True
 
@@ -335,15 +335,15 @@ def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None)
 
 def as_dataset(search: CurveSearch) -> xr.Dataset:
     """Return what was found as `curves` does."""
-    found = search.curves
-    sizes = [len(curve.values) for curve in found]
-    special = [(number, point) for number, curve in enumerate(found) for point in curve.special]
-    values = np.concatenate([curve.values for curve in found] or [np.empty((0, 2))])
+    curves = search.curves
+    sizes = [len(curve.values) for curve in curves]
+    special = [(number, point) for number, curve in enumerate(curves) for point in curve.special]
+    values = np.concatenate([curve.values for curve in curves] or [np.empty((0, 2))])
     data = {
-        "curve": ("point", np.repeat(np.arange(len(found)), sizes)),
-        "kind": ("number", np.array([curve.kind for curve in found], "U11")),
-        "m": ("number", np.array([curve.m for curve in found], int)),
-        "q": ("number", np.array([curve.q for curve in found], int)),
+        "curve": ("point", np.repeat(np.arange(len(curves)), sizes)),
+        "kind": ("number", np.array([curve.kind for curve in curves], "U11")),
+        "m": ("number", np.array([curve.m for curve in curves], int)),
+        "q": ("number", np.array([curve.q for curve in curves], int)),
         "special_kind": ("special", np.array([point.kind for _, point in special], "U11")),
         "special_curve": ("special", np.array([number for number, _ in special], int)),
         "special_values": (

@@ -21,7 +21,7 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbi
 from vibroimpact.oscillator import Oscillator
 
 #: Orbits and flips are the same to this share: that of Newton's method, and a margin.
-_SAME = 1e-6
+_TOLERANCE = 1e-6
 
 
 class ExactLinks:
@@ -63,9 +63,9 @@ class ExactLinks:
             ends = here.at(value) if here.stable.all() else []
             return any(_same(orbit, second) for orbit in ends)
         return any(
-            math.isclose(flip, other, rel_tol=_SAME)
+            math.isclose(flip, flip_there, rel_tol=_TOLERANCE)
             for flip in _flips(here)
-            for other in _flips(there)
+            for flip_there in _flips(there)
         )
 
     def _find(self, a: int) -> PeriodicOrbit | None:
@@ -83,7 +83,7 @@ class ExactLinks:
 def _same(first: PeriodicOrbit, second: PeriodicOrbit) -> bool:
     speeds = np.sort(second.speeds)
     return np.allclose(
-        np.sort(first.speeds), speeds, rtol=0.0, atol=_SAME * speeds.max(initial=0.0)
+        np.sort(first.speeds), speeds, rtol=0.0, atol=_TOLERANCE * speeds.max(initial=0.0)
     )
 
 

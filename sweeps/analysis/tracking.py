@@ -87,8 +87,8 @@ class PeriodicAttractors:
         within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
         second = b[np.repeat(low, count) + within]
         apart = self.distances(first, second)
-        near = apart <= MAX_DISTANCE
-        first, second, apart = first[near], second[near], apart[near]
+        matched = apart <= MAX_DISTANCE
+        first, second, apart = first[matched], second[matched], apart[matched]
         mutual = _is_least(first, apart) & _is_least(second, apart)
         return first[mutual], second[mutual]
 
@@ -200,7 +200,9 @@ def _joined(
     home = {a: a for a in members}
     for (a, b), _ in sorted(borders.items(), key=lambda item: (-item[1], item[0])):
         a, b = home[a], home[b]
-        if a == b or any(home.get(other, other) == b for other in separate.get(a, ())):
+        if a == b or any(
+            home.get(number_there, number_there) == b for number_there in separate.get(a, ())
+        ):
             continue
         if len(members[a]) < len(members[b]):
             a, b = b, a

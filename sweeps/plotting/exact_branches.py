@@ -20,7 +20,7 @@ from sweeps.analysis.exact_branches import (
     deviations,
     grow,
     lines_of,
-    told,
+    summary,
 )
 from sweeps.analysis.exact_tables import as_dataset, write_csv
 from sweeps.analysis.selection import Cut, chosen_axes
@@ -72,9 +72,9 @@ def compare(
     texts = []
     for line in lines:
         start = f"{line.dataset[DIRECTION].item()}: " if DIRECTION in line.dataset.coords else ""
-        followed = [deviation.told(axis) for deviation in deviations(line, tree, coordinate)]
+        followed = [deviation.summary(axis) for deviation in deviations(line, tree, coordinate)]
         texts += [start + text for text in followed or ["no point follows a stable exact branch"]]
-    return texts + told(tree)
+    return texts + summary(tree)
 
 
 def write_exact(

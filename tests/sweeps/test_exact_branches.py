@@ -64,7 +64,7 @@ def test_a_point_off_the_branch_by_so_much_is_told(exact):
     line.dataset["poincare_x"][3] += 1e-9
     found, *_ = deviations(line)
     assert found.sizes[3] == pytest.approx(1e-9, rel=1e-3)
-    assert f"1.0e-09 at omega = {found.values[3]:g}" in found.told("omega")
+    assert f"1.0e-09 at omega = {found.values[3]:g}" in found.summary("omega")
 
 
 def test_a_coarse_method_is_off_by_its_error(tmp_path):
@@ -84,7 +84,7 @@ def test_a_short_transient_is_told_apart(tmp_path):
     with computed(tmp_path, "record.transient=80") as dataset:
         found, *_ = deviations(line_of(dataset))
         assert not found.settled.any() and found.sizes.max() > 1e-13
-        assert found.told("omega").endswith("died out at none of them")
+        assert found.summary("omega").endswith("died out at none of them")
 
 
 def test_phases_are_compared_around_the_circle():

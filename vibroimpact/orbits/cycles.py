@@ -59,7 +59,7 @@ class Cycles:
 
 def section_distance(
     states: np.ndarray,
-    others: np.ndarray,
+    states_0: np.ndarray,
     clearance: np.ndarray,
     R: np.ndarray,
     scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
@@ -68,7 +68,7 @@ def section_distance(
 
     Parameters
     ----------
-    states, others : ndarray, shape (..., 2)
+    states, states_0 : ndarray, shape (..., 2)
         x and v.
     clearance, R : ndarray
         Of the stop and of the impact, to be broadcast against x.
@@ -80,7 +80,7 @@ def section_distance(
     ndarray
         The larger of the distances in x and in v, in units of `scale`.
     """
-    (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(others, -1, 0)
+    (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(states_0, -1, 0)
     X, V = np.moveaxis(np.asarray(scale), -1, 0)
     direct = np.maximum(np.abs(x - x_0) / X, np.abs(v - v_0) / V)
     to_stop = np.maximum(np.abs(x - clearance), np.abs(x_0 - clearance)) / X
@@ -108,15 +108,15 @@ def distances(a: Cycles, b: Cycles) -> np.ndarray:
     for start in range(0, len(a), rows):
         cut = slice(start, start + rows)
         states = np.tile(a.states[cut], (1, turns, 1))
-        other = b[cut]
-        clearance, R = other.clearance[:, None], other.R[:, None]
+        matching = b[cut]
+        clearance, R = matching.clearance[:, None], matching.R[:, None]
         apart = np.full(len(states), np.inf)
         for rotation in range(a.m):
             rotated = np.roll(states, rotation, axis=1)
             apart = np.minimum(
-                apart, section_distance(rotated, other.states, clearance, R).max(axis=1)
+                apart, section_distance(rotated, matching.states, clearance, R).max(axis=1)
             )
-        scale = np.maximum(sizes(states), sizes(other.states))
+        scale = np.maximum(sizes(states), sizes(matching.states))
         result[cut] = apart / np.where(scale > 0.0, scale, 1.0)
     return result
 
@@ -139,11 +139,11 @@ def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarra
     """
     n, m, _ = states.shape
     shortest = np.full(n, m)
-    near = tolerance * sizes(states)
+    allowed = tolerance * sizes(states)
     for divisor in range(m // 2, 0, -1):
         if m % divisor == 0:
             moved = np.abs(np.roll(states, divisor, axis=1) - states).max(axis=(1, 2))
-            shortest[moved <= near] = divisor
+            shortest[moved <= allowed] = divisor
     return shortest
 
 
@@ -170,15 +170,15 @@ def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERA
     head = np.arange(len(order))
     if len(order) < 2:
         return head
-    near = distances(cycles[order[1:]], cycles[order[:-1]]) <= tolerance
-    begins = np.r_[True, ~(near & (group[order[1:]] == group[order[:-1]]))]
+    equal = distances(cycles[order[1:]], cycles[order[:-1]]) <= tolerance
+    begins = np.r_[True, ~(equal & (group[order[1:]] == group[order[:-1]]))]
     heads = order[begins]
     head[order] = heads[np.cumsum(begins) - 1]
     merged = np.arange(len(order))
     while len(heads):
         _, first, inverse = np.unique(group[heads], return_index=True, return_inverse=True)
         leaders = heads[first][inverse]
-        same = distances(cycles[heads], cycles[leaders]) <= tolerance
-        merged[heads[same]] = leaders[same]
-        heads = heads[~same]
+        close = distances(cycles[heads], cycles[leaders]) <= tolerance
+        merged[heads[close]] = leaders[close]
+        heads = heads[~close]
     return merged[head]

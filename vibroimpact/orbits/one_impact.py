@@ -357,20 +357,20 @@ def bifurcation(
         lost within the bracket.
     """
     n = _checked_periods(n)
-    for what, given, valid in (
+    for argument, choice, valid in (
         ("kind", kind, BIFURCATIONS),
         ("parameter", parameter, [field.name for field in fields(osc)]),
     ):
-        if given not in valid:
-            raise ValueError(f"{what} must be one of {', '.join(valid)}, not {given!r}")
+        if choice not in valid:
+            raise ValueError(f"{argument} must be one of {', '.join(valid)}, not {choice!r}")
 
-    def measure(value: float) -> float:
+    def at_value(value: float) -> float:
         result = BIFURCATIONS[kind](replace(osc, **{parameter: value}), n)
         if math.isnan(result):
             raise ValueError(f"there is no one-impact orbit (n = {n}) at {parameter} = {value!r}")
         return result
 
-    value = _crossing(measure, low, high, kind, parameter)
+    value = _crossing(at_value, low, high, kind, parameter)
     if kind == "fold":
         solutions = _solve(replace(osc, **{parameter: value}), n)
         if solutions is None or not solutions.middle[0] > 0.0:
@@ -379,16 +379,16 @@ def bifurcation(
 
 
 def _crossing(
-    measure: Callable[[float], float], low: float, high: float, kind: str, parameter: str
+    function: Callable[[float], float], low: float, high: float, kind: str, parameter: str
 ) -> float:
     """Return the zero of `measure` in a bracket, or say why there is none."""
-    at_low, at_high = measure(low), measure(high)
+    at_low, at_high = function(low), function(high)
     if at_low * at_high > 0.0:
         raise ValueError(
             f"no {kind} is bracketed by {parameter} = {low!r} and {high!r}: "
             f"its function is {at_low:.3g} and {at_high:.3g} there"
         )
-    value = find_root(measure, low, high)
-    if abs(measure(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
+    value = find_root(function, low, high)
+    if abs(function(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
         raise ValueError(f"the sign changes by a jump at {parameter} = {value!r}: no {kind}")
     return value

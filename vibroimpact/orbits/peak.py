@@ -36,6 +36,7 @@ class _Flight:
         self.osc, self.phase, self.point = osc, phase, osc.at(osc.clearance)[0]
 
     def node(self, t: float, x: float, v: float) -> _Node:
+        """Return a state of the flight with what its bounds need."""
         osc, theta = self.osc, self.phase + self.osc.omega * t
         s, c = math.sin(theta), math.cos(theta)
         a = -2.0 * osc.h * v - osc.p * osc.p * x - osc.f * s
@@ -43,6 +44,7 @@ class _Flight:
         return _Node(t, x, v, s, c, abs(a), a > 0.0, abs(jerk))
 
     def after(self, left: _Node, dt: float) -> tuple[float, float]:
+        """Return x and v a time later, in closed form."""
         return exact(left.x, left.v, left.s, left.c, dt, self.point)
 
     def bounds(self, left: _Node, right: _Node) -> tuple[float, float]:

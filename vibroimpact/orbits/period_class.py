@@ -41,12 +41,12 @@ def period_class(
     n, periods = poincare_x.shape
     sections = np.stack([poincare_x, poincare_v])
     allowed = tolerance * np.abs(sections).max(axis=2, initial=0.0)
-    found = np.zeros(n, dtype=np.int64)
+    period = np.zeros(n, dtype=np.int64)
     for m in range(1, min(LONGEST_PERIOD, periods // 2) + 1):
         once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= allowed).all(axis=0)
-        rows = np.flatnonzero((found == 0) & once)
-        again = sections[:, rows][:, :, np.arange(periods) % m]
-        apart = np.abs(sections[:, rows] - again).max(axis=2)
-        found[rows[(apart <= allowed[:, rows]).all(axis=0)]] = m
-    counted = np.nan_to_num(impacts_per_period) * found
-    return found, np.rint(counted).astype(np.int64)
+        rows = np.flatnonzero((period == 0) & once)
+        shifted = sections[:, rows][:, :, np.arange(periods) % m]
+        apart = np.abs(sections[:, rows] - shifted).max(axis=2)
+        period[rows[(apart <= allowed[:, rows]).all(axis=0)]] = m
+    counted = np.nan_to_num(impacts_per_period) * period
+    return period, np.rint(counted).astype(np.int64)

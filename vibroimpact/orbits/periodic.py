@@ -38,7 +38,7 @@ _ZERO_SPEED = 1e-14
 _DISTANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 #: An orbit repeats after a part of itself where its impacts do to within the first; where they do
 #: only to within the second, it may be that part, off because it is beside its flip.
-_SAME, _NEARLY = 1e-7, 1e-4
+_RETURN_TOLERANCE, _NEARLY = 1e-7, 1e-4
 _NO_AXES, _NO_SPANS, _NO_PLANES = np.empty(0, np.int64), np.empty(0), np.empty((0, 0))
 
 
@@ -274,7 +274,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
         # Beside the flip of an orbit, one of twice the period is found that is off by up to
         # `_NEARLY`, and may be the orbit itself: it is that while it has not flipped.
         shorter = solved(osc, *part)
-        if misses <= _SAME or shorter.stable:
+        if misses <= _RETURN_TOLERANCE or shorter.stable:
             return shorter
     reason = objection(orbit)
     if reason:
@@ -359,7 +359,7 @@ def _linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def least(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """Return an orbit as one of the fewest periods: itself, or the part that it repeats."""
     for misses, (m, phases, speeds) in _parts(orbit):
-        if misses <= _SAME:
+        if misses <= _RETURN_TOLERANCE:
             return PeriodicOrbit(orbit.oscillator, m, phases, speeds)
     return orbit
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vibroimpact.orbits.branches import NEAR, Branch, Walked, doubling, free_branch
+from vibroimpact.orbits.branches import NEARBY_DISTANCE, Branch, Walked, doubling, free_branch
 from vibroimpact.orbits.continuation import Axis, Orbits
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, least
 
@@ -51,7 +51,7 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     orbits = Orbits(orbit, (axis,))
     tangent = orbits.tangent(orbits.start)
     for along in (tangent, -tangent):
-        X = orbits.corrected(orbits.start + NEAR * along, along[None, :])
+        X = orbits.corrected(orbits.start + NEARBY_DISTANCE * along, along[None, :])
         if X is not None and orbits.objection(X) is None:
             return Walked(orbits, orbits.start, along, singular=True).branch(orbit)
     raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")

@@ -19,7 +19,7 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 from vibroimpact.orbits.switching import doubled_branch, grazing_branch, without_touch
 
 #: Two points are the same within these shares: of the range, and of the greatest speed.
-_SAME_VALUE, _SAME_SPEED = 1e-8, 1e-5
+_VALUE_TOLERANCE, _SPEED_TOLERANCE = 1e-8, 1e-5
 
 
 class Tree:
@@ -97,14 +97,14 @@ class Tree:
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Whether an orbit is on one of the branches."""
         value = float(getattr(orbit.oscillator, self._range[0]))
-        for one in self.branches:
-            if (one.m, one.q) != (orbit.m, orbit.q):
+        for grown in self.branches:
+            if (grown.m, grown.q) != (orbit.m, orbit.q):
                 continue
-            if one.q == 0:
-                if one.values[0] <= value <= one.values[-1]:
+            if grown.q == 0:
+                if grown.values[0] <= value <= grown.values[-1]:
                     return True
                 continue
-            if any(_alike(orbit.speeds, other.speeds) for other in one.at(value)):
+            if any(_alike(orbit.speeds, orbit_there.speeds) for orbit_there in grown.at(value)):
                 return True
         return False
 
@@ -114,10 +114,12 @@ class Tree:
         speeds = np.tile(orbit.speeds, turns)
         name, low, high = self._range
         value = float(getattr(orbit.oscillator, name))
-        for one in self.branches:
-            if (one.m, one.q) == (turns * orbit.m, turns * orbit.q):
-                near = np.flatnonzero(np.abs(one.values - value) < _SAME_VALUE * (high - low))
-                if any(_alike(one.speeds[i], speeds) for i in near.tolist()):
+        for grown in self.branches:
+            if (grown.m, grown.q) == (turns * orbit.m, turns * orbit.q):
+                rows = np.flatnonzero(
+                    np.abs(grown.values - value) < _VALUE_TOLERANCE * (high - low)
+                )
+                if any(_alike(grown.speeds[i], speeds) for i in rows.tolist()):
                     return True
         return False
 
@@ -126,7 +128,7 @@ class Tree:
         return follow(start, *self._range)
 
 
-def _onward(one: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
+def _onward(grown: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
     """Yield where other branches begin at the special points of one.
 
     Yields
@@ -135,14 +137,16 @@ def _onward(one: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
         ``flip``: orbits of twice the period begin; ``graze``: orbits begin in one direction.
     orbit : PeriodicOrbit
     """
-    for special in one.special:
+    for special in grown.special:
         orbit = special.orbit
         if special.kind == "flip":
-            yield ("flip" if orbit.m == one.m else ""), orbit
+            yield ("flip" if orbit.m == grown.m else ""), orbit
         elif special.kind == "graze":
-            yield "graze", without_touch(orbit) if orbit.q == one.q else orbit
+            yield "graze", without_touch(orbit) if orbit.q == grown.q else orbit
 
 
-def _alike(one: np.ndarray, other: np.ndarray) -> bool:
-    size = max(float(one.max(initial=0.0)), float(other.max(initial=0.0)))
-    return bool(np.abs(np.sort(one) - np.sort(other)).max(initial=0.0) <= _SAME_SPEED * size)
+def _alike(first: np.ndarray, second: np.ndarray) -> bool:
+    size = max(float(first.max(initial=0.0)), float(second.max(initial=0.0)))
+    return bool(
+        np.abs(np.sort(first) - np.sort(second)).max(initial=0.0) <= _SPEED_TOLERANCE * size
+    )
