@@ -102,7 +102,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     least : int
         Points that a block has where they fit into memory.
     blocks : int
-        A sweep has at least so many blocks where it has the points.
+        A sweep has at least so many blocks where it has two full sets of lanes for each.
 
     Raises
     ------

@@ -128,7 +128,7 @@ def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
 )
 def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
     """At random places; sections of long runs are compared start by start."""
-    random = np.random.default_rng(5)
+    random = np.random.default_rng(8)  # motions coexist at two of the first six places
     several = 0
     for _ in range(places):
         h, R = 10.0 ** random.uniform(-2.3, -0.5), random.uniform(0.3, 0.98)

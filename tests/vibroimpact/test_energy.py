@@ -47,7 +47,7 @@ def test_without_an_impact_nothing_is_lost(integrator, impact):
         (0.1, 0.5, 2.0, 1, 0.0),
         (0.02, 0.8, 4.1, 2, 0.0),
         (0.5, 1.0, 2.0, 1, 0.0),
-        (0.0, 0.5, 2.0, 1, 0.0),
+        (0.0, 0.5, 2.0, 1, 0.3),  # with clearance 0 the impact lies on the section
         (0.1, 0.8, 2.6, 2, 0.6),
     ],
 )
