@@ -253,7 +253,6 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
         assert told in refused_run("--dask", address)
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # Dask's socket
 def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
     monkeypatch.setattr(clients, "_PATIENCE", 20)
     monkeypatch.setattr(interrupts, "_came", False)
