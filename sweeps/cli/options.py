@@ -18,6 +18,13 @@ from sweeps.errors import Refused
 if TYPE_CHECKING:
     from sweeps.analysis.selection import Cut
 
+Threads = Annotated[
+    int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output.")]
 SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
 
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
@@ -57,6 +64,13 @@ def limits(option: str, text: str) -> tuple[float, float]:
             "is smaller, as 2.4:3"
         )
     return ends
+
+
+def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
+    """Return what is to be done with an output that exists, for a run; refuse both at once."""
+    if resume and overwrite:
+        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    return {"overwrite": overwrite, "resume": resume}
 
 
 def check_threads(threads: int | None) -> None:

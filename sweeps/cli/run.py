@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sweeps.cli.options import check_threads, targets
+from sweeps.cli.options import (
+    Overwrite,
+    Resume,
+    Threads,
+    check_threads,
+    existing_output,
+    targets,
+)
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import check
@@ -50,9 +57,7 @@ def run(
             "range; repeatable.",
         ),
     ] = None,
-    threads: Annotated[
-        int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
-    ] = None,
+    threads: Threads = None,
     dask: Annotated[
         str | None,
         typer.Option(
@@ -64,19 +69,15 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
     ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
-    ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.engine.configurations import read_config
     from sweeps.store import check_output
 
-    existing = {"overwrite": overwrite, "resume": resume}
-    if resume and overwrite:
-        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    existing = existing_output(resume, overwrite)
     check_threads(threads)
     _check_cluster(dask, threads)
     sweeps = []

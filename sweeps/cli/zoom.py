@@ -12,7 +12,14 @@ from typing import Annotated, Any
 
 import typer
 
-from sweeps.cli.options import SweepFile, check_threads
+from sweeps.cli.options import (
+    Overwrite,
+    Resume,
+    SweepFile,
+    Threads,
+    check_threads,
+    existing_output,
+)
 from sweeps.cli.plot import draw
 from sweeps.cli.run import compute
 from sweeps.errors import Refused
@@ -38,13 +45,9 @@ def zoom(
             help="The file to write, the picture beside it; if not given, OUT-NAME-LOW-HIGH.h5.",
         ),
     ] = None,
-    threads: Annotated[
-        int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Compute only what is missing in the output.")
-    ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output.")] = False,
+    threads: Threads = None,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with as many points along its axes, and draw it."""
     from sweeps.engine.configurations import read_config, zoomed
@@ -52,8 +55,7 @@ def zoom(
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output, open_sweep
 
-    if resume and overwrite:
-        raise Refused("--resume and --overwrite exclude each other; give one of them")
+    existing = existing_output(resume, overwrite)
     check_threads(threads)
     limits = dict(map(_piece, pieces))
     drawn = [name for name in limits if name in COORDINATES]
@@ -65,11 +67,10 @@ def zoom(
     page: dict[str, Any] = {"ylim": limits[drawn[0]]} if drawn else {}
     coordinate = {"coordinate": drawn[0]} if drawn else {}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
-    open_sweep(file, verify=False).close()
+    open_sweep(file, verify=False).close()  # a configuration is no file of a sweep
     sweep = zoomed(read_config(file), axes)
     path = output or file.with_name(_name(file, axes))
     figure = path.with_suffix(".png")
-    existing = {"overwrite": overwrite, "resume": resume}
     check_output(path, **existing)
     check_picture(figure)
     command = shlex.join(["vibroimpact", "zoom", str(file), *pieces, "-o", str(path), "--resume"])

@@ -109,6 +109,8 @@ class Diagram:
         self.kept: Shown | None = None
         #: The window of the ordinate that holds all points, as it was set last.
         self.fitted: Window = (0.0, 1.0)
+        #: The ordinate of the view and its window, None for that of the points.
+        self._ordinate: tuple[str, Window | None] = ("", None)
         #: Columns and rows of the canvas; 0 as long as the browser has not said.
         self.size = (0, 0)
         self.figure = figure(
@@ -157,6 +159,7 @@ class Diagram:
 
     def show(self, view: View) -> None:
         """Set the window, the labels and the mark."""
+        self._ordinate = view.ordinate, view.ylim
         self.figure.xaxis.axis_label = axis_label(view.axis)
         self.figure.yaxis.axis_label = axis_label(view.ordinate)
         set_range(self.figure.x_range, view.xlim, bounds(view.axis, view.values))
@@ -208,7 +211,8 @@ class Diagram:
             "number": [self.sent + 1],
         }
         self.sent += 1
-        if shown.view.ylim is None:
+        # A picture of an older view may come after the window of a newer one was set.
+        if (shown.view.ordinate, None) == self._ordinate:
             self.fitted = shown.window
             set_range(self.figure.y_range, shown.window)
         outcomes = picture.outcomes(shown.results, shown.values)

@@ -25,7 +25,7 @@ from vibroimpact.trajectory import exact_samples, simulate
 
 #: Forcing periods that are drawn: of a periodic motion two repetitions, within these limits.
 _FEWEST, _MOST = 4, 32
-_OTHERS = 12
+_UNREPEATED = 12
 
 _WORDS = {
     Motion.UNBOUNDED: "unbounded",
@@ -72,7 +72,7 @@ def motion_at(view: View) -> Drawn:
         return Drawn(f"{text}; beyond the stop at every section", empty, empty, osc.clearance)
     motion = simulate(
         osc,
-        min(max(2 * m, _FEWEST), _MOST) if m else _OTHERS,
+        min(max(2 * m, _FEWEST), _MOST) if m else _UNREPEATED,
         config.method.integrator,
         config.method.impact,
         config.steps,

@@ -92,15 +92,15 @@ class Page:
         """Let the figure, the address and the connection change what is shown."""
         figure, document = self.diagram.figure, self.document
         figures = (figure, self.map.figure, self.basins.figure)
-        ranges = {r.id: r for one in figures for r in (one.x_range, one.y_range)}
+        ranges = {r.id: r for plot in figures for r in (plot.x_range, plot.y_range)}
         for model in ranges.values():
             for name in ("start", "end"):
                 model.on_change(name, self._ranges_changed)
         for name in ("inner_width", "inner_height"):
             figure.on_change(name, self._resized)
-        for one in figures:
-            one.on_event(Reset, lambda _: self.change(self._at_home))
-            one.on_event(Tap, self._tapped)
+        for plot in figures:
+            plot.on_event(Reset, lambda _: self.change(self._at_home))
+            plot.on_event(Tap, self._tapped)
         self.diagram.painted.on_change("value", self._painted)
         self._tabs.on_change("active", self._tab_chosen)
         self._across.on_change("value", self._across_chosen)
@@ -205,8 +205,8 @@ class Page:
         xlim = home.xlim if view.axis == home.axis else window_around(view.axis, view.xlim[0])
         if view.tab == DIAGRAM:
             return replace(view, xlim=xlim, ylim=None)
-        same = (view.axis, view.across) == (home.axis, home.across)
-        return replace(view, xlim=xlim, maplim=home.maplim if same else view.maplim)
+        unchanged = (view.axis, view.across) == (home.axis, home.across)
+        return replace(view, xlim=xlim, maplim=home.maplim if unchanged else view.maplim)
 
     def _tapped(self, event: Tap) -> None:
         """Mark what was clicked on; from a map, show the diagram through it."""

@@ -84,16 +84,16 @@ class View:
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
         """Return the view of a configuration: its longest axis, the others at their first value."""
-        given = {**dict(config.oscillator.items()), **dict(config.start.items())}
-        first = {name: extremes(value)[0] for name, value in given.items()}
+        entries = {**dict(config.oscillator.items()), **dict(config.start.items())}
+        first = {name: extremes(value)[0] for name, value in entries.items()}
         values = {name: first[name] for name in PARAMETERS}
-        sizes = {name: length(value) for name, value in given.items()}
+        sizes = {name: length(value) for name, value in entries.items()}
         axis, across = sorted(sizes, key=lambda name: -sizes[name])[:2]
         axis = axis if sizes[axis] > 1 else "omega"
         across = across if sizes[across] > 1 else "R" if axis != "R" else "omega"
 
         def window(name: str) -> Window:
-            ends = extremes(given[name])
+            ends = extremes(entries[name])
             low, high = min(ends), max(ends)
             return (low, high) if low < high else window_around(name, low)
 
@@ -170,14 +170,14 @@ class View:
         axes: Mapping[str, tuple[Window, int]],
         diagnostics: tuple[str, ...],
     ) -> SweepConfig:
-        given: dict[str, Any] = dict(self.values)
+        entries: dict[str, Any] = dict(self.values)
         for axis, ((low, high), num) in axes.items():
-            given[axis] = {"start": low, "stop": high, "num": num}
-        oscillator = {key: given.pop(key) for key in OscillatorConfig.model_fields}
+            entries[axis] = {"start": low, "stop": high, "num": num}
+        oscillator = {key: entries.pop(key) for key in OscillatorConfig.model_fields}
         data = {
             "name": self.name,
             "oscillator": oscillator,
-            "start": given,
+            "start": entries,
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
         }
@@ -202,16 +202,16 @@ class View:
         ConfigError
             If it asks for what is not allowed.
         """
-        given = dict(parse_qsl(query.removeprefix("?")))
-        changes: dict[str, Any] = {name: given[name] for name in _NAMES if name in given}
-        changes["record"] = {**self.record, **{n: given[n] for n in _RECORD if n in given}}
+        entries = dict(parse_qsl(query.removeprefix("?")))
+        changes: dict[str, Any] = {name: entries[name] for name in _NAMES if name in entries}
+        changes["record"] = {**self.record, **{n: entries[n] for n in _RECORD if n in entries}}
         try:
-            numbers = {name: float(given[name]) for name in PARAMETERS if name in given}
-            changes |= {name: bool(int(given[name])) for name in _FLAGS if name in given}
-            changes |= {"tab": int(given["tab"]) % 3} if "tab" in given else {}
+            numbers = {name: float(entries[name]) for name in PARAMETERS if name in entries}
+            changes |= {name: bool(int(entries[name])) for name in _FLAGS if name in entries}
+            changes |= {"tab": int(entries["tab"]) % 3} if "tab" in entries else {}
             for name in _WINDOWS:
-                if name in given:
-                    low, high = map(float, given[name].split(":"))
+                if name in entries:
+                    low, high = map(float, entries[name].split(":"))
                     changes[name] = low, high
         except ValueError as error:
             raise ConfigError(f"the address cannot be read: {error}") from None
@@ -233,7 +233,7 @@ class View:
         if self.ordinate not in COORDINATES:
             raise ConfigError(f"{self.ordinate} is no ordinate: {', '.join(COORDINATES)}")
         if self.axis == self.across:
-            raise ConfigError(f"{self.axis} is given for both axes of the map")
+            raise ConfigError(f"{self.axis} is entries for both axes of the map")
         for name in _WINDOWS:
             window = getattr(self, name)
             if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):

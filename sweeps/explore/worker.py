@@ -97,7 +97,7 @@ class Worker:
             for i, step in enumerate(steps):
                 if stale[0] or self._closed[0]:
                     break
-                keys = [other.key for other in steps[i:] if other.name == step.name]
+                keys = [later.key for later in steps[i:] if later.name == step.name]
                 if self._done.get(step.name) not in keys:
                     self._take(step, stale)
 

@@ -22,7 +22,7 @@ import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.engine.background import check_given_up
 from sweeps.explore import picture
-from sweeps.explore.diagram import numbers
+from sweeps.explore.diagram import Diagram, numbers
 from sweeps.explore.page import Page
 from sweeps.explore.view import View
 from sweeps.explore.worker import Step, Worker
@@ -42,6 +42,16 @@ def explorer():
     explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
     yield explorer
     explorer.close()
+
+
+def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
+    diagram = Diagram(lambda call: call(), lambda shown, seconds: None)
+    diagram.show(view)
+    late = diagram._draw(view, 20, 30)
+    diagram.show(replace(view, ylim=(-0.2, -0.1)))
+    diagram._paint(late, 0.0)
+    y = diagram.figure.y_range
+    assert (y.start, y.end) == (-0.2, -0.1)
 
 
 def test_every_scene_can_be_looked_at():

@@ -188,11 +188,8 @@ def test_the_address_holds_the_view(window, browser, explorer):
     address = address.replace(query["bokeh-session-id"][0], session)
     again = Window(browser, explorer, address)
     assert again.page is not page
-    again.settle(lambda: again.page.view.values == seen.values)
-    assert again.page.view.xlim == pytest.approx(seen.xlim, rel=1e-9)
-    assert again.page.view.ylim == pytest.approx(seen.ylim, rel=1e-9)
-    if again.page.view == seen:  # one rounding of a window changes the points of chaos
-        np.testing.assert_array_equal(again.pixels(), pixels)
+    again.settle(lambda: again.page.view == seen)
+    np.testing.assert_array_equal(again.pixels(), pixels)
     again.tab.close()
 
 

@@ -341,6 +341,7 @@ def run_exact(block, points, run, tally):
     """Run a block of at most ``LANES`` points from its start to the end of the record."""
     w, transient = block.w, run.extent.transient
     set_start(w, points, sine_at_start(run.lead, run.grid))
+    # The lead-in is the period before the transient: `advance` is called, and compiled, once.
     for k in range(-transient - 1, run.extent.periods):
         if is_set(run.interrupt):
             break

@@ -381,7 +381,7 @@ def bifurcation(
 def _crossing(
     function: Callable[[float], float], low: float, high: float, kind: str, parameter: str
 ) -> float:
-    """Return the zero of `measure` in a bracket, or say why there is none."""
+    """Return the zero of a function in a bracket, or say why there is none."""
     at_low, at_high = function(low), function(high)
     if at_low * at_high > 0.0:
         raise ValueError(
