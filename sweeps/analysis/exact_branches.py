@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, listed, select
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.period_class import period_class
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit

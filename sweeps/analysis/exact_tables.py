@@ -12,7 +12,7 @@ import xarray as xr
 
 from sweeps.analysis.exact_branches import grow, lines_of, summary
 from sweeps.analysis.selection import Cut, swept_axes
-from sweeps.text import table
+from sweeps.messages import table
 from vibroimpact.orbits.trees import Tree
 
 

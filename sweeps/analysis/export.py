@@ -8,7 +8,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status

@@ -11,9 +11,8 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from sweeps.errors import Refused
+from sweeps.messages import Refused, nearest, suggestion
 from sweeps.store import DIRECTION
-from sweeps.text import nearest, suggestion
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

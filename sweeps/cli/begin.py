@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.errors import Refused
+from sweeps.messages import Refused, nearest, suggestion
 
 
 def init(
@@ -18,7 +18,6 @@ def init(
 ) -> None:
     """Write the configuration of a scene, with comments, into the folder: SCENE.yaml."""
     from sweeps.config.scenes import scenes
-    from sweeps.text import nearest, suggestion
 
     texts = scenes()
     if scene not in texts:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 
 if TYPE_CHECKING:
     from sweeps.analysis.selection import Cut

@@ -15,7 +15,7 @@ import typer
 
 from sweeps.cli.options import check_csv, cuts_of, inches, limits, named, targets, tell_moved
 from sweeps.cli.terminal import say
-from sweeps.errors import Failed, Refused
+from sweeps.messages import Failed, Refused
 
 if TYPE_CHECKING:
     import xarray as xr

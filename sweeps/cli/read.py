@@ -12,7 +12,7 @@ import typer
 
 from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, tell_moved
 from sweeps.cli.terminal import say
-from sweeps.errors import Failed, Refused
+from sweeps.messages import Failed, Refused
 
 if TYPE_CHECKING:
     import xarray as xr

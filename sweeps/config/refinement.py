@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
+from sweeps.config.schema import FollowConfig, MethodConfig, RecordConfig
 from sweeps.config.values import MisplacedError
 
-if TYPE_CHECKING:
-    from sweeps.config.sweep import SweepConfig
 
-
-def refuse_refinement(axis: str, config: SweepConfig) -> None:
+def refuse_refinement(
+    axis: str,
+    axes: Mapping[str, np.ndarray],
+    method: MethodConfig,
+    record: RecordConfig,
+    follow: FollowConfig | None,
+) -> None:
     """Refuse to refine a sweep along an axis, where that cannot be done.
 
     Raises
@@ -20,7 +24,6 @@ def refuse_refinement(axis: str, config: SweepConfig) -> None:
     MisplacedError
         Names the key that is in the way, and what would be allowed.
     """
-    axes, record = config.grid.axes, config.record
     if list(axes) != [axis]:
         swept = ", ".join(axes) or "none"
         raise MisplacedError(
@@ -33,13 +36,13 @@ def refuse_refinement(axis: str, config: SweepConfig) -> None:
             ("refine", "axis"),
             f"{axis} cannot be refined; expected: two or more values of it, in increasing order",
         )
-    if config.method.impact != "exact":
+    if method.impact != "exact":
         raise MisplacedError(
             ("refine",),
             f"the orbits beside a change are found with the impact rule exact, not "
-            f"{config.method.impact}; expected: method.impact: exact, or no refine",
+            f"{method.impact}; expected: method.impact: exact, or no refine",
         )
-    if config.method.accuracy is not None:
+    if method.accuracy is not None:
         raise MisplacedError(
             ("refine",),
             "the orbits beside a change are found with the exact engine; expected: no "
@@ -56,7 +59,7 @@ def refuse_refinement(axis: str, config: SweepConfig) -> None:
             ("record", "trajectory"),
             "is not kept where points are added; expected: false, or no refine",
         )
-    if config.follow is not None and config.follow.direction == "both":
+    if follow is not None and follow.direction == "both":
         raise MisplacedError(
             ("follow", "direction"),
             "both branches cannot be refined at once; expected: up or down, or no refine",

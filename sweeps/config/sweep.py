@@ -39,7 +39,7 @@ from sweeps.config.values import (
     one_of,
 )
 from sweeps.grid import Grid
-from sweeps.text import printable, shortest
+from sweeps.messages import printable, shortest
 from vibroimpact.step.methods import MOST_STEPS, default_steps
 
 #: How a complete file can be compressed.
@@ -206,7 +206,8 @@ class SweepConfig(Group):
     @model_validator(mode="after")
     def _can_be_refined(self) -> Self:
         if self.refine is not None:
-            refuse_refinement(self.refine.axis, self)
+            axes = self.grid.axes
+            refuse_refinement(self.refine.axis, axes, self.method, self.record, self.follow)
         return self
 
     @cached_property

@@ -34,7 +34,7 @@ import numpy as np
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, in_background
 from sweeps.engine.workers import Advance, Computer, Item, Local, Results, Work
-from sweeps.errors import Failed, Refused, SweepError
+from sweeps.messages import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, table
+from sweeps.messages import (
+    Failed,
+    StoreError,
+    in_units,
+    shown_bytes,
+    shown_count,
+    shown_duration,
+    table,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,7 +84,6 @@ def summary(path: Path) -> str:
     Failed
         If its file is gone.
     """
-    from sweeps.errors import Failed, StoreError
     from sweeps.store import per_point
 
     try:
@@ -113,7 +120,6 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
     """
     if old is not None and identity(path) == old:
         return f"nothing is kept of it, and the old {path} is as it was"
-    from sweeps.errors import StoreError
     from sweeps.store import open_sweep, status_counts
     from vibroimpact.status import Status
 

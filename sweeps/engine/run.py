@@ -31,6 +31,7 @@ from sweeps.engine.reports import plan
 from sweeps.engine.workers import Computer
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
+from sweeps.messages import printable
 from sweeps.store import (
     ADDED,
     Layout,
@@ -40,7 +41,6 @@ from sweeps.store import (
     open_sweep,
     sweep_writer,
 )
-from sweeps.text import printable
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -14,7 +14,6 @@ from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import ConfigError, Failed
 from sweeps.explore.branches import Branches
 from sweeps.explore.controls import Controls, meaning, with_across, with_axis
 from sweeps.explore.diagram import Diagram, Shown
@@ -23,7 +22,7 @@ from sweeps.explore.motion import MotionPanel
 from sweeps.explore.saving import write_yaml
 from sweeps.explore.view import BASINS, DIAGRAM, MAP, View, window_around
 from sweeps.explore.worker import Step, Worker
-from sweeps.text import shown_count
+from sweeps.messages import ConfigError, Failed, shown_count
 from vibroimpact.oscillator import PARAMETERS
 
 _ENDED = (

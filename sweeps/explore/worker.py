@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.engine.background import given_up_by
-from sweeps.errors import SweepError
+from sweeps.messages import SweepError
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 `sweeps.bench`, only this room imports matplotlib.
 """
 
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 
 try:
     import matplotlib  # noqa: F401

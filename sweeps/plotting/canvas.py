@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 from sweeps.plotting.style import user_style
 
 #: Height of a line of a title or a legend beyond those that a picture has room for [inch].

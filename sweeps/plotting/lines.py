@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 from sweeps.store import DIRECTION, VARIABLES
 from vibroimpact.status import Status
 

@@ -14,7 +14,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import listed
-from sweeps.errors import Failed, Refused
+from sweeps.messages import Failed, Refused
 
 #: Of each format, the fields for a title, the program and a text.
 _FIELDS = {

@@ -12,13 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import Cut, Setting, recorded
-from sweeps.errors import Refused
+from sweeps.messages import Refused, in_units
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_picture
 from sweeps.plotting.labels import add_title, label, mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
 from sweeps.store import VARIABLES
-from sweeps.text import in_units
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
 

@@ -18,10 +18,10 @@ import h5py
 import numpy as np
 
 from sweeps.interrupts import check
+from sweeps.messages import in_units
 from sweeps.store.layout import BLOCKS, COORDINATES, Layout
 from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
-from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

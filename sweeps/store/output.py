@@ -9,9 +9,8 @@ import stat
 from pathlib import Path
 from typing import NoReturn
 
-from sweeps.errors import StoreError
+from sweeps.messages import StoreError, shown_bytes
 from sweeps.store.layout import FORMAT, FORMAT_VERSION
-from sweeps.text import shown_bytes
 
 #: Endings that name another kind of file, which a slip would give to the data.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")

@@ -9,7 +9,7 @@ from sweeps.analysis import exact_branches
 from sweeps.analysis.exact_branches import Line, _distance, branches, grow
 from sweeps.analysis.exact_tables import write_csv
 from sweeps.analysis.selection import select
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.canvas import Page
 from sweeps.plotting.exact_branches import compare

@@ -10,7 +10,7 @@ from commands import call
 from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
 from sweeps.analysis.exact_curves import CurveSearch, find_curves
-from sweeps.errors import Refused
+from sweeps.messages import Refused
 from vibroimpact.orbits.continuation import MOST_POINTS
 from vibroimpact.orbits.curves import Curve, CurvePoint
 from vibroimpact.orbits.periodic import PeriodicOrbit

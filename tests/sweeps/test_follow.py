@@ -13,7 +13,7 @@ from followed_sweeps import configured, ran, whole
 from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine.compute import computation
-from sweeps.errors import ConfigError
+from sweeps.messages import ConfigError
 from vibroimpact import Oscillator, Status, one_impact_orbit
 from vibroimpact.integrate import integrate
 from vibroimpact.orbits.one_impact import bifurcation

@@ -13,7 +13,7 @@ import pytest
 from commands import call
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import run as runner
-from sweeps.errors import Failed, StoreError
+from sweeps.messages import Failed, StoreError
 from sweeps.store import check_output, only_writer
 
 CONFIG = """\

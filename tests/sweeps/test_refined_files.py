@@ -8,7 +8,7 @@ import xarray as xr
 from commands import accepted, call
 from refined_sweeps import CONFIG, flip, found, refined
 from sweeps import open_sweep
-from sweeps.errors import StoreError
+from sweeps.messages import StoreError
 
 
 @pytest.mark.slow

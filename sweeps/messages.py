@@ -1,4 +1,7 @@
-"""Text for messages: suggestions, tables, numbers with their units, safe characters."""
+"""What a user reads: every error, as one tree, and how messages and tables show words and numbers.
+
+The text of an error is one paragraph.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,26 @@ import difflib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+
+
+class SweepError(Exception):
+    """What was asked for was not done; the text says why."""
+
+
+class Refused(SweepError):  # noqa: N818 - the counterpart of Failed
+    """The request is wrong, and nothing was begun; a command exits with 2."""
+
+
+class Failed(SweepError):  # noqa: N818 - the counterpart of Refused
+    """The work was begun and did not reach its end; a command exits with 1."""
+
+
+class ConfigError(Refused, ValueError):
+    """A configuration is not valid."""
+
+
+class StoreError(Refused):
+    """A file is not the file of a sweep, or cannot be used as asked."""
 
 
 def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
