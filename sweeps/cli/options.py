@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.messages import Refused
+from sweeps.messages import Failed, Refused
 
 if TYPE_CHECKING:
     from sweeps.analysis.selection import Cut
@@ -36,8 +36,10 @@ def check_csv(path: Path | None) -> None:
         raise Refused(f"--csv {path} is not allowed; expected: a .csv file in an existing folder")
 
 
-def inches(text: str) -> float:
-    """Read a width with its unit."""
+def inches(text: str | None) -> float | None:
+    """Read a width with its unit, where one is given."""
+    if text is None:
+        return None
     match = re.fullmatch(r"\s*([0-9.]+)\s*(in|cm|mm|pt)\s*", text)
     try:
         width = float(match[1]) / _PER_INCH[match[2]] if match else math.nan
@@ -51,8 +53,10 @@ def inches(text: str) -> float:
     return width
 
 
-def limits(option: str, text: str) -> tuple[float, float]:
-    """Read the limits of an axis."""
+def limits(option: str, text: str | None) -> tuple[float, float] | None:
+    """Read the limits of an axis, where they are given."""
+    if text is None:
+        return None
     low, colon, high = text.partition(":")
     try:
         ends = float(low), float(high)
@@ -101,10 +105,10 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
     return targets
 
 
-def cuts_of(texts: Sequence[str]) -> dict[str, float | str]:
+def cuts_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     """Read the values of ``--at``, each of another axis."""
     cuts: dict[str, float | str] = {}
-    for text in texts:
+    for text in texts or ():
         name, value = _cut(text)
         if name in cuts:
             raise Refused(f"--at {text} is not allowed; {name} was given before")
@@ -133,9 +137,18 @@ def named(file: Path) -> Iterator[None]:
         raise Refused(f"{file}: {error}") from error
 
 
-def tell_moved(requested: Cut, cut: Cut, verb: str) -> None:
+def say_moved(requested: Cut, cut: Cut, verb: str) -> None:
     """Say where a value that was asked for is not on the grid, and which one was taken."""
     for name, value in requested.items():
         if value != cut[name]:
             text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
             say(text, error=True)
+
+
+def write_table(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file with a function of its path, and say which; a failure is one of the command."""
+    try:
+        write(path)
+    except OSError as error:
+        raise Failed(error) from error
+    say(path)

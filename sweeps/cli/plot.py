@@ -13,9 +13,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sweeps.cli.options import check_csv, cuts_of, inches, limits, named, targets, tell_moved
+from sweeps.cli.options import (
+    check_csv,
+    cuts_of,
+    inches,
+    limits,
+    named,
+    say_moved,
+    targets,
+    write_table,
+)
 from sweeps.cli.terminal import say
-from sweeps.messages import Failed, Refused
+from sweeps.messages import Refused
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,107 +32,117 @@ if TYPE_CHECKING:
     from sweeps.analysis.selection import Cut
 
 
+Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
+FigureFile = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FIGURE",
+        help="The picture to write, OUT.png if not given; for a single OUT.h5.",
+    ),
+]
+Kind = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND",
+        help="bifurcation, attractors, basins, map, section, impacts or trajectory.",
+    ),
+]
+AxisNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME", help="The swept parameter as abscissa; for a map, then the ordinate."
+    ),
+]
+Cuts = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE",
+        help="Where to cut another swept parameter; of a sweep that was followed up and down, "
+        "direction=up or down; repeatable.",
+    ),
+]
+Coordinate = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="poincare_x, poincare_v, impact_v or impact_phase, as ordinate."
+    ),
+]
+Quantity = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
+        "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status.",
+    ),
+]
+Exact = Annotated[
+    bool,
+    typer.Option(
+        "--exact",
+        help="Draw the exact branches of the periodic motions, stable and not, with their "
+        "bifurcations, and show how far the points are from them; over a map, the curves of these.",
+    ),
+]
+ExactTable = Annotated[
+    Path | None,
+    typer.Option("--csv", metavar="FILE", help="With --exact: write what is drawn to it."),
+]
+Below = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="A scalar of the file, as lyapunov, in a panel below a bifurcation diagram; "
+        "repeatable.",
+    ),
+]
+Periods = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Of a trajectory: compute N periods from the last state stored."
+    ),
+]
+Width = Annotated[
+    str | None,
+    typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
+]
+Title = Annotated[
+    str | None, typer.Option(metavar="TEXT", help="Instead of that of the sweep; may be empty.")
+]
+Abscissa = Annotated[str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")]
+Ordinate = Annotated[str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")]
+
+
 def plot(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FIGURE",
-            help="The picture to write, OUT.png if not given; for a single OUT.h5.",
-        ),
-    ] = None,
-    kind: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help="bifurcation, attractors, basins, map, section, impacts or trajectory.",
-        ),
-    ] = None,
-    axis: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME", help="The swept parameter as abscissa; for a map, then the ordinate."
-        ),
-    ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Where to cut another swept parameter; of a sweep that was followed up and down, "
-            "direction=up or down; repeatable.",
-        ),
-    ] = None,
-    coordinate: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="poincare_x, poincare_v, impact_v or impact_phase, as ordinate."
-        ),
-    ] = None,
-    quantity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
-            "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status.",
-        ),
-    ] = None,
-    exact: Annotated[
-        bool,
-        typer.Option(
-            "--exact",
-            help="Draw the exact branches of the periodic motions, stable and not, with their "
-            "bifurcations, and show how far the points are from them; over a map, the curves of "
-            "these.",
-        ),
-    ] = False,
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", metavar="FILE", help="With --exact: write what is drawn to it."),
-    ] = None,
-    below: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="A scalar of the file, as lyapunov, in a panel below a bifurcation diagram; "
-            "repeatable.",
-        ),
-    ] = None,
-    periods: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Of a trajectory: compute N periods from the last state stored."
-        ),
-    ] = None,
-    width: Annotated[
-        str | None,
-        typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
-    ] = None,
-    title: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Instead of that of the sweep; may be empty.")
-    ] = None,
-    xlim: Annotated[
-        str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")
-    ] = None,
-    ylim: Annotated[
-        str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
-    ] = None,
+    files: Files,
+    output: FigureFile = None,
+    kind: Kind = None,
+    axis: AxisNames = None,
+    at: Cuts = None,
+    coordinate: Coordinate = None,
+    quantity: Quantity = None,
+    exact: Exact = False,
+    csv: ExactTable = None,
+    below: Below = None,
+    periods: Periods = None,
+    width: Width = None,
+    title: Title = None,
+    xlim: Abscissa = None,
+    ylim: Ordinate = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.store import open_sweep
 
-    cuts = cuts_of(at or ())
+    cuts = cuts_of(at)
     check_csv(csv)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
     page = {
-        "width": None if width is None else inches(width),
+        "width": inches(width),
         "title": title,
-        "xlim": None if xlim is None else limits("--xlim", xlim),
-        "ylim": None if ylim is None else limits("--ylim", ylim),
+        "xlim": limits("--xlim", xlim),
+        "ylim": limits("--ylim", ylim),
     }
     if periods is not None and periods < 1:
         raise Refused(f"--periods {periods} is not allowed; expected: an integer >= 1")
@@ -140,17 +159,17 @@ def plot(
         open_sweep(file).close()  # before any is drawn
     for file, figure in zip(files, figures, strict=True):
         with open_sweep(file, verify=False) as dataset, named(file):
-            draw(dataset, figure, kind, cuts, options, page, csv)
+            draw(dataset, figure, kind, cuts, page, csv, **options)
 
 
 def draw(
     dataset: xr.Dataset,
     figure: Path,
     kind: str | None,
-    cuts: Mapping[str, float | str],
-    options: Mapping[str, Any],
+    cuts: Cut,
     page: Mapping[str, Any],
     csv: Path | None = None,
+    **options: Any,
 ) -> None:
     """Write a picture of an opened sweep, and say which, and what was chosen for it."""
     from sweeps.analysis.selection import on_grid
@@ -163,18 +182,14 @@ def draw(
     lines, write = _exact(dataset, kind, cut, chosen) if "exact" in chosen else ([], None)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
     written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
-    tell_moved(cuts, cut, "drawn")
+    say_moved(cuts, cut, "drawn")
     for name, value in silent_cuts(dataset, kind, cut, chosen.get("axes", ())).items():
         shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
     if csv is not None and write is not None:
-        try:
-            write(csv)
-        except OSError as error:
-            raise Failed(error) from error
-        say(csv)
+        write_table(csv, write)
     say(written)
 
 

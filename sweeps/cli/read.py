@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, tell_moved
+from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, say_moved, write_table
 from sweeps.cli.terminal import say
 from sweeps.messages import Failed, Refused
 
@@ -32,24 +32,20 @@ def attractors(
     ] = None,
 ) -> None:
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
-    from sweeps.analysis import table as attractor_table
-    from sweeps.analysis.distinct_attractors import attractors
+    from sweeps.analysis import attractors, rows
     from sweeps.analysis.selection import on_grid
+    from sweeps.analysis.table import cut, describe, write_csv
     from sweeps.store import open_sweep
 
-    cuts = cuts_of(at or ())
+    cuts = cuts_of(at)
     check_csv(csv)
     with open_sweep(file) as dataset, named(file):
-        cut = attractor_table.cut(dataset, cuts)
-        result = attractors(cut)
-        tell_moved(cuts, on_grid(dataset, cuts), "shown")
-        say(attractor_table.describe(cut, result))
+        shown = cut(dataset, cuts)
+        result = attractors(shown)
+        say_moved(cuts, on_grid(dataset, cuts), "shown")
+        say(describe(shown, result))
         if csv is not None:
-            try:
-                attractor_table.write_csv(csv, attractor_table.rows(cut, result))
-            except OSError as error:
-                raise Failed(error) from error
-            say(csv)
+            write_table(csv, lambda path: write_csv(path, rows(shown, result)))
 
 
 def info(
@@ -86,7 +82,7 @@ def info(
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     check_csv(csv)
-    cuts = cuts_of(at or ())
+    cuts = cuts_of(at)
     with open_sweep(file) as dataset, named(file):
         if bifurcations:
             _show_bifurcations(dataset, axis, cuts, csv)
@@ -103,16 +99,12 @@ def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Pa
     from sweeps.analysis.selection import on_grid
 
     along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
-    tell_moved(cuts, on_grid(dataset, cuts), "listed")
+    say_moved(cuts, on_grid(dataset, cuts), "listed")
     say(bifurcations.describe(along, items))
     if text := exact_tables.describe(dataset, along, cuts):
         say(text)
     if csv is not None:
-        try:
-            bifurcations.write_csv(csv, along, items)
-        except OSError as error:
-            raise Failed(error) from error
-        say(csv)
+        write_table(csv, lambda path: bifurcations.write_csv(path, along, items))
 
 
 def export(

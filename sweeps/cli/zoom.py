@@ -65,7 +65,7 @@ def zoom(
             f"axis, and at most one of {', '.join(COORDINATES)}"
         )
     page: dict[str, Any] = {"ylim": limits[drawn[0]]} if drawn else {}
-    coordinate = {"coordinate": drawn[0]} if drawn else {}
+    coordinate: dict[str, Any] = {"coordinate": drawn[0]} if drawn else {}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
     open_sweep(file, verify=False).close()  # a configuration is no file of a sweep
     sweep = zoomed(read_config(file), axes)
@@ -76,7 +76,7 @@ def zoom(
     command = shlex.join(["vibroimpact", "zoom", str(file), *pieces, "-o", str(path), "--resume"])
     compute(sweep, path, command, quiet=False, threads=threads, **existing)
     with open_sweep(path, verify=False) as dataset, raised_at_once():
-        draw(dataset, figure, None, {}, coordinate, page)
+        draw(dataset, figure, None, {}, page, **coordinate)
 
 
 def _piece(text: str) -> tuple[str, tuple[float, float]]:
