@@ -22,7 +22,7 @@ from sweeps.engine import compute
 from sweeps.engine.compute import SOURCES, numerics
 from sweeps.engine.refine import Refinement
 from sweeps.messages import StoreError
-from vibroimpact import jit
+from vibroimpact.jit import NUMERICS, cache
 from vibroimpact.points import Computation
 
 PHYSICS = Path(vibroimpact.__file__).parent
@@ -87,13 +87,13 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
 
 def test_every_source_of_the_physics_is_in_its_name(tmp_path, monkeypatch):
     shutil.copytree(PHYSICS, tmp_path / "vibroimpact")
-    monkeypatch.setattr(jit, "__file__", str(tmp_path / "vibroimpact" / "jit.py"))
-    assert jit._numerics() == jit.NUMERICS
-    names = {jit.NUMERICS}
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "vibroimpact" / "jit" / "cache.py"))
+    assert cache._numerics() == NUMERICS
+    names = {NUMERICS}
     sources = sorted((tmp_path / "vibroimpact").rglob("*.py"))
     for source in sources:
         source.write_text(source.read_text() + "\n")
-        names.add(jit._numerics())
+        names.add(cache._numerics())
     assert len(names) == len(sources) + 1
 
 
@@ -102,7 +102,7 @@ def test_every_source_of_the_refinement_is_in_its_name(tmp_path, monkeypatch):
     shutil.copytree(ENGINE, tmp_path / "sweeps")
     own = numerics(config)
     monkeypatch.setattr(compute, "__file__", str(tmp_path / "sweeps" / "engine" / "compute.py"))
-    assert numerics(config) == own != numerics(load(SWEEPS["plain"])) == jit.NUMERICS
+    assert numerics(config) == own != numerics(load(SWEEPS["plain"])) == NUMERICS
     names = {own}
     for source in SOURCES:
         path = tmp_path / "sweeps" / source

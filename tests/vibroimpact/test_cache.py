@@ -12,8 +12,8 @@ import numba
 import pytest
 
 import vibroimpact
-from vibroimpact import cache
-from vibroimpact.cache import CacheWarning, CompiledCode
+from vibroimpact.jit import cache
+from vibroimpact.jit.cache import CacheWarning, CompiledCode
 
 
 def call(folder):

@@ -58,6 +58,25 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     assert run(tmp_path) == (3.75, 0, 1)
 
 
+def test_compiled_code_runs_without_all_that_numba_can_compile(tmp_path):
+    """SciPy is most of it. A function that is not in the cache yet is compiled all the same."""
+    program = f"""{PROGRAM}
+import sys
+print("scipy.linalg" in sys.modules)
+from vibroimpact.lanes.workspace import map_of
+print(map_of(w, 0)[1])
+print("scipy.linalg" in sys.modules)
+"""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    runs = [
+        subprocess.run([sys.executable, "-c", text], env=environment, stdout=subprocess.PIPE)
+        for text in (PROGRAM, program)
+    ]
+    first, second = (result.stdout.decode().splitlines()[1:] for result in runs)
+    assert first == ["2.75", "0 1"]
+    assert second == ["2.75", "1 0", "False", "(1.0, 1.0, 1.0, 1.0)", "True"]
+
+
 @pytest.mark.slow
 def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
     """Both wait until the other is ready to compile; both are right, and so is what they leave."""

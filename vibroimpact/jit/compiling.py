@@ -1,4 +1,4 @@
-"""Compile options, the fused multiply-add, and the disk cache: one place for all three.
+"""The options that every function of this project is compiled with.
 
 No fast-math flag is set anywhere. Where a product and a sum should be fused, the code says
 ``fma``; so scalar and vector code, any block size and any thread count round alike.
@@ -7,20 +7,15 @@ No fast-math flag is set anywhere. Where a product and a sum should be fused, th
 from __future__ import annotations
 
 import gc
-import hashlib
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numba
-import platformdirs
-from numba import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.extending import intrinsic
 
-from vibroimpact.cache import CompiledCode
+from vibroimpact.jit.cache import CompiledCode, cache_folder
 
 _config: Any = numba.config  # its settings are made at run time, unseen by a type checker
 if _config.DISABLE_JIT:
@@ -30,30 +25,6 @@ if _config.DISABLE_JIT:
 #: Threads that a computation takes by default: one for each core of the process, or as many as
 #: the variable NUMBA_NUM_THREADS says.
 ALL_THREADS: int = _config.NUMBA_NUM_THREADS
-
-
-def _numerics() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    package = Path(__file__).parent
-    for source in sorted(package.rglob("*.py")):
-        name = source.relative_to(package).as_posix()
-        digest.update(name.encode() + b"\0" + source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-#: Names the code that computes: made of every source file of this package, and of numba's version.
-NUMERICS = _numerics()
-
-
-def _cache_folder() -> Path:
-    """Return the folder of compiled code, which is named after the code that it was compiled from.
-
-    A cache that looks only at the file that holds a function would serve a stale kernel where a
-    helper in another file was edited; a name made of all sources cannot. The folder lies outside
-    the package: what pip did not install it would leave behind, to shadow the next one.
-    """
-    root = _config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False)
-    return Path(root, f"compiled-{NUMERICS}")
 
 
 class _MergedLibrary(JITCodeLibrary):
@@ -126,7 +97,7 @@ def jit(
         "no_cfunc_wrapper": True,
     }
     dispatcher: Any = numba.njit(function, **options)
-    dispatcher._cache = CompiledCode(function, _cache_folder())
+    dispatcher._cache = CompiledCode(function, cache_folder())
 
     @cache
     def merged() -> Any:
@@ -160,90 +131,3 @@ def compiled(function: Any, *arguments: Any) -> Any:
     if signature not in function.overloads:
         _compile(function, signature)
     return function
-
-
-@intrinsic
-def fma(context, a, b, c):
-    """a * b + c, rounded once."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.fma(*arguments)
-
-    return types.float64(types.float64, types.float64, types.float64), generate
-
-
-@intrinsic
-def select(context, condition, a, b):
-    """`a` where the condition holds, else `b`: without a branch, which would not be vectorised."""
-
-    def generate(context, builder, signature, arguments):
-        condition, a, b = arguments
-        as_bit = context.cast(builder, condition, types.boolean, types.boolean)
-        return builder.select(as_bit, a, b)
-
-    return types.float64(types.boolean, types.float64, types.float64), generate
-
-
-@intrinsic
-def widest_vectors(context):
-    """Let LLVM use the widest vectors of the processor in the calling function.
-
-    By default it keeps to 256 bits where the processor has 512.
-    """
-
-    def generate(context, builder, signature, arguments):
-        attributes = builder.function.attributes
-        set.add(attributes, '"prefer-vector-width"="512"')
-        attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.void(), generate
-
-
-@intrinsic
-def claim(context, counter):
-    """Count up the first element of an array of int64 for all threads; return what it was."""
-
-    def generate(context, builder, signature, arguments):
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        single = context.get_constant(types.int64, 1)
-        return builder.atomic_rmw("add", array.data, single, "monotonic")
-
-    return types.int64(counter), generate
-
-
-@intrinsic
-def is_set(context, flag):
-    """Whether another thread has set the first element of an array of int64; read every time."""
-
-    def generate(context, builder, signature, arguments):
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        value = builder.load_atomic(array.data, "monotonic", 8)
-        return builder.icmp_unsigned("!=", value, context.get_constant(types.int64, 0))
-
-    return types.boolean(flag), generate
-
-
-@intrinsic
-def bit(context, condition, place):
-    """An integer with the bit at `place` set where the condition holds, else 0; no branch."""
-
-    def generate(context, builder, signature, arguments):
-        condition, place = arguments
-        as_bit = context.cast(builder, condition, types.boolean, types.boolean)
-        single = context.get_constant(types.int64, 1)
-        return builder.select(
-            as_bit, builder.shl(single, place), context.get_constant(types.int64, 0)
-        )
-
-    return types.int64(types.boolean, types.int64), generate
-
-
-@intrinsic
-def lowest_bit(context, bits):
-    """The place of the lowest bit set in an integer that is not 0."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.cttz(arguments[0], context.get_constant(types.boolean, 1))
-
-    return types.int64(types.int64), generate

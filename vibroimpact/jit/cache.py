@@ -23,10 +23,38 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numba
+import platformdirs
 from numba.core.compiler import CompileResult
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 _DIGEST = hashlib.sha256().digest_size
+
+
+def _numerics() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    package = Path(__file__).parents[1]
+    for source in sorted(package.rglob("*.py")):
+        name = source.relative_to(package).as_posix()
+        digest.update(name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+#: Names the code that computes: made of every source file of the package, and of numba's version.
+NUMERICS = _numerics()
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled code, which is named after the code that it was compiled from.
+
+    A cache that looks only at the file that holds a function would serve a stale kernel where a
+    helper in another file was edited; a name made of all sources cannot. The folder lies outside
+    the package: what pip did not install it would leave behind, to shadow the next one.
+    """
+    config: Any = numba.config  # its settings are made at run time, unseen by a type checker
+    root = config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False)
+    return Path(root, f"compiled-{NUMERICS}")
 
 
 class CacheWarning(UserWarning):
@@ -50,8 +78,11 @@ class CompiledCode:
         self._folder = folder
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the form for a signature, or None where there is none that can be used."""
-        context.refresh()
+        """Return the form for a signature, or None where there is none that can be used.
+
+        Numba's own cache first refreshes `context`, which imports all that numba can compile, and
+        SciPy: half the time of a short run. Of that, code on disk needs only the memory of arrays.
+        """
         if _unusable(self._folder) is not None:
             return None
         key = self._key(signature, context.codegen())
@@ -63,7 +94,10 @@ class CompiledCode:
             if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
                 return None
             kept_key, kept = pickle.loads(data[_DIGEST:])
-            return CompileResult._rebuild(context, *kept) if kept_key == key else None
+            if kept_key != key:
+                return None
+            rtsys.initialize(context)
+            return CompileResult._rebuild(context, *kept)
         except Exception:  # of another version of Python, say
             return None
 

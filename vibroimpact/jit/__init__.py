@@ -1,0 +1,27 @@
+"""Compiled functions: their options, single instructions of LLVM, and the disk cache."""
+
+from vibroimpact.jit.cache import NUMERICS
+from vibroimpact.jit.compiling import ALL_THREADS, compiled, jit
+from vibroimpact.jit.intrinsics import (
+    bit,
+    claim,
+    fma,
+    is_set,
+    lowest_bit,
+    select,
+    widest_vectors,
+)
+
+__all__ = [
+    "ALL_THREADS",
+    "NUMERICS",
+    "bit",
+    "claim",
+    "compiled",
+    "fma",
+    "is_set",
+    "jit",
+    "lowest_bit",
+    "select",
+    "widest_vectors",
+]
