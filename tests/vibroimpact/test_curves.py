@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BarycentricInterpolator
 
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
@@ -63,20 +64,40 @@ def test_the_published_points_of_the_two_period_orbit(kind, omega, f, published,
     assert near[:, 0] == pytest.approx(published, abs=2e-2)
 
 
-@pytest.mark.parametrize(("kind", "f", "slower"), [("flip", 0.35, False), ("fold", 0.363, True)])
-def test_flips_and_folds_meet_the_graze_where_section_5_says(kind, f, slower):
-    """At omega = 2 n Omega / k, k = 5, tangent to the graze of the free oscillation."""
-    start = one_impact(replace(SCENE, omega=0.81 if kind == "flip" else 0.799, f=f), 2, slower)
+#: At omega = 2 n Omega / k, k = 5, flips and folds meet the graze of the free oscillation.
+MEETING = 4.0 * math.sqrt(1.0 - 0.02**2) / 5.0
+
+
+def free_graze(omega):
+    """The force at which the free oscillation reaches the stop."""
+    return math.hypot(1.0 - omega**2, 0.04 * omega)
+
+
+@pytest.mark.parametrize(
+    ("kind", "omega", "f", "beside", "slower"),
+    [("flip", 0.81, 0.35, 0.008, False), ("fold", 0.799, 0.363, -0.0008, True)],
+)
+def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
+    kind, omega, f, beside, slower
+):
+    """The slope at which a curve leaves that of the grazes, extrapolated to where they meet.
+
+    The curve is analytic there, so that a polynomial through its seven slopes to the meeting, each
+    half as far from it as the one before, leaves rounding over the least distance: 4e-12.
+    """
+    start = one_impact(replace(SCENE, omega=omega, f=f), 2, slower)
     found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
-    meeting = 4.0 * math.sqrt(1.0 - 0.02**2) / 5.0
     (end,) = [p for p in found.special if p.kind == "graze" and p.orbit.speeds[0] == 0.0]
-    graze = math.hypot(1.0 - meeting**2, 0.04 * meeting)
-    assert end.values == pytest.approx([graze, meeting], abs=1e-10)
-    # Tangent: the distance to the graze curve is of second order.
-    order = np.argsort(np.abs(found.values[:, 1] - meeting))[1:3]
-    f_, omega = found.values[order].T
-    away = np.abs(f_ - np.hypot(1.0 - omega**2, 0.04 * omega))
-    assert np.all(away < 250.0 * np.abs(omega - meeting) ** 2)
+    assert end.values == pytest.approx([free_graze(MEETING), MEETING], abs=3e-15)
+    places, slopes = [], []
+    for halvings in range(7):
+        edge = MEETING + beside / 2**halvings
+        limits = (edge, 0.9) if beside > 0.0 else (0.7, edge)
+        found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", *limits))
+        (at_edge,) = [p for p in found.special if p.kind == "edge" and p.values[1] == edge]
+        places.append(edge - MEETING)
+        slopes.append((at_edge.values[0] - free_graze(edge)) / places[-1])
+    assert BarycentricInterpolator(places, slopes)(0.0) == pytest.approx(0.0, abs=2e-11)
 
 
 def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
@@ -84,10 +105,9 @@ def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_m
     f, omega = found.values.T
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
     assert (found.speeds == 0.0).all()
-    meeting = 4.0 * math.sqrt(1.0 - 0.02**2) / 5.0
     for kind in ("flip", "fold"):
         (point,) = [p for p in found.special if p.kind == kind]
-        assert point.values[1] == pytest.approx(meeting, abs=1e-10)
+        assert point.values[1] == pytest.approx(MEETING, abs=1e-13)
 
 
 def test_the_folds_are_those_of_the_closed_form():
@@ -105,6 +125,11 @@ def test_bad_requests_are_refused():
         bifurcation_curve(start, "torus", f, omega)
     with pytest.raises(ValueError, match="not f twice"):
         bifurcation_curve(start, "flip", f, f)
+    for low, high in ((0.82, 0.9), (0.7, 0.8)):
+        with pytest.raises(
+            OrbitError, match=f"the flip is at omega = 0.81, outside {low} to {high}"
+        ):
+            bifurcation_curve(start, "flip", f, ("omega", low, high))
     steady = one_impact(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
     with pytest.raises(OrbitError, match="no fold"):
         bifurcation_curve(steady, "fold", ("omega", 1.8, 2.2), ("R", 0.7, 0.9))

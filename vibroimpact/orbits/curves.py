@@ -96,7 +96,7 @@ def bifurcation_curve(
     Raises
     ------
     OrbitError
-        If no such bifurcation is found beside the orbit.
+        If no such bifurcation is found beside the orbit, or it is outside a range.
     TypeError, ValueError
         If an argument is not valid.
     """
@@ -106,6 +106,12 @@ def bifurcation_curve(
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
     start = _onto(orbit, kind, axes)
+    for axis in axes:
+        value = getattr(start.oscillator, axis.name)
+        if not axis.low - axis.slack <= value <= axis.high + axis.slack:
+            raise OrbitError(
+                f"the {kind} is at {axis.name} = {value:g}, outside {axis.low:g} to {axis.high:g}"
+            )
     index = int(np.argmin(start.speeds))
     orbits = Orbits(start, axes, KINDS[kind], index)
     tangent = orbits.tangent(orbits.start)
