@@ -24,7 +24,7 @@ from sweeps.analysis.grouping import PointNumbers, parameter_at_points
 from sweeps.analysis.motion import Motion, classify, kinds
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
 from sweeps.analysis.selection import Setting
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 from vibroimpact.orbits.period_class import LONGEST_PERIOD, period_class
 from vibroimpact.oscillator import POINT, Oscillator
 

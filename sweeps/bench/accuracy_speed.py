@@ -39,8 +39,7 @@ from sweeps.bench.scenes import (
     Scene,
     least_steps,
 )
-from vibroimpact import bifurcation
-from vibroimpact.integrate import integrate
+from vibroimpact import bifurcation, integrate
 
 #: Steps of one timed run at least, all points together; with fewer, the call itself would be timed.
 _LEAST_WORK = 1_500_000

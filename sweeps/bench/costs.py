@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from sweeps.engine.pilot import COSTS, MethodCost
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 from vibroimpact.oscillator import PARAMETERS, POINT
 
 POINTS, PERIODS, ROUNDS = 1024, 200, 5

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sweeps.bench.scenes import Method
-from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 
 LETTER = Method("newmark", "to the letter")
 #: Without ``exact`` under the rules of time stepping, which fails here as ``rk4`` does.

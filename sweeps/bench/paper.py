@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 

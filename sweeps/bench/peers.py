@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sweeps.bench.scenes import EXACT, Scene, least_steps
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 
 #: Runs are repeated for so long, at least once.
 _LEAST_SECONDS = 0.1
@@ -166,7 +166,7 @@ class Peer:
 
 
 def _results(points: np.ndarray, flights: list[Flight]) -> dict[str, np.ndarray]:
-    """Name the results as `vibroimpact.integrate.integrate` does, with the last eight impacts."""
+    """Name the results as `vibroimpact.integrate` does, with the last eight impacts."""
     last = np.full((len(points), 8, 2), np.nan)
     for row, omega, flight in zip(last, points["omega"], flights, strict=True):
         n = min(len(flight.impact_t), len(row))

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact import Oscillator
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sweeps.bench.scenes import Method
-from vibroimpact import Oscillator, one_impact_orbit
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.step.integrators import exact
 
 

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import is_stable, spectral_radius

@@ -19,7 +19,7 @@ import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, interrupt
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 from vibroimpact.orbits.cycles import section_distance
 
 #: Forcing periods that the points are followed for, at the most, and sections in each.

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from limits import cpu_seconds
 from sweeps import load_config, open_sweep
 from sweeps.cli.main import app
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from limits import cpu_seconds
-from vibroimpact import Oscillator, one_impact_orbit, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES

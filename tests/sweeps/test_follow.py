@@ -14,8 +14,7 @@ from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine.compute import computation
 from sweeps.messages import ConfigError
-from vibroimpact import Oscillator, Status, one_impact_orbit
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
 from vibroimpact.orbits.one_impact import bifurcation
 from vibroimpact.points.following import follow
 from vibroimpact.trajectory import trajectories

@@ -4,7 +4,7 @@ import xarray as xr
 import yaml
 
 from sweeps.analysis.motion import Motion, classify, frequent_periods
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.period_class import period_class
 from vibroimpact.oscillator import Oscillator

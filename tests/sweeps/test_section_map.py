@@ -15,8 +15,7 @@ from sweeps.bench.scenes import (
     REGULAR,
     Method,
 )
-from vibroimpact import bifurcation, one_impact_orbit
-from vibroimpact.integrate import integrate
+from vibroimpact import bifurcation, integrate, one_impact_orbit
 
 ONE_IMPACT = next(scene for scene in REGULAR if scene.name == "one impact")
 

@@ -10,7 +10,7 @@ import time
 import numba
 import numpy as np
 
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 from vibroimpact.lanes.tally import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status

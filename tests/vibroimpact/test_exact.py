@@ -6,8 +6,7 @@ import naive
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.step.methods import default_steps
 
 PERIOD = 2.0 * math.pi

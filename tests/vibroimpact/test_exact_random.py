@@ -7,8 +7,7 @@ import naive
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.bounces import time_to_rest
 

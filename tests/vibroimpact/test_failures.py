@@ -10,8 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, paper_procedure, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate, paper_procedure, simulate
 from vibroimpact.status import Status
 from vibroimpact.step.stability import is_stable, least_stable_steps
 

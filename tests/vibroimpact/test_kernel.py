@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from kernel_cases import DONE, METHODS, PERIOD, assert_same, one, random_points, steps_for
-from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.scaling import SCALED

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from kernel_cases import METHODS, PERIOD, assert_same, one, random_points, steps_for
-from vibroimpact import Status
-from vibroimpact.integrate import integrate
+from vibroimpact import Status, integrate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.flight import LONGEST_STEP

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, Status
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.tangents import orthonormalise

@@ -7,8 +7,7 @@ the RMS over a spread of N.
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 

@@ -8,8 +8,7 @@ import naive
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS

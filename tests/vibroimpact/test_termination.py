@@ -9,8 +9,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, Status, simulate
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, Status, integrate, simulate
 
 SMALLEST_NORMAL = sys.float_info.min
 
@@ -33,7 +32,7 @@ def _nothing_hangs():
 
 DECAY = """
 from vibroimpact import Oscillator
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 for R in (0.8, 0.5):
     integrate(Oscillator(h=0.5, R=R, omega=1.0, f=0.0).at(-1.0))
 """

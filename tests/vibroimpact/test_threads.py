@@ -10,15 +10,14 @@ import numba
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator
-from vibroimpact.integrate import integrate
+from vibroimpact import Oscillator, integrate
 
 PROGRAM = """
 import multiprocessing
 import numpy as np
 from concurrent.futures import ThreadPoolExecutor
 from vibroimpact import Oscillator
-from vibroimpact.integrate import integrate
+from vibroimpact import integrate
 
 points = np.repeat(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at(), 512)
 points["omega"] = np.linspace(2.0, 2.5, 512)

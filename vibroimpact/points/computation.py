@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vibroimpact.integrate import integrate
+from vibroimpact.lanes.integrate import integrate
 from vibroimpact.orbits.period_class import period_class
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.following import follow

@@ -1,4 +1,4 @@
-"""Attractors of many parameter points at once: the kernel's arrays in, named results out."""
+"""Many parameter points at once: arrays in, named results out."""
 
 from __future__ import annotations
 
