@@ -138,9 +138,9 @@ def _plan(
 ) -> str:
     """Return what a sweep takes, or refuse it where that is too much."""
     from sweeps.engine.background import in_background
-    from sweeps.engine.cluster import computer_for
     from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
+    from sweeps.engine.run import computer_for
     from sweeps.store import check_output
 
     computer = computer_for(client, threads)

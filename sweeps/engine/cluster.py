@@ -33,7 +33,7 @@ import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, in_background
-from sweeps.engine.workers import Advance, Computer, Item, Local, Results, Work
+from sweeps.engine.workers import Advance, Item, Results, Work
 from sweeps.messages import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
 
@@ -227,11 +227,6 @@ class Cluster:
         for address, numerics in versions.items():
             if numerics != _own_numerics():
                 raise Refused(_difference(address, str(numerics), _own_numerics()))
-
-
-def computer_for(client: Client | None, threads: int | None) -> Computer:
-    """Return what computes: the workers of a client, or so many threads of this machine."""
-    return Local(threads) if client is None else Cluster(client)
 
 
 def _own_numerics() -> str:

@@ -23,12 +23,11 @@ from rich.progress import (
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background
-from sweeps.engine.cluster import computer_for
 from sweeps.engine.compute import computation, compute_block, numerics
 from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
 from sweeps.engine.reports import plan
-from sweeps.engine.workers import Computer
+from sweeps.engine.workers import Computer, Local
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.messages import printable
@@ -134,6 +133,15 @@ def run_sweep(
                 _refine(config, writer, path, threads, console)
             writer.finish(compressed=config.compression != "none")
     return path
+
+
+def computer_for(client: Client | None, threads: int | None) -> Computer:
+    """Return what computes: the workers of a client, or so many threads of this machine."""
+    if client is None:
+        return Local(threads)
+    from sweeps.engine.cluster import Cluster  # with asyncio
+
+    return Cluster(client)
 
 
 def _refine(
