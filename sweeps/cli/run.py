@@ -137,14 +137,14 @@ def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
 ) -> str:
     """Return what a sweep takes, or refuse it where that is too much."""
-    from sweeps.engine.background import in_background
+    from sweeps.engine.background import run_in_background
     from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
-    from sweeps.engine.run import computer_for
+    from sweeps.engine.workers import computer_for
     from sweeps.store import check_output
 
     computer = computer_for(client, threads)
-    (cost,) = in_background(map(estimate, [sweep], [computer.threads], [computer.cores]))
+    cost = run_in_background(estimate, sweep, computer.threads, computer.cores)
     check_output(path, **existing, size=cost.disk)
     return plan(sweep, path, cost)
 

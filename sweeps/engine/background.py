@@ -9,7 +9,7 @@ first run compiles. So the thread ends by itself.
 from __future__ import annotations
 
 import threading
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -54,6 +54,12 @@ def in_background(items: Iterable[T], *, join: bool = True) -> Generator[T, None
     finally:
         given_up[0] = 1
         thread.shutdown(wait=join, cancel_futures=True)
+
+
+def run_in_background(function: Callable[..., T], *arguments: Any) -> T:
+    """Return what a function returns, which runs in another thread as `in_background`."""
+    (result,) = in_background(function(*arguments) for _ in range(1))
+    return result
 
 
 def _waited(future: Future[T]) -> T:

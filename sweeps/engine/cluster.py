@@ -22,25 +22,25 @@ import queue
 import threading
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numba
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, in_background
-from sweeps.engine.workers import Advance, Item, Results, Work
+from sweeps.engine.compute import compute_block
+from sweeps.grid import Block
 from sweeps.messages import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-#: Items per worker at once: one is computed, one waits for it, one is on its way back.
+#: Blocks per worker at once: one is computed, one waits for it, one is on its way back.
 _PER_WORKER = 3
 #: How often the scheduler is asked for its workers [s].
 _COUNT = 2.0
@@ -64,13 +64,9 @@ class OtherNumericsError(Exception):
     """A worker computes with another version of the code."""
 
 
-@dataclass(frozen=True)
-class _Job:
-    """What all items have in common."""
-
-    work: Work
-    config: SweepConfig
-    numerics: str
+#: What all blocks have in common: the configuration, and the numerics of this process.
+_Job = tuple[SweepConfig, str]
+Results = dict[str, np.ndarray]
 
 
 class Cluster:
@@ -81,13 +77,18 @@ class Cluster:
     client : distributed.Client
         Synchronous; it is left open.
 
+    Attributes
+    ----------
+    threads : int
+        Of a trial on this machine.
+
     Raises
     ------
     Refused
         If a worker has another version of the numerics, or none.
     """
 
-    threads: int | None = 1
+    threads = 1
 
     def __init__(self, client: Client) -> None:
         self._client = client
@@ -116,65 +117,64 @@ class Cluster:
         return {"least": min(least, size), "blocks": _BLOCKS_PER_CORE * self.cores}
 
     def computed(
-        self,
-        work: Work,
-        config: SweepConfig,
-        items: Sequence[Item],
-        advance: Advance | None = None,
-    ) -> Generator[tuple[Item, Results], None, None]:
-        """Yield every item with its results, as they come in.
+        self, config: SweepConfig, blocks: Iterable[Block], advance: object = None
+    ) -> Generator[tuple[Block, Results], None, None]:
+        """Yield every block with its results, as they come in; `advance` is for `Local` alone.
+
+        Where the generator is closed, what is still to be computed is given up.
 
         Raises
         ------
         Failed
-            If the scheduler is lost or an item cannot be computed. A lost worker is none: what it
+            If the scheduler is lost or a block cannot be computed. A lost worker is none: what it
             had is computed again.
         """
         _ = config.grid  # made here once, so that its values are the same on every machine
-        futures: dict[Future, Item] = {}
+        futures: dict[Future, Block] = {}
         with self._scheduler_needed(), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
             # A task, not data: it is made again where the worker that had it is lost.
-            job = self._client.submit(_unchanged, _Job(work, config, _own_numerics()), pure=False)
+            job = self._client.submit(_job, config, _own_numerics(), pure=False)
         try:
-            yield from in_background(self._results(job, iter(items), futures), join=False)
+            yield from in_background(self._results(job, iter(blocks), futures), join=False)
         finally:
             with suppress(Exception):  # where the scheduler is gone
                 self._client.cancel([job, *list(futures)])  # the other thread may add to them
 
     def _results(
-        self, job: Future, items: Iterator[Item], futures: dict[Future, Item]
-    ) -> Iterator[tuple[Item, Results]]:
+        self, job: Future, blocks: Iterator[Block], futures: dict[Future, Block]
+    ) -> Iterator[tuple[Block, Results]]:
+        """Yield finished blocks; `futures` holds those that are out, with their tasks."""
         ready: queue.SimpleQueue[Future] = queue.SimpleQueue()
         with self._scheduler_needed():
-            while self._refill(job, items, futures, ready):
+            while self._refill(job, blocks, futures, ready):
                 try:
                     future = ready.get(timeout=_WAIT)
                 except queue.Empty:
                     continue
                 results = self._gathered(future)
-                item = futures.pop(future)
-                self._refill(job, items, futures, ready)
-                yield item, results
+                block = futures.pop(future)
+                self._refill(job, blocks, futures, ready)
+                yield block, results
 
     def _refill(
         self,
         job: Future,
-        items: Iterator[Item],
-        futures: dict[Future, Item],
+        blocks: Iterator[Block],
+        futures: dict[Future, Block],
         ready: queue.SimpleQueue[Future],
     ) -> bool:
-        """Hand out items until every worker has enough; return whether any are out."""
+        """Hand out blocks until every worker has enough; return whether any are out."""
         check_given_up()
         if time.monotonic() - self._asked > _COUNT:
             self._count()
         while len(futures) < _PER_WORKER * max(1, len(self._workers)):
             check_given_up()
-            item = next(items, None)
-            if item is None:
+            block = next(blocks, None)
+            if block is None:
                 break
-            future = self._client.submit(_compute, job, item, pure=False)
-            futures[future] = item
+            future = self._client.submit(_compute, job, block, pure=False)
+            futures[future] = block
             future.add_done_callback(ready.put)
         return bool(futures)
 
@@ -270,22 +270,23 @@ async def _reaches(address: str, client: Client) -> bool:
     return True
 
 
-def _unchanged(job: _Job) -> _Job:
-    return job
+def _job(config: SweepConfig, numerics: str) -> _Job:
+    """Return what every block's task depends on: as the result of a task."""
+    return config, numerics
 
 
-def _compute(job: _Job, item: Any) -> Results:
-    """Compute an item on a worker, with all threads that the worker has.
+def _compute(job: _Job, block: Block) -> Results:
+    """Compute a block on a worker, with all threads that the worker has.
 
     It is alone in the kernel there: the other threads of the worker wait, and lend it their cores.
     """
     from distributed import get_worker
 
-    worker = get_worker()
-    if job.numerics != _own_numerics():
-        raise OtherNumericsError(_difference(worker.address, _own_numerics(), job.numerics))
+    worker, (config, numerics) = get_worker(), job
+    if numerics != _own_numerics():
+        raise OtherNumericsError(_difference(worker.address, _own_numerics(), numerics))
     with _ALONE:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        results = job.work(job.config, item, min(worker.state.nthreads, available))
+        results = compute_block(config, block, min(worker.state.nthreads, available))
         # What is sent as it lies in memory is not copied on the way.
         return {name: np.ascontiguousarray(array) for name, array in results.items()}

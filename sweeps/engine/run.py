@@ -11,23 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import in_background
-from sweeps.engine.compute import computation, compute_block, numerics
+from sweeps.engine.background import in_background, run_in_background
+from sweeps.engine.compute import computation, numerics
 from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
 from sweeps.engine.reports import plan
-from sweeps.engine.workers import Computer, Local
+from sweeps.engine.workers import Computer, computer_for
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.messages import printable
@@ -111,37 +104,27 @@ def run_sweep(
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
             pilot = None
             if config.method.accuracy is not None:
-                (pilot,) = in_background(map(choose, [config], [threads]))
+                pilot = run_in_background(choose, config, threads)
                 config = config.with_method(pilot.method)
                 console.print(pilot.summary, markup=False)
-            (cost,) = in_background(map(estimate, [config], [computer.threads], [computer.cores]))
+            cost = run_in_background(estimate, config, computer.threads, computer.cores)
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(printable(plan(config, path, cost)), markup=False)
         layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
             if writer.damage:
                 console.print(f"damaged, and computed again: {writer.damage}", markup=False)
-            with _Display(config, writer, console, computer) as display:
-                pending = writer.pending()
-                computed = computer.computed(compute_block, config, pending, display.computed)
-                with closing(computed):
-                    for block, results in computed:
-                        check()
-                        writer.write(block, results)
-                        display.written(block)
+            display = _Display(config, writer, console, computer)
+            computed = computer.computed(config, writer.pending(), display.computed)
+            with display.bar, closing(computed):
+                for block, results in computed:
+                    check()
+                    writer.write(block, results)
+                    display.written(block)
             if config.refine is not None and not writer.layout.refined:
                 _refine(config, writer, path, threads, console)
             writer.finish(compressed=config.compression != "none")
     return path
-
-
-def computer_for(client: Client | None, threads: int | None) -> Computer:
-    """Return what computes: the workers of a client, or so many threads of this machine."""
-    if client is None:
-        return Local(threads)
-    from sweeps.engine.cluster import Cluster  # with asyncio
-
-    return Cluster(client)
 
 
 def _refine(
@@ -152,7 +135,7 @@ def _refine(
 
     assert config.refine is not None
     with console.status("refining") as status, open_sweep(path, verify=False) as line:
-        (refinement,) = in_background(map(Refinement, [config], [line], [threads]))
+        refinement = run_in_background(Refinement, config, line, threads)
         with closing(in_background(refinement)) as levels:
             for level in levels:
                 changes = f"{len(refinement.intervals):,} changes of class"
@@ -199,12 +182,14 @@ class _Display:
         self, config: SweepConfig, writer: SweepWriter, console: Console, computer: Computer
     ) -> None:
         self._periods = config.record.transient + config.record.periods
-        self._size = config.size
-        self._there = self._size - sum(map(block_points, writer.pending()))
+        self._there = config.size - sum(map(block_points, writer.pending()))
         scaled = ", one f computed and the others scaled" if computation(config).scaled else ""
         self._name = printable(config.name) + scaled
         self._computer = computer
-        self._bar = Progress(
+        self._began = time.monotonic()
+        # Points counted in two threads, the first ahead of the second.
+        self._computed = self._written = 0
+        self.bar = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
@@ -213,19 +198,9 @@ class _Display:
             console=console,
             disable=console.quiet,
         )
-        self._task = TaskID(0)
-        self._began = 0.0
-        # Points counted in two threads, the first ahead of the second.
-        self._computed = 0
-        self._written = 0
-
-    def __enter__(self) -> _Display:
-        self._bar.start()
-        self._task = self._bar.add_task(
-            self._description, total=self._size, completed=self._there, speed=""
+        self._task = self.bar.add_task(
+            self._name + computer.described(), total=config.size, completed=self._there, speed=""
         )
-        self._began = time.monotonic()
-        return self
 
     def computed(self, points: int) -> None:
         """Count points of a block in work."""
@@ -239,18 +214,10 @@ class _Display:
 
     def _show(self) -> None:
         points = max(self._computed, self._written)
-        elapsed = time.monotonic() - self._began
-        speed = points * self._periods / elapsed
-        self._bar.update(
+        speed = points * self._periods / (time.monotonic() - self._began)
+        self.bar.update(
             self._task,
             completed=self._there + points,
-            description=self._description,
+            description=self._name + self._computer.described(),
             speed=f"{speed:,.0f} periods/s",
         )
-
-    @property
-    def _description(self) -> str:
-        return self._name + self._computer.described()
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()

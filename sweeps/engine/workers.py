@@ -1,63 +1,33 @@
-"""Where a sweep is computed: a `Computer` is this machine, or a cluster (``cluster.py``)."""
+"""Where the blocks of a sweep are computed: on this machine, or on a cluster (``cluster.py``)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Generator, Iterable, Mapping
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background
+from sweeps.engine.compute import compute_block
+from sweeps.grid import Block
 
-Item = TypeVar("Item")
-Results = dict[str, np.ndarray]
+if TYPE_CHECKING:
+    from distributed import Client
 
-#: Computes one item of a sweep, such as a block of its grid, from the configuration, the item and
-#: the number of threads: a function of a module, which a process elsewhere finds by its name.
-Work = Callable[..., Results]
-#: Told a number of points that are computed.
-Advance = Callable[[int], object]
+    from sweeps.engine.cluster import Cluster
 
 
-class Computer(Protocol):
-    """Computes the items of a sweep.
+class Local:
+    """Computes blocks on this machine, one after the other.
 
     Attributes
     ----------
     threads : int or None
-        Of a trial on this machine, None for all.
+        Of a block and of a trial, None for all.
     cores : int
-        How many times as much as such a trial is computed at once.
+        Number of parallel computations, in units of one trial.
     """
-
-    threads: int | None
-
-    @property
-    def cores(self) -> int: ...
-
-    def computed(
-        self,
-        work: Work,
-        config: SweepConfig,
-        items: Sequence[Item],
-        advance: Advance | None = None,
-    ) -> Generator[tuple[Item, Results], None, None]:
-        """Yield every item with its results, in any order, and hold few of them at a time.
-
-        `advance` is handed to the work where that is done in this process. Where the generator is
-        closed, what is still to be computed is given up.
-        """
-
-    def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return what ``block_size`` has to keep to, where `size` points take so many seconds."""
-
-    def described(self) -> str:
-        """Say where the work is done now, where it is not this process."""
-
-
-class Local:
-    """Computes on this machine, one item after the other."""
 
     cores = 1
 
@@ -65,20 +35,32 @@ class Local:
         self.threads = threads
 
     def computed(
-        self,
-        work: Work,
-        config: SweepConfig,
-        items: Sequence[Item],
-        advance: Advance | None = None,
-    ) -> Generator[tuple[Item, Results], None, None]:
-        """Yield every item with its results, in order."""
-        report = () if advance is None else (advance,)
-        return in_background((item, work(config, item, self.threads, *report)) for item in items)
+        self, config: SweepConfig, blocks: Iterable[Block], advance: Callable[[int], object]
+    ) -> Generator[tuple[Block, dict[str, np.ndarray]], None, None]:
+        """Yield every block with its results, in order; `advance` is as for `compute_block`.
+
+        Where the generator is closed, what is still to be computed is given up.
+        """
+        return in_background(
+            (block, compute_block(config, block, self.threads, advance)) for block in blocks
+        )
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return none."""
+        """Return no limits for `block_size`."""
         return {}
 
     def described(self) -> str:
-        """Say nothing."""
+        """Say nothing of where the work is done."""
         return ""
+
+
+Computer: TypeAlias = "Local | Cluster"
+
+
+def computer_for(client: Client | None, threads: int | None) -> Computer:
+    """Return what computes: the workers of a client, or so many threads of this machine."""
+    if client is None:
+        return Local(threads)
+    from sweeps.engine.cluster import Cluster  # with asyncio, which takes long to import
+
+    return Cluster(client)

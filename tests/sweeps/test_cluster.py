@@ -19,7 +19,7 @@ from commands import call
 from local_cluster import CONFIG, WORKERS, assert_same_bits, refused_run
 from sweep_files import data, load
 from sweeps.engine.cluster import Cluster
-from sweeps.engine.compute import compute, compute_block
+from sweeps.engine.compute import compute_block
 from sweeps.engine.plan import block_size
 from sweeps.engine.run import run_sweep
 from sweeps.messages import Failed, Refused
@@ -114,19 +114,10 @@ def left_on(client):
     return [*client.processing().values(), *client.has_what().values()]
 
 
-def test_a_list_of_points_is_computed_like_a_block(client):
-    sweep = load(CONFIG)
-    points = [sweep.grid.points((slice(i, i + 7),)) for i in range(0, 70, 7)]
-    found = list(Cluster(client).computed(compute, sweep, points))
-    assert len(found) == 10
-    for given, results in found:
-        np.testing.assert_equal(results, compute(sweep, given, 1))
-
-
 def test_a_long_axis_travels_without_a_warning(client):
     sweep = load(CONFIG, "oscillator.omega.num=2000000")
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
-    for block, results in Cluster(client).computed(compute_block, sweep, blocks):
+    for block, results in Cluster(client).computed(sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
 
 
@@ -209,11 +200,9 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blo
 
 
 def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
-    def fails(*_):
-        raise OSError("no such luck")
-
-    with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with OSError: no such"):
-        list(Cluster(client).computed(fails, load(CONFIG), range(20)))
+    without_an_axis = [()] * 20
+    with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with ValueError: zip\(\)"):
+        list(Cluster(client).computed(load(CONFIG), without_an_axis))
 
 
 # Workers with another version
@@ -308,7 +297,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         assert computer.cores == 4
         with monkeypatch.context() as patch:
             patch.setattr("vibroimpact.points.computation.compute_points", watched)
-            found = list(computer.computed(compute_block, sweep, blocks))
+            found = list(computer.computed(sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}
     assert len(found) == len(blocks)
@@ -319,17 +308,14 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
 def test_no_more_is_handed_out_than_the_workers_need(client):
     handed = []
 
-    def items():
+    def blocks():
         for number in range(60):
             handed.append(number)
-            yield number
+            yield (slice(number, number + 1),)
 
-    def work(_, number, threads):
-        return {"number": np.full(1000, number)}
-
-    taken = 0
-    for number, results in Cluster(client).computed(work, load(CONFIG), items()):
-        assert (results["number"] == number).all()
+    sweep, taken = load(CONFIG), 0
+    for block, results in Cluster(client).computed(sweep, blocks()):
+        np.testing.assert_equal(results, compute_block(sweep, block, 1))
         taken += 1
         assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side
     assert taken == 60

@@ -13,6 +13,7 @@ import pytest
 from commands import call
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import run as runner
+from sweeps.engine import workers
 from sweeps.messages import Failed, StoreError
 from sweeps.store import check_output, only_writer
 
@@ -195,8 +196,8 @@ def test_a_lost_output_is_a_failure_that_says_so(monkeypatch, lose, at, compress
         blocks.append(arguments[1])
         return results
 
-    compute_block = runner.compute_block
-    monkeypatch.setattr(runner, "compute_block", losing)
+    compute_block = workers.compute_block
+    monkeypatch.setattr(workers, "compute_block", losing)
     result = run("--set", f"compression={compression}")
     assert result.exit_code == 1, result.output
     assert re.search(f"out.h5 was {LOSSES[lose]} by another program", result.stderr)
@@ -239,7 +240,7 @@ def test_a_failed_overwrite_says_that_the_old_file_is_there(monkeypatch, failure
 
 def test_an_overwrite_that_was_interrupted_later_speaks_of_the_new_file(monkeypatch):
     assert run().exit_code == 0
-    compute_block = runner.compute_block
+    compute_block = workers.compute_block
     done = []
 
     def stopping(*arguments, **named):
@@ -248,7 +249,7 @@ def test_an_overwrite_that_was_interrupted_later_speaks_of_the_new_file(monkeypa
         done.append(1)
         return compute_block(*arguments, **named)
 
-    monkeypatch.setattr(runner, "compute_block", stopping)
+    monkeypatch.setattr(workers, "compute_block", stopping)
     result = run("--overwrite")
     assert result.exit_code == 1
     assert "10 of 40 points kept in out.h5; to go on: " in result.stderr
