@@ -44,25 +44,21 @@ class Grid:
         """Number of parameter points."""
         return math.prod(self.shape)
 
-    def blocks(
-        self, size: int, whole: str | None = None, *, at_any_size: bool = False
-    ) -> Iterator[Block]:
+    def blocks(self, size: int, whole: str | None = None) -> Iterator[Block]:
         """Split the grid into boxes of at most `size` points, in C order.
 
         Parameters
         ----------
         size : int
         whole : str, optional
-            An axis that is not to be split, unless it alone is longer than `size`.
-        at_any_size : bool
-            Whether it is not to be split even then.
+            An axis that is not split, even where it alone is longer than `size`.
 
         Yields
         ------
         tuple of slice
             One slice per axis. Together the boxes cover every point once.
         """
-        if whole is not None and (at_any_size or len(self.axes[whole]) <= size):
+        if whole is not None:
             at, n = list(self.axes).index(whole), len(self.axes[whole])
             other_axes = {name: values for name, values in self.axes.items() if name != whole}
             for block in Grid(other_axes, self.fixed).blocks(max(1, size // n)):
@@ -100,15 +96,20 @@ class Grid:
         pairs = zip(self.axes.items(), block, strict=True)
         return {name: values[cut] for (name, values), cut in pairs}
 
-    def with_values(self, axis: str, values: np.ndarray) -> np.ndarray:
-        """Return the points with these values of the only axis.
+    def numbered(self, numbers: np.ndarray) -> np.ndarray:
+        """Return points by their numbers, which count from 0 in C order over the grid.
 
         Returns
         -------
         ndarray of dtype POINT, shape (n,)
         """
-        assert list(self.axes) == [axis]
-        return mesh({axis: values}, self.fixed)
+        points = np.empty(len(numbers), POINT)
+        for name, value in self.fixed.items():
+            points[name] = value
+        for name, values in reversed(list(self.axes.items())):
+            points[name] = values[numbers % len(values)]
+            numbers = numbers // len(values)
+        return points
 
     def spread(self, count: int) -> np.ndarray:
         """Return about `count` points spread evenly over the grid, the same in every call.
@@ -132,15 +133,5 @@ class Grid:
             for axis in range(len(self.shape))
         ]
         last = np.array(self.shape)[:, None] - 1
-        indices = np.unique(np.rint(fractions * last).astype(int), axis=1)
-        axes = self.axes.values()
-        return self._assembled([axis[i] for axis, i in zip(axes, indices, strict=True)])
-
-    def _assembled(self, coordinates: list[np.ndarray]) -> np.ndarray:
-        """Return points with these values along the axes, one array per axis."""
-        points = np.empty(len(coordinates[0]) if coordinates else 1, dtype=POINT)
-        for name, value in self.fixed.items():
-            points[name] = value
-        for name, coordinate in zip(self.axes, coordinates, strict=True):
-            points[name] = coordinate
-        return points
+        indices = tuple(np.rint(fractions * last).astype(int))
+        return self.numbered(np.unique(np.ravel_multi_index(indices, self.shape)))

@@ -100,9 +100,7 @@ def run(
             command = _command(configs[i:], output, overrides or (), threads, dask, quiet)
             compute(sweep, path, command, quiet, threads=threads, client=client, **existing)
     if not quiet:
-        from sweeps.engine.reports import next_command
-
-        say(next_command(paths))
+        say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
 
 
 def _check_cluster(address: str | None, threads: int | None) -> None:

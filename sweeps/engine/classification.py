@@ -19,7 +19,7 @@ from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.analysis.results import as_dataset
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import Oscillator, mesh
 
 #: How often a motion that does not show its class is followed four times as long.
 MOST_EXTENSIONS = 3
@@ -144,7 +144,7 @@ class Classifier:
     ) -> dict[str, np.ndarray]:
         record = self._config.record.model_copy(update={"transient": transient})
         config = self._config.model_copy(update={"record": record})
-        points = self._config.grid.with_values(self._axis, values)
+        points = mesh({self._axis: values}, self._config.grid.fixed)
         if starts is not None:
             points["x0"], points["v0"] = starts.T
             points["x0"] = np.minimum(points["x0"], points["clearance"])  # as where it is followed

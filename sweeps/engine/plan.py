@@ -16,7 +16,6 @@ from sweeps.messages import StoreError, shown_bytes
 from sweeps.store import bytes_per_point
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.lanes.kernel import lanes_per_block
-from vibroimpact.oscillator import POINT
 from vibroimpact.step.rules import IMPACT_RULES
 
 #: Results of one block in memory, more only for full lanes [bytes].
@@ -162,7 +161,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     count = min(2 * _lanes(config) * (threads or ALL_THREADS), _side_by_side(config))
     # Of few lanes, several calls: one point need not be like the others.
     calls = [
-        _chosen(config.grid, count, seed)
+        _random_points(config.grid, count, seed)
         for seed in range(-(-_LEAST_TRIED // count) if config.follow else 1)
     ]
     size = config.size
@@ -207,14 +206,7 @@ def _shortened(config: SweepConfig, total: int) -> SweepConfig:
     return config.model_copy(update={"record": record.model_copy(update=shorter)})
 
 
-def _chosen(grid: Grid, count: int, seed: int) -> np.ndarray:
-    """Return points picked at random, the same in every call with that seed."""
-    numbers = np.random.default_rng(seed).integers(grid.size, size=min(count, grid.size))
-    points = np.empty(numbers.size, POINT)
-    for name, value in grid.fixed.items():
-        points[name] = value
-    if grid.axes:
-        indices = np.unravel_index(numbers, grid.shape)
-        for (name, values), index in zip(grid.axes.items(), indices, strict=True):
-            points[name] = values[index]
-    return points
+def _random_points(grid: Grid, count: int, seed: int) -> np.ndarray:
+    """Return points of a grid, the same in every call with that seed."""
+    random = np.random.default_rng(seed)
+    return grid.numbered(random.integers(grid.size, size=min(count, grid.size)))

@@ -1,12 +1,8 @@
-"""What the commands tell about a sweep: before it is run, after it, and when it ended early.
-
-As in ``cli.py``, what a report needs is imported inside it.
-"""
+"""What the commands tell about a sweep: before it is run, after it, and when it ended early."""
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any
@@ -22,6 +18,16 @@ from sweeps.messages import (
     shown_duration,
     table,
 )
+from sweeps.store import (
+    DIRECTION,
+    VARIABLES,
+    is_remarkable,
+    open_sweep,
+    per_point,
+    status_counts,
+)
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,45 +41,36 @@ _CONTACT = ("impacts_per_period", "rest_fraction")
 
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
-    from sweeps.engine.compute import computation
-    from vibroimpact.oscillator import PARAMETERS
+    from sweeps.engine.compute import computation  # with the kernel, which takes long to import
 
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
-    units = dict(sweep.units.items())
     axes = [
-        _axis(name, values, in_units(PARAMETERS[name].unit, units))
+        _axis(name, values, in_units(PARAMETERS[name].unit, dict(sweep.units.items())))
         for name, values in sweep.grid.axes.items()
     ]
-    steps = [
-        ("steps per period", f"{sweep.steps:,}"),
-        ("steps", f"{periods * sweep.steps:,}"),
-    ]
-    if sweep.method.accuracy is not None:
-        method = f"the cheapest with an error <= {sweep.method.accuracy:g}, found by a pilot run"
-        steps = [("method", method)]
-    scaled = [("f", "one value is computed, the others are scaled")] * computation(sweep).scaled
-    followed = []
+    rows = [("name", sweep.name), *(("axis", axis) for axis in axes or ["none, a single point"])]
     if sweep.follow:
-        followed = [("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}")]
+        rows.append(("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}"))
+    rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{periods:,}")]
+    if sweep.method.accuracy is None:
+        rows.append(("steps per period", f"{sweep.steps:,}"))
+        rows.append(("steps", f"{periods * sweep.steps:,}"))
+    else:
+        limit = f"{sweep.method.accuracy:g}"
+        rows.append(("method", f"the cheapest with an error <= {limit}, found by a pilot run"))
+    if computation(sweep).scaled:
+        rows.append(("f", "one value is computed, the others are scaled"))
     if sweep.refine is not None:
         halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"
-        scaled.append(("further points", halved))
+        rows.append(("further points", halved))
     compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
-    return table(
-        [
-            ("name", sweep.name),
-            *(("axis", axis) for axis in axes or ["none, a single point"]),
-            *followed,
-            ("points", f"{sweep.size:,}"),
-            ("forcing periods", f"{periods:,}"),
-            *steps,
-            *scaled,
-            ("expected time", f"about {shown_duration(cost.seconds)}"),
-            ("size of the file", shown_bytes(cost.file) + compressed),
-            ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
-            ("output", str(path)),
-        ]
-    )
+    rows += [
+        ("expected time", f"about {shown_duration(cost.seconds)}"),
+        ("size of the file", shown_bytes(cost.file) + compressed),
+        ("memory", f"about {shown_bytes(cost.memory)} for the blocks in work"),
+        ("output", str(path)),
+    ]
+    return table(rows)
 
 
 def summary(path: Path) -> str:
@@ -84,18 +81,11 @@ def summary(path: Path) -> str:
     Failed
         If its file is gone.
     """
-    from sweeps.store import per_point
-
     try:
         variables, seconds = per_point(path, ("status", *_CONTACT))
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
     return f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
-
-
-def next_command(paths: Iterable[Path]) -> str:
-    """Say what to type after sweeps were run."""
-    return f"next: vibroimpact plot {shlex.join(map(str, paths))}"
 
 
 def identity(path: Path) -> tuple[int, ...] | None:
@@ -120,9 +110,6 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
     """
     if old is not None and identity(path) == old:
         return f"nothing is kept of it, and the old {path} is as it was"
-    from sweeps.store import open_sweep, status_counts
-    from vibroimpact.status import Status
-
     try:
         with open_sweep(path, verify=False) as dataset:
             counts = status_counts(dataset)
@@ -135,8 +122,6 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
 
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes, pilot and configuration."""
-    from sweeps.store import VARIABLES
-
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
     attributes.pop("computation", None)  # which follows from the configuration
@@ -173,8 +158,6 @@ def _meaning(variable: xr.DataArray) -> str:
 
 
 def _axis(name: str, values: np.ndarray, unit: str) -> str:
-    from sweeps.store import DIRECTION
-
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
     ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
@@ -183,9 +166,6 @@ def _axis(name: str, values: np.ndarray, unit: str) -> str:
 
 def _outcomes(variables: Mapping[Any, Any]) -> str:
     """Say how many points there are, and of which there is more to say."""
-    from sweeps.store import is_remarkable, status_counts
-    from vibroimpact.status import Status
-
     counts = status_counts(variables)
     remarks = [
         f"{number:,} {status.name} ({status.meaning})"

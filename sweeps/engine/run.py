@@ -149,6 +149,7 @@ def _refine(
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
+    """Lay out the file of a sweep, in blocks that keep to `sizes`."""
     task, grid = computation(config), config.grid
     attributes = {
         "name": config.name,
@@ -159,14 +160,12 @@ def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) 
         "numerics": numerics(config),
         **({"scaled_along": "f"} if task.scaled else {}),
     }
-    blocks = grid.blocks(
-        block_size(config, **sizes),
-        whole=task.followed or ("f" if task.scaled else None),
-        at_any_size=task.followed is not None,
-    )
+    size, whole = block_size(config, **sizes), task.followed
+    if task.scaled and len(grid.axes["f"]) <= size:
+        whole = "f"  # whose values share one computation
     return Layout.of(
         grid,
-        blocks,
+        grid.blocks(size, whole),
         attributes=attributes,
         widths=reserved_widths(config),
         first_section=config.record.transient + 1,

@@ -153,7 +153,7 @@ def test_a_block_holds_whole_chains(monkeypatch):
         size = block_size(many)
         assert size % 3000 == 0
         assert estimate(many).memory <= memory
-        for block in many.grid.blocks(size, whole="omega", at_any_size=True):
+        for block in many.grid.blocks(size, whole="omega"):
             assert block[1] == slice(0, 3000)
     monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)
     told = r"one chain of 3,000 points, followed up and down along omega, takes about .* of memory"
@@ -174,7 +174,7 @@ def test_an_axis_is_not_split_at_any_size():
     grid = Grid({"h": np.arange(3.0), "f": np.arange(4.0), "omega": np.arange(5.0)}, {})
     for size in (1, 4, 9, 100):
         seen = np.zeros(grid.shape, int)
-        for block in grid.blocks(size, whole="f", at_any_size=True):
+        for block in grid.blocks(size, whole="f"):
             assert block[1] == slice(0, 4)
             assert seen[block].size <= max(size, 4)
             seen[block] += 1

@@ -15,7 +15,7 @@ from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit, sections
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import Oscillator, mesh
 from vibroimpact.trajectory import simulate
 
 
@@ -160,7 +160,7 @@ def test_a_point_that_starts_at_the_section_is_not_scaled(tmp_path):
         "{start: 2.6, stop: 2.7, num: 21}", "2.8"
     )
     config = refined_config(tmp_path, text, "refine=null", "record.transient=0")
-    points = config.grid.with_values("f", np.array([3.0]))
+    points = mesh({"f": np.array([3.0])}, config.grid.fixed)
     points["x0"], points["v0"] = -0.5, 1.0
     results = compute(config, points, None, at_section=True)
     run = simulate(Oscillator(h=0.0, R=0.8, omega=2.8, f=3.0), 100, x0=-0.5, v0=1.0)

@@ -1,11 +1,14 @@
 """A sweep along f: one computation and a scaling, where the motion is proportional to f."""
 
+import math
+
 import numpy as np
 import pytest
 
 from commands import call
 from sweep_files import load
 from sweeps import open_sweep, run_sweep
+from sweeps.engine import run as runner
 from sweeps.engine.compute import computation, compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
@@ -96,7 +99,7 @@ def test_what_has_a_length_is_scaled():
 
 
 def test_the_axis_is_not_split():
-    """Whatever its place; unless it is longer than a block."""
+    """Whatever its place."""
     axes = {"h": np.arange(3.0), "f": np.arange(4.0), "omega": np.arange(5.0)}
     for order in (["h", "f", "omega"], ["f", "h", "omega"], ["omega", "h", "f"], ["f"]):
         grid = Grid({name: axes[name] for name in order}, {})
@@ -107,7 +110,15 @@ def test_the_axis_is_not_split():
                 assert seen[block].size <= size
                 seen[block] += 1
             assert (seen == 1).all()
-        assert all(grid.points(block).size <= 3 for block in grid.blocks(3, whole="f"))
+
+
+def test_an_axis_longer_than_a_block_is_split(monkeypatch):
+    config = configured()
+    for size, shape in ((3, (1, 3)), (4, (4, 1))):
+        monkeypatch.setattr(runner, "block_size", lambda _, size=size: size)
+        layout = runner._layout(config, None, {})
+        assert {config.grid.points(block).size for block in layout.blocks} == {math.prod(shape)}
+        assert {tuple(cut.stop - cut.start for cut in block) for block in layout.blocks} == {shape}
 
 
 def test_the_run_says_so():
