@@ -51,6 +51,14 @@ def exact_step(osc, t, x, v, T):
     return flow(osc, x, v, math.sin(osc.omega * t), math.cos(osc.omega * t), T)
 
 
+def after_impact(osc, n, v, theta, phase):
+    """The states at omega t = `phase` in the n periods after an impact at `theta`, speed `v`."""
+    first = (phase - theta) % (2.0 * math.pi) / osc.omega
+    times = first + 2.0 * math.pi / osc.omega * np.arange(n)
+    s, c = math.sin(theta), math.cos(theta)
+    return np.array([flow(osc, osc.clearance, -osc.R * v, s, c, t) for t in times])
+
+
 def rk4_step(osc, t, x, v, T):
     """The classical Runge-Kutta step on the vector (x, v)."""
 

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import naive
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -14,9 +15,15 @@ from sweeps.analysis.class_changes import cascades, labels, ratio
 from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit, sections
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
 from vibroimpact.oscillator import Oscillator, mesh
 from vibroimpact.trajectory import simulate
+
+
+def on_section(osc):
+    """The state of the orbit of one impact per period at the phase 0."""
+    orbit = one_impact_orbit(osc)
+    return naive.after_impact(osc, 1, orbit.v, orbit.phase, 0.0)
 
 
 def test_a_flip_is_bracketed_to_the_last_level(around):
@@ -50,7 +57,7 @@ def test_an_orbit_that_motions_leave_is_no_class(tmp_path):
     """The start is the unstable orbit of one impact per period, and the record too short to see."""
     osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
     config = refined_config(tmp_path, CONFIG, "record.periods=4", "record.transient=0")
-    start = sections(osc, one_impact_orbit(osc), 0.0)
+    start = on_section(osc)
     (point,) = Classifier(config, "omega").compute(np.array([2.8]), start)
     assert point.label is None or str(point.label) == "chaos"
 
@@ -60,7 +67,7 @@ def test_a_point_of_the_grid_that_has_not_left_yet_gets_the_attractor(tmp_path):
     """The start is the unstable orbit just beyond the flip: it seems to repeat after one period."""
     omega = flip(1, 2.6, 2.7) + 1e-7
     osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
-    ((x0, v0),) = sections(osc, one_impact_orbit(osc), 0.0).tolist()
+    ((x0, v0),) = on_section(osc).tolist()
     common = (f"oscillator.omega=[{omega}, 2.66]", f"start={{x0: {x0}, v0: {v0}}}")
     plain = refined(tmp_path, *common, "refine=null", name="plain.h5")
     path = refined(tmp_path, *common, "refine.levels=1")
@@ -172,7 +179,7 @@ def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tm
     omega = flip(1, 2.6, 2.7) + 1e-7
     osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
     config = refined_config(tmp_path, CONFIG, "record.periods=3")
-    start = sections(osc, one_impact_orbit(osc), 0.0)
+    start = on_section(osc)
     (point,) = Classifier(config, "omega").compute(np.array([omega]), start)
     assert str(point.label) == "2/2"
     assert (point.results["period"], point.results["period_impacts"]) == (2, 2)

@@ -3,10 +3,11 @@
 import math
 from dataclasses import replace
 
+import naive
 import numpy as np
 import pytest
 
-from vibroimpact.orbits.one_impact import one_impact_orbit, sections
+from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate, trace
@@ -24,7 +25,7 @@ def attractor(osc, periods=300, **start):
 def beside(osc, n=1, phase=0.0):
     """Return the closed-form one-impact orbit, and a state a little off its section."""
     orbit = one_impact_orbit(osc, n)
-    states = sections(osc, orbit, phase)
+    states = naive.after_impact(osc, n, orbit.v, orbit.phase, phase)
     return orbit, states, states[0] + np.array([-0.01, 0.01])
 
 
@@ -185,10 +186,11 @@ def root_near(osc, phases, speeds):
     """Return the root of the impact equations near a guess, and the objection to it."""
     from vibroimpact.orbits import newton
     from vibroimpact.orbits import periodic as module
+    from vibroimpact.orbits.flights import values_of
 
     X = np.column_stack([phases, speeds]).ravel()
     system = newton.System(
-        module.values_of(osc), np.empty(0, np.int64), np.empty(0), 1, len(phases), 1.0, 0, 0
+        values_of(osc), np.empty(0, np.int64), np.empty(0), 1, len(phases), 1.0, 0, 0
     )
     if newton.correct(system, X, np.empty((0, 0)), 60) < 0 or (X[1::2] < 0.0).any():
         return None, ""

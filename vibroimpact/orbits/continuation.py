@@ -15,8 +15,8 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import characteristic
-from vibroimpact.orbits.flights import first_pass, residuals
-from vibroimpact.orbits.periodic import PeriodicOrbit, orbit_of, unit_of_speed, values_of
+from vibroimpact.orbits.flights import first_pass, residuals, values_of
+from vibroimpact.orbits.periodic import PeriodicOrbit, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
 
 _NAMES = [field.name for field in fields(Oscillator)]

@@ -17,8 +17,8 @@ import numpy as np
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.branches import branch, with_touch
 from vibroimpact.orbits.continuation import ZERO_SPEED, Axis, End, Orbits, Segment, walk
-from vibroimpact.orbits.flights import state_after
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, orbit_of, values_of
+from vibroimpact.orbits.flights import state_after, values_of
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, orbit_of
 
 #: Kinds of curves, with their condition.
 KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}

@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
+from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.flight import (
     LONGEST_STEP,
     TERMS,
@@ -73,6 +74,11 @@ def parameters(values):
     return Parameters(values[0], values[1], values[2], values[3], values[4], values[5])
 
 
+def values_of(osc: Oscillator) -> np.ndarray:
+    """Return the parameters of an oscillator in an array of six."""
+    return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance])
+
+
 @jit
 def _divide(tau, pt):
     """Divide a flight into steps."""
@@ -82,18 +88,23 @@ def _divide(tau, pt):
 
 
 @jit
+def _advance(flight, phase, y, u, pt, c):
+    """Expand a flight over the step from a phase; return x - clearance and x' at its end."""
+    sine, cosine = sin_cos(phase)
+    expand(flight.eq, y, u / pt.omega, sine, cosine, flight.step, c)
+    y, slope = value_and_slope(c, 0, 1.0)
+    return y, slope / flight.T
+
+
+@jit
 def _land(flight, theta, v, pt, coefficients, M):
-    """Follow a flight from an impact; return x - stop and x' at its end, and set M."""
-    y, u, T = 0.0, -pt.R * v, flight.T
-    eq = flight.eq
+    """Follow a flight from an impact; return x - clearance and x' at its end, and set M."""
+    y, u, eq = 0.0, -pt.R * v, flight.eq
     of_y, vv = impulse(eq.of_w, eq.of_y, flight.step)
     xx, xv, vx = vv - eq.of_w * of_y, of_y / pt.omega, eq.of_y * of_y * pt.omega
     M[0, 0], M[0, 1], M[1, 0], M[1, 1] = 1.0, 0.0, 0.0, 1.0
     for k in range(flight.n):
-        s, c = sin_cos(theta + pt.omega * T * k)
-        expand(eq, y, u / pt.omega, s, c, flight.step, coefficients)
-        y, slope = value_and_slope(coefficients, 0, 1.0)
-        u = slope / T
+        y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, coefficients)
         for j in range(2):
             M[0, j], M[1, j] = xx * M[0, j] + xv * M[1, j], vx * M[0, j] + vv * M[1, j]
     return y, u
@@ -172,9 +183,7 @@ def first_pass(values, m, speed, X, q):
         y, u = 0.0, -pt.R * X[2 * i + 1] * speed
         for k in range(flight.n):
             theta = X[2 * i] + pt.omega * flight.T * k
-            s, cosine = sin_cos(theta)
-            expand(flight.eq, y, u / pt.omega, s, cosine, flight.step, c)
-            y, slope = value_and_slope(c, 0, 1.0)
+            y, u = _advance(flight, theta, y, u, pt, c)
             zeros = 0
             if k == 0:
                 zeros = 1 if c[1] != 0.0 else 2
@@ -195,8 +204,34 @@ def first_pass(values, m, speed, X, q):
             crossing, _ = first_crossing(c, zeros, 1.0)
             if crossing >= 0.0:
                 return i, theta + pt.omega * flight.T * crossing
-            u = slope / flight.T
     return -1, 0.0
+
+
+@jit
+def highest_turn(values, theta, v, tau):
+    """Return the greatest local maximum of x - clearance in a flight; -inf if it has none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (6,)
+    theta, v : float
+        Phase of the impact that the flight begins with, and the speed before it.
+    tau : float
+        Length of the flight [time].
+    """
+    pt = parameters(values)
+    flight, c = _divide(tau, pt), np.empty(TERMS)
+    y, u, highest = 0.0, -pt.R * v, -math.inf
+    for k in range(flight.n):
+        y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, c)
+        depth = 0.0
+        for j in range(TERMS):
+            depth += abs(c[j])
+        # So far below the stop it is met nowhere, and every turning point is seen.
+        c[0] -= 2.0 * depth
+        _, turn = first_crossing(c, 0, 1.0)
+        highest = max(highest, turn + 2.0 * depth)
+    return highest
 
 
 @jit

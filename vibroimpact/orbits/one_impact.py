@@ -41,9 +41,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits.peak import find_root, largest_maximum
+from vibroimpact.orbits.flights import highest_turn, values_of
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.integrators import INTEGRATORS, affine_map, exact
+from vibroimpact.step.integrators import INTEGRATORS, affine_map
 from vibroimpact.step.stop import pressing
 
 _EPS = float(np.finfo(float).eps)
@@ -97,20 +97,6 @@ class OneImpactOrbit:
     def stable(self) -> bool:
         """Whether it exists and both multipliers are inside the unit circle."""
         return self.exists and bool(np.all(np.abs(self.multipliers) < 1.0))
-
-
-def sections(osc: Oscillator, orbit: OneImpactOrbit, phase: float) -> np.ndarray:
-    """Return the states of an orbit at ωt = `phase` mod 2π, in the order after the impact.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        x and v. An impact at `phase` itself gives the state after it.
-    """
-    s, c, point = math.sin(orbit.phase), math.cos(orbit.phase), osc.at(osc.clearance)[0]
-    first = (phase - orbit.phase) % (2.0 * math.pi) / osc.omega
-    times = first + osc.forcing_period * np.arange(orbit.n)
-    return np.array([exact(osc.clearance, -osc.R * orbit.v, s, c, float(t), point) for t in times])
 
 
 class _Solutions(NamedTuple):
@@ -266,7 +252,7 @@ def _orbit(
         phase=phase,
         trace=float(kick * flow[0, 1] - osc.R * (flow[0, 0] + flow[1, 1])),
         determinant=osc.R**2 * math.exp(-2.0 * osc.h * n * osc.forcing_period),
-        peak=largest_maximum(osc, n, v, phase),
+        peak=highest_turn(values_of(osc), phase, v, n * osc.forcing_period),
     )
 
 
@@ -388,7 +374,10 @@ def _crossing(
             f"no {kind} is bracketed by {parameter} = {low!r} and {high!r}: "
             f"its function is {at_low:.3g} and {at_high:.3g} there"
         )
-    value = find_root(function, low, high)
+    from scipy.optimize import brentq  # 0.3 s that a sweep need not pay
+
+    tolerance = _EPS * max(abs(low), abs(high))
+    value = float(brentq(function, low, high, xtol=tolerance, rtol=4.0 * _EPS))
     if abs(function(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
         raise ValueError(f"the sign changes by a jump at {parameter} = {value!r}: no {kind}")
     return value

@@ -16,7 +16,7 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import characteristic, null_vector
-from vibroimpact.orbits.flights import first_pass, residuals, state_after
+from vibroimpact.orbits.flights import first_pass, residuals, state_after, values_of
 from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
 from vibroimpact.step.stop import IMPACT, REST
@@ -127,11 +127,6 @@ class PeriodicOrbit:
         start, v = float(self.phases[i]), float(self.speeds[i])
         y, u, _ = state_after(values_of(o), start, v, (theta - start) / o.omega)
         return min(y + o.clearance, o.clearance), u
-
-
-def values_of(osc: Oscillator) -> np.ndarray:
-    """Return the six parameters as an array."""
-    return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance])
 
 
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
