@@ -40,6 +40,11 @@ class Motion(IntEnum):
     UNDECIDED = 7
 
 
+def has_result(status: np.ndarray) -> np.ndarray:
+    """Return which points were computed and did not fail."""
+    return ~np.isin(status, [outcome for outcome in Status if outcome.failed])
+
+
 def classify(dataset: xr.Dataset) -> np.ndarray:
     """Return the kind of motion at every point.
 
@@ -81,10 +86,9 @@ def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) ->
         A `Motion` each.
     """
     status = results["status"]
-    failed = np.isin(status, [outcome for outcome in Status if outcome.failed])
     rules = [
         (status == Status.PENDING, Motion.PENDING),
-        (failed, Motion.FAILED),
+        (~has_result(status), Motion.FAILED),
         (status == Status.UNBOUNDED, Motion.UNBOUNDED),
         (results["rest_fraction"] > 0.0, Motion.REST),
         (results["period"] > 0, Motion.PERIODIC),

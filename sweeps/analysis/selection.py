@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, Self
 
@@ -13,7 +13,7 @@ import yaml
 
 from sweeps.messages import Refused, nearest, suggestion
 from sweeps.store import DIRECTION
-from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
 
 #: Where a picture cuts: values of swept axes, and of ``direction`` a name.
@@ -64,6 +64,15 @@ class Setting:
     def value(self, name: str, point: xr.Dataset) -> float:
         """Return a parameter's value at a point of the sweep."""
         return float(point[name] if name in point.coords else self.fixed[name])
+
+    def oscillator(self, point: xr.Dataset) -> Oscillator:
+        """Return the oscillator of a point of the sweep."""
+        return Oscillator(**{key.name: self.value(key.name, point) for key in fields(Oscillator)})
+
+    @property
+    def scheme(self) -> dict[str, Any]:
+        """The integrator, the impact rule and the steps per period."""
+        return {key: self.method[key] for key in ("integrator", "impact", "steps_per_period")}
 
 
 @lru_cache(maxsize=8)

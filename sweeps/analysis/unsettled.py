@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -141,7 +140,7 @@ class _Extension:
         result, setting = self._result, self._setting
         results = integrate(
             self._states[at],
-            **_method(setting),
+            **setting.scheme,
             transient=transient,
             periods=_RECORD,
             phase=setting.phase,
@@ -213,7 +212,7 @@ def orbit_speeds(
     for i in range(len(at)):
         results = integrate(
             points[i : i + 1],
-            **_method(setting),
+            **setting.scheme,
             transient=0,
             periods=int(m[i]),
             phase=setting.phase,
@@ -234,7 +233,3 @@ def _at_states(
         points[name] = parameter_at_points(dataset, name)[at]
     points["x0"], points["v0"] = x, v
     return points
-
-
-def _method(setting: Setting) -> dict[str, Any]:
-    return {name: setting.method[name] for name in ("integrator", "impact", "steps_per_period")}

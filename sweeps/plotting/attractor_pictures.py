@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from sweeps.analysis.distinct_attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.motion import Motion
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
+from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.unsettled import EXTENSIONS
 from sweeps.messages import Refused
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panel
-from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_kinds, failed_cells
+from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
 from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
@@ -51,26 +51,14 @@ def basins(
     cells = basin_cells(starts)
     panel = new_panel(ax, page, 4.5, 4.4)
     title_end = ",\nspeed before each impact; share of the starts"
-    draw_kinds(panel, starts, [*cells, *failed_cells(starts["status"].values)], title_end)
-    set_scale(panel.xaxis, starts["x0"].values)
-    set_scale(panel.yaxis, starts["v0"].values)
-    panel.set_xlabel(label(dataset["x0"]))
-    label_ordinate(panel, dataset["v0"])
+    draw_map(panel, starts, cells, title_end)
     page.set_limits(panel)
-    add_title(panel, page, Setting.of(dataset), starts)
+    add_title(panel, page, starts)
     return figure_of(panel)
 
 
 def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
-    """Return the starts that reach each attractor.
-
-    Parameters
-    ----------
-    starts : Dataset
-        A cut through an opened sweep, with ``x0`` and ``v0`` as its axes.
-    extensions : int
-        As for `sweeps.analysis.distinct_attractors.attractors`.
-    """
+    """Return the starts over ``x0`` and ``v0`` that reach each of their `attractors`."""
     result = attractors(starts, extensions=extensions)
     reached = result["attractor"].values
     return [
@@ -132,7 +120,7 @@ def attractor_diagram(
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     starts = "1 start" if status.shape[1] == 1 else f"{status.shape[1]:,} starts"
     add_legend(panel, title=f"{CLASSES_TITLE}\n{starts} at each value", handlelength=1.0)
-    add_title(panel, page, Setting.of(dataset), line)
+    add_title(panel, page, line)
     return figure_of(panel)
 
 
@@ -181,8 +169,5 @@ def _class_names(attractor: Sequence[Row]) -> str:
 
 def _describe(row: Row) -> str:
     """Write the class, the impact speeds and the share of an attractor at one parameter point."""
-    share = f"{100.0 * row.fraction:.1f} %"
-    speeds = shown_speeds(row)
-    return (
-        f"{_class_names([row])}: {speeds}; {share}" if speeds else f"{_class_names([row])}: {share}"
-    )
+    speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
+    return f"{_class_names([row])}: {speeds}{100.0 * row.fraction:.1f} %"

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.analysis.exact_branches import lines_of
-from sweeps.analysis.selection import Cut, Setting
+from sweeps.analysis.motion import has_result
+from sweeps.analysis.selection import Cut
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panels
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
 from sweeps.plotting.exact_branches import draw_branches, name_parts
@@ -20,7 +21,6 @@ from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
 from sweeps.plotting.scalar_panels import check_scalars, draw_scalar
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.status import Status
 
 #: More points than this are drawn as a density: single markers would merge into a blob.
 DENSITY_FROM = 2_000_000
@@ -75,7 +75,9 @@ def bifurcation(
     check_scalars(dataset, list(below))
     values = line[axis].values
     branches = split_directions(line)
-    records = [_record(branch, coordinate) for branch in branches]
+    records = [
+        Record(branch[coordinate], has_result(branch["status"].values)) for branch in branches
+    ]
     low, high = value_range(records)
     if low > high:
         refuse_empty(line, coordinate)
@@ -104,16 +106,11 @@ def bifurcation(
     label_ordinate(panel, dataset[coordinate])
     [panel, *lower][-1].set_xlabel(label(dataset[axis]))
     add_legend(panel)
-    add_title(panel, page, Setting.of(dataset), line)
+    add_title(panel, page, line)
     if dense:
         add_density_bar(panel, len(records))
         draw_density(panel, values, records)
     return figure_of(panel)
-
-
-def _record(branch: xr.Dataset, coordinate: str) -> Record:
-    computed = [status for status in Status if not status.failed]
-    return Record(branch[coordinate], np.isin(branch["status"].values, computed))
 
 
 def _draw_markers(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:

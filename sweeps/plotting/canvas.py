@@ -65,9 +65,10 @@ class Picture(Figure):
             self.savefig(buffer, format="png", dpi=150)
         return buffer.getvalue()
 
-    def letters(self, setting: str) -> int:
+    def letters(self, setting: Any) -> int:
         """Return about how many letters of the size in a matplotlib setting fill the width."""
-        return int(self.get_figwidth() * 72.0 / (0.55 * _points(setting)))
+        points = FontProperties(size=mpl.rcParams[setting]).get_size_in_points()
+        return int(self.get_figwidth() * 72.0 / (0.55 * points))
 
     def make_room(self, lines: int) -> None:
         """Make the figure higher by some lines of text."""
@@ -79,10 +80,6 @@ def figure_of(panel: Axes) -> Figure:
     figure = panel.get_figure(root=True)
     assert figure is not None
     return figure
-
-
-def _points(setting: Any) -> float:
-    return float(FontProperties(size=mpl.rcParams[setting]).get_size_in_points())
 
 
 def in_style(draw: Callable[..., Figure]) -> Callable[..., Figure]:
@@ -110,13 +107,7 @@ def new_panel(ax: Axes | None, page: Page, width: float, height: float) -> Axes:
 
 
 def new_panels(ax: Axes | None, page: Page, width: float, heights: Sequence[float]) -> list[Axes]:
-    """Return panels below each other that share their abscissa, the first with most room.
-
-    Raises
-    ------
-    Refused
-        If there are several, and `ax` is given.
-    """
+    """Return panels below each other that share their abscissa; refuse `ax` for several."""
     if len(heights) == 1:
         return [new_panel(ax, page, width, heights[0])]
     if ax is not None:
@@ -132,14 +123,7 @@ def add_legend(
 ) -> None:
     """Put a legend below the panels of a `Picture`, or into the panel of another figure.
 
-    Parameters
-    ----------
-    panel : Axes
-    handles : sequence of Artist, optional
-        With labels; by default those of the panel.
-    title : str, optional
-    **look
-        Further arguments of `Figure.legend`.
+    The `handles` have labels, and are by default those of the panel; `look` is for matplotlib.
     """
     look = {"handlelength": 1.5, "columnspacing": 1.2, **look}
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles

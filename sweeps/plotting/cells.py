@@ -14,7 +14,7 @@ from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.patches import Patch
 
 from sweeps.plotting.canvas import add_legend
-from sweeps.plotting.labels import log_spaced
+from sweeps.plotting.labels import label, label_ordinate, log_spaced, set_scale
 from sweeps.plotting.palette import STATUS_COLOURS
 from vibroimpact.status import Status
 
@@ -80,17 +80,7 @@ def draw_cells(
     norm: Normalize,
     colours: str | Colormap,
 ) -> QuadMesh:
-    """Draw one cell per point, except where `values` are masked.
-
-    Parameters
-    ----------
-    panel : Axes
-    cut : Dataset
-        Its ``status`` has the ordinate and the abscissa as dimensions, both increasing.
-    values : masked array, shape of ``status``
-    norm : Normalize
-    colours : str or Colormap
-    """
+    """Draw one cell per point of a cut as for `draw_map`, except where `values` are masked."""
     y, x = (cut[str(name)].values for name in cut["status"].dims)
     edges = [cell_edges(values, log_spaced(values)) for values in (x, y)]
     mesh = panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
@@ -98,20 +88,26 @@ def draw_cells(
     return mesh
 
 
-def draw_kinds(panel: Axes, cut: xr.Dataset, kinds: Sequence[Cells], title_end: str = "") -> None:
-    """Draw the cells of each kind, and a legend of the kinds that are in view.
+def draw_map(panel: Axes, cut: xr.Dataset, kinds: Sequence[Cells], title_end: str = "") -> None:
+    """Draw the cells of each kind and of the points that failed, their legend, and the axes.
 
     Parameters
     ----------
     panel : Axes
     cut : Dataset
-        As for `draw_cells`.
+        Its ``status`` has the ordinate and the abscissa as dimensions, both increasing.
     kinds : sequence of Cells
     title_end : str
         Added to the title of the legend, where there are periodic classes.
     """
-    kinds = [kind for kind in kinds if kind.where.any()]
-    index = np.full(cut["status"].shape, -1)
+    y, x = (cut[name] for name in cut["status"].dims)
+    set_scale(panel.xaxis, x.values)
+    set_scale(panel.yaxis, y.values)
+    panel.set_xlabel(label(x))
+    label_ordinate(panel, y)
+    status = cut["status"].values
+    kinds = [kind for kind in (*kinds, *failed_cells(status)) if kind.where.any()]
+    index = np.full(status.shape, -1)
     for number, kind in enumerate(kinds):
         index[kind.where] = number
     if kinds:
@@ -122,19 +118,11 @@ def draw_kinds(panel: Axes, cut: xr.Dataset, kinds: Sequence[Cells], title_end: 
         Patch(facecolor=kind.colour, edgecolor="black", linewidth=0.4, label=kind.label)
         for kind in kinds
     ]
-    pending = cut["status"].values == Status.PENDING
-    if pending.any():
+    pending = np.count_nonzero(status == Status.PENDING)
+    if pending:
         panel.patch.set(**_PENDING)
-        handles.append(Patch(label=_pending_label(pending)))
+        handles.append(Patch(label=f"not computed yet ({pending:,} of {status.size:,})"))
         handles[-1].set(**_PENDING)
-    title = _title(kinds, title_end)
-    add_legend(panel, handles, title, handlelength=1.2)
-
-
-def _pending_label(pending: np.ndarray) -> str:
-    return f"not computed yet ({np.count_nonzero(pending):,} of {pending.size:,})"
-
-
-def _title(kinds: Sequence[Cells], title_end: str) -> str | None:
     periodic = any("/" in kind.label for kind in kinds)
-    return f"{CLASSES_TITLE}{title_end}" if periodic else None
+    title = f"{CLASSES_TITLE}{title_end}" if periodic else None
+    add_legend(panel, handles, title, handlelength=1.2)

@@ -37,14 +37,9 @@ _PART_SIZE = 1_000_000
 
 @dataclass(frozen=True)
 class Record:
-    """What is drawn of one direction.
+    """What is drawn of one direction: the `values` of the points that are `computed`.
 
-    Attributes
-    ----------
-    values : DataArray, shape (n, width)
-        What was recorded at each point of the axis; padded with NaN.
-    computed : ndarray of bool, shape (n,)
-        Which points have a result.
+    They have the shape (n, width), padded with NaN, and (n,).
     """
 
     values: xr.DataArray
@@ -56,14 +51,7 @@ class Record:
         return int(np.count_nonzero(self.computed)) * self.values.shape[1]
 
     def parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Read the computed points, some at a time.
-
-        Yields
-        ------
-        indices : ndarray of int, shape (k,)
-            Along the axis.
-        values : ndarray, shape (k, width)
-        """
+        """Read the computed points, some at a time: their indices, (k,), and values, (k, width)."""
         rows = max(1, _PART_SIZE // self.values.shape[1])
         for start in range(0, len(self.computed), rows):
             kept = np.flatnonzero(self.computed[start : start + rows])
@@ -94,17 +82,9 @@ def add_density_bar(panel: Axes, directions: int) -> None:
 def draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
     """Draw the share of each column's points that fall into each of its pixels.
 
-    Call it last: the pixels are those of the finished panel in a PNG. A column is one value of
-    the axis, or one pixel where there are more values than pixels. Of two directions, a pixel has
-    the colour of the direction that meets it, or that of both.
-
-    Parameters
-    ----------
-    panel : Axes
-    values : ndarray, shape (n,)
-        Along the axis.
-    records : sequence of Record
-        One for each direction.
+    Call it last: the pixels are those of the finished panel in a PNG. A column is one of the
+    `values` of the axis, or one pixel where there are more values than pixels. Of the records of
+    two directions, a pixel has the colour of the direction that meets it, or that of both.
     """
     figure, dpi = figure_of(panel), dots_per_inch()
     figure.draw_without_rendering()  # lays the figure out

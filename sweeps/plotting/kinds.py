@@ -27,18 +27,25 @@ from sweeps.store import DIRECTION
 
 
 class Kind(NamedTuple):
-    """A kind of picture: the function that draws it, and its options beside `at`."""
+    """A kind of picture: the function that draws it, and its options beside `at`.
+
+    It chooses so many `axes` to show where they are not given, and shows the `whole` ones besides.
+    """
 
     draw: Callable[..., Figure]
     options: tuple[str, ...] = ()
+    axes: int = 0
+    whole: tuple[str, ...] = ()
 
 
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
-    "bifurcation": Kind(bifurcation, ("axes", "coordinate", "exact", "below")),
-    "attractors": Kind(attractor_diagram, ("axes", "coordinate")),
-    "basins": Kind(basins),
-    "map": Kind(parameter_map, ("axes", "quantity", "exact")),
+    "bifurcation": Kind(
+        bifurcation, ("axes", "coordinate", "exact", "below"), axes=1, whole=(DIRECTION,)
+    ),
+    "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, whole=STARTS),
+    "basins": Kind(basins, whole=("x0", "v0")),
+    "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),
     "section": Kind(section),
     "impacts": Kind(impacts),
     "trajectory": Kind(trajectory, ("periods",)),
@@ -163,12 +170,9 @@ def silent_cuts(
     dict of str to float or str
         By the name of the axis, or ``direction``.
     """
-    names = [str(name) for name in dataset["status"].dims]
-    shown = {"bifurcation": 1, "attractors": 1, "map": 2}.get(kind, 0)
-    free = {"bifurcation": {DIRECTION}, "attractors": STARTS, "basins": {"x0", "v0"}}.get(kind, ())
-    left = [name for name in names if name not in {*free, *(at or {}), *axes}]
-    longest = sorted(
-        (name for name in left if name != DIRECTION), key=lambda name: -dataset.sizes[name]
-    )
-    drawn = longest[: max(0, shown - len(axes))]
+    fixed = {*KINDS[kind].whole, *(at or {}), *axes}
+    left = [str(name) for name in dataset["status"].dims if name not in fixed]
+    axes_left = [name for name in left if name != DIRECTION]
+    longest = sorted(axes_left, key=lambda name: -dataset.sizes[name])
+    drawn = longest[: max(0, KINDS[kind].axes - len(axes))]
     return {name: dataset[name].values[0].item() for name in left if name not in drawn}

@@ -67,9 +67,7 @@ def tick_in_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def add_title(
-    panel: Axes, page: Page, setting: Setting, drawn: xr.Dataset, record: str | None = None
-) -> None:
+def add_title(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> None:
     """Put the sweep's name, the fixed parameters and what was recorded above a `Picture`.
 
     A panel of another figure has no title, unless the page has one.
@@ -78,7 +76,6 @@ def add_title(
     ----------
     panel : Axes
     page : Page
-    setting : Setting
     drawn : Dataset
         What the picture shows of the sweep.
     record : str, optional
@@ -93,29 +90,30 @@ def add_title(
     if page.title is not None:
         text = "\n".join(fill(line, width) for line in page.title.split("\n"))
     else:
-        parameters = [
-            f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
-            for name in PARAMETERS
-            if name not in drawn.dims
-        ]
-        if setting.follow:
-            parameters.append(_followed(setting, drawn))
-        lines = [fill(setting.name, width).replace("$", r"\$"), _joined(parameters, width)]
-        lines.append(fill(record or _recorded(setting), width))
-        if not drawn["status"].dims:
-            status = Status(int(drawn["status"]))
-            lines += [fill(status.meaning, width)] if is_remarkable(status) else []
-        text = "\n".join(lines)
+        text = _title(Setting.of(drawn), drawn, record, width)
     if text:
         figure.make_room(text.count("\n") - 2)
         figure.suptitle(text)
 
 
-def _recorded(setting: Setting) -> str:
-    """Say where in a period the section is, and which periods were recorded."""
-    record = setting.record
-    transient, periods = record.get("transient", 0), record.get("periods", 0)
-    return f"phase {setting.phase:.6g} rad, transient {transient:,}, record {periods:,} periods"
+def _title(setting: Setting, drawn: xr.Dataset, record: str | None, width: int) -> str:
+    """Write the title of a cut through a sweep, in lines of about `width` letters."""
+    parameters = [
+        f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
+        for name in PARAMETERS
+        if name not in drawn.dims
+    ]
+    if setting.follow:
+        parameters.append(_followed(setting, drawn))
+    if record is None:
+        transient, periods = (setting.record.get(name, 0) for name in ("transient", "periods"))
+        record = f"phase {setting.phase:.6g} rad, "
+        record += f"transient {transient:,}, record {periods:,} periods"
+    lines = [fill(setting.name, width).replace("$", r"\$"), _joined(parameters, width)]
+    lines.append(fill(record, width))
+    if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
+        lines.append(fill(status.meaning, width))
+    return "\n".join(lines)
 
 
 def _followed(setting: Setting, drawn: xr.Dataset) -> str:

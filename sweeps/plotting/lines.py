@@ -8,6 +8,7 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.motion import has_result
 from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
 from sweeps.messages import Refused
 from sweeps.store import DIRECTION, VARIABLES
@@ -23,12 +24,7 @@ def select_line(
     at: Cut | None = None,
     coordinate: str | None = None,
 ) -> tuple[xr.Dataset, str, str]:
-    """Return the line that a diagram shows, with its axis and its coordinate.
-
-    Parameters
-    ----------
-    dataset, axes, at, coordinate
-        As for `sweeps.plotting.bifurcation`.
+    """Return the line that a `sweeps.plotting.bifurcation` shows, its axis and its coordinate.
 
     Raises
     ------
@@ -49,19 +45,16 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
         If the file has no such coordinate.
     """
     available = [name for name in COORDINATES if name in dataset]
-    choice = f"choose from: {listed(available) or 'none'}"
     if coordinate is None:
         coordinate = next(iter(available), COORDINATES[0])
-    if coordinate in scalars(dataset):
-        raise Refused(
-            f"{coordinate} is no coordinate of the motion; {choice}; --below {coordinate} draws "
-            "it in a panel below the diagram"
-        )
-    if coordinate not in available:
-        if coordinate in dataset:
-            raise Refused(f"{coordinate} is no coordinate of the motion; {choice}")
+    if coordinate in available:
+        return coordinate
+    choice = f"choose from: {listed(available) or 'none'}"
+    if coordinate not in dataset:
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
-    return coordinate
+    if coordinate in scalars(dataset):
+        choice += f"; --below {coordinate} draws it in a panel below the diagram"
+    raise Refused(f"{coordinate} is no coordinate of the motion; {choice}")
 
 
 def scalars(dataset: xr.Dataset) -> list[str]:
@@ -80,15 +73,15 @@ def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
     ------
     Refused
     """
-    outcomes, counts = np.unique(line["status"].values, return_counts=True)
-    if any(not Status(outcome).failed for outcome in outcomes.tolist()):
+    status = line["status"].values
+    if has_result(status).any():
         raise Refused(
             f"there is nothing to draw: no impact was recorded, so no point has {coordinate}; "
             "--coordinate poincare_x shows the motion"
         )
     reasons = [
         f"{Status(outcome).meaning} ({count:,})"
-        for outcome, count in zip(outcomes.tolist(), counts, strict=True)
+        for outcome, count in zip(*np.unique(status, return_counts=True), strict=True)
     ]
     raise Refused(f"there is nothing to draw, no point has a result: {listed(reasons)}")
 

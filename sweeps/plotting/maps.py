@@ -8,29 +8,17 @@ from functools import partial
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import (
-    Colormap,
-    LinearSegmentedColormap,
-    LogNorm,
-    Normalize,
-)
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
-from sweeps.analysis.motion import Motion, classify, frequent_periods
-from sweeps.analysis.selection import Cut, Setting, listed, select
+from sweeps.analysis.motion import Motion, classify, frequent_periods, has_result
+from sweeps.analysis.selection import Cut, listed, select
 from sweeps.messages import Refused
 from sweeps.plotting.canvas import PAGE, Page, figure_of, in_style, new_panel
-from sweeps.plotting.cells import Cells, draw_cells, draw_kinds, failed_cells
+from sweeps.plotting.cells import Cells, draw_cells, draw_map
 from sweeps.plotting.exact_curves import draw_curves
-from sweeps.plotting.labels import (
-    add_title,
-    label,
-    label_colour_bar,
-    label_ordinate,
-    set_scale,
-    tick_in_decades,
-)
+from sweeps.plotting.labels import add_title, label_colour_bar, tick_in_decades
 from sweeps.plotting.palette import (
     BLUE,
     MOTIONS,
@@ -41,17 +29,11 @@ from sweeps.plotting.palette import (
     VERMILION,
     WHITE,
 )
-from vibroimpact.status import Status
 
 _LOW_IS_DARK = "cividis"
 _SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#00263D", BLUE, "#F7F7F7", VERMILION, "#4A1D00"]
 )
-
-
-def period_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour the kinds of motion."""
-    return period_cells(cut)
 
 
 def period_cells(cut: xr.Dataset) -> list[Cells]:
@@ -112,20 +94,10 @@ def rest_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
 def log_map(
     panel: Axes, cut: xr.Dataset, *, name: str, zero: str = "no impact", at_rest: bool = True
 ) -> list[Cells]:
-    """Colour a quantity >= 0 on a logarithmic scale.
+    """Colour the quantity of this name, >= 0, on a logarithmic scale; `zero` names its value 0.
 
-    Parameters
-    ----------
-    panel : Axes
-    cut : Dataset
-        Of two dimensions.
-    name : str
-        Of the quantity.
-    zero : str
-        What the legend calls its value 0.
-    at_rest : bool
-        Whether it is a property of motions with rest, too. The number of impacts and the slowest
-        one are not: a chatter has no end of them.
+    With `at_rest`, it is a property of motions with rest, too. The number of impacts and the
+    slowest one are not: a chatter has no end of them.
     """
     values = cut[name].values
     rests = (cut["rest_fraction"].values > 0.0) & (not at_rest)
@@ -134,16 +106,15 @@ def log_map(
     low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
     norm = LogNorm(low, max(high, low * 1.001))
     _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, cut[name])
-    computed = ~np.isin(cut["status"].values, [outcome for outcome in Status if outcome.failed])
     return [
-        Cells(zero, WHITE, computed & ~rests & ~(values > 0.0)),
+        Cells(zero, WHITE, has_result(cut["status"].values) & ~rests & ~(values > 0.0)),
         Cells("with rest on the stop", REST, rests),
     ]
 
 
 #: What a map can show: variables of the file.
 QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
-    "period": period_map,
+    "period": lambda panel, cut: period_cells(cut),
     "impacts_per_period": partial(log_map, name="impacts_per_period", at_rest=False),
     "lyapunov": lyapunov_map,
     "rest_fraction": rest_map,
@@ -203,17 +174,12 @@ def parameter_map(
         raise Refused(f"the file has no {name} to draw; {choice}")
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
     panel = new_panel(ax, page, 4.5, 4.4)
-    kinds = QUANTITIES[quantity](panel, cut)
-    draw_kinds(panel, cut, [*kinds, *failed_cells(cut["status"].values)])
-    set_scale(panel.xaxis, cut[abscissa].values)
-    set_scale(panel.yaxis, cut[ordinate].values)
-    panel.set_xlabel(label(dataset[abscissa]))
-    label_ordinate(panel, dataset[ordinate])
+    draw_map(panel, cut, QUANTITIES[quantity](panel, cut))
     if exact:
         search = find_curves(dataset, chosen, at) if exact is True else exact
         draw_curves(panel, search)
     page.set_limits(panel)
-    add_title(panel, page, Setting.of(dataset), cut)
+    add_title(panel, page, cut)
     return figure_of(panel)
 
 
@@ -230,10 +196,8 @@ def _draw_values(
     if values.count() == 0:
         return
     low, high = mesh.get_clim()
-    below = values.min() < low
-    bar = figure_of(panel).colorbar(
-        mesh, ax=panel, pad=0.02, aspect=35, extend="min" if below else "neither"
-    )
+    extend = "min" if values.min() < low else "neither"
+    bar = figure_of(panel).colorbar(mesh, ax=panel, pad=0.02, aspect=35, extend=extend)
     label_colour_bar(bar, variable)
     if isinstance(norm, LogNorm) and high < 100.0 * low:
         tick_in_decades(bar.ax.yaxis)

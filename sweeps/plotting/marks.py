@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from sweeps.plotting.labels import mathtext
 from sweeps.plotting.palette import BLUE, STATUS_COLOURS
+from sweeps.plotting.pixels import widened
 from vibroimpact.oscillator import PARAMETERS
 
 
@@ -31,30 +32,16 @@ def draw_stop(draw_line: Callable[..., object], clearance: float, label: bool = 
 
 
 def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
-    """Keep rounding errors about a constant from filling the panel.
-
-    Parameters
-    ----------
-    set_limits : callable
-        A panel's `set_xlim` or `set_ylim`.
-    low, high : float
-        Range of the values.
-    """
-    size = max(abs(low), abs(high))
-    if high - low < 1e-6 * size:
-        middle = 0.5 * (low + high)
-        set_limits(middle - 0.5 * size, middle + 0.5 * size)
+    """Keep rounding errors about a constant from filling the panel whose limits can be set so."""
+    ends = widened(low, high)
+    if ends != (low, high):
+        set_limits(*ends)
 
 
 def mark_status(panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
     """Mark what failed or was not computed yet in a strip below the data, with labels.
 
-    Parameters
-    ----------
-    panel : Axes
-    values : ndarray, shape (n,)
-        Of the abscissa.
-    status : ndarray, shape (n,) or (directions, n)
+    The status has the shape of the `values` of the abscissa, (n,), or (directions, n).
     """
     present = [outcome for outcome in STATUS_COLOURS if (status == outcome).any()]
     if not present:

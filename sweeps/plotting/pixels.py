@@ -1,4 +1,4 @@
-"""How many values of a diagram fall into each of its pixels."""
+"""The window of a diagram, and how many of its values fall into each pixel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 def count_pixels(
     columns: np.ndarray, values: np.ndarray, shape: tuple[int, int], low: float, high: float
 ) -> np.ndarray:
-    """Count the values in each pixel of a panel.
+    """Count the values in each pixel of a panel, an array of `shape`: its columns and rows.
 
     Parameters
     ----------
@@ -17,16 +17,20 @@ def count_pixels(
     values : ndarray, shape (k, width)
         Of the ordinate; NaN where there is none.
     shape : (int, int)
-        Columns and rows of the panel.
     low, high : float
-        Range of its ordinate.
-
-    Returns
-    -------
-    ndarray of int, shape `shape`
+        Range of the ordinate.
     """
     rows = shape[1]
     scaled = np.floor((values - low) * (rows / (high - low)))
     seen = (scaled >= 0.0) & (scaled < rows)  # NaN is not
     at = np.repeat(columns, seen.sum(axis=1)) * rows + scaled[seen].astype(np.int64)
     return np.bincount(at, minlength=shape[0] * rows).reshape(shape)
+
+
+def widened(low: float, high: float) -> tuple[float, float]:
+    """Return a range of values; of rounding errors about a constant, one as wide as that."""
+    size = max(abs(low), abs(high))
+    if high - low >= 1e-6 * size:
+        return low, high
+    middle = 0.5 * (low + high)
+    return middle - 0.5 * size, middle + 0.5 * size

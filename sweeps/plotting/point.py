@@ -34,8 +34,7 @@ def section(
         If the file has no section, or nothing was recorded at this point.
     """
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
-    setting = Setting.of(dataset)
-    clearance = setting.value("clearance", point)
+    clearance = Setting.of(dataset).value("clearance", point)
     panel = new_panel(ax, page, 4.5, 4.0)
     draw_points(panel, x, v)
     draw_stop(panel.axvline, clearance)
@@ -45,7 +44,7 @@ def section(
     widen_if_constant(panel.set_ylim, v.min(), v.max())
     page.set_limits(panel)
     add_legend(panel)
-    add_title(panel, page, setting, point)
+    add_title(panel, page, point)
     return figure_of(panel)
 
 
@@ -79,5 +78,5 @@ def impacts(
     panel.set_xlabel(label(dataset["impact_phase"]))
     label_ordinate(panel, dataset["impact_v"])
     page.set_limits(panel)
-    add_title(panel, page, Setting.of(dataset), point)
+    add_title(panel, page, point)
     return figure_of(panel)

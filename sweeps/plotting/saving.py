@@ -35,15 +35,8 @@ class Description(NamedTuple):
     text: str
 
     @classmethod
-    def of(cls, dataset: xr.Dataset, command: str = "") -> Description:
-        """Describe a picture of an opened sweep.
-
-        Parameters
-        ----------
-        dataset : Dataset
-        command : str
-            That draws the picture; nothing where it was not a command.
-        """
+    def of(cls, dataset: xr.Dataset, command: str) -> Description:
+        """Describe a picture of an opened sweep that a command draws, or no command: ``""``."""
         try:
             version = metadata.version("vibroimpact")
         except metadata.PackageNotFoundError:
@@ -77,15 +70,7 @@ def check_picture(output: Path) -> None:
 
 
 def save(figure: Figure, output: Path, description: Description | None = None) -> None:
-    """Write a figure to a draft beside `output`, then move the draft there.
-
-    Parameters
-    ----------
-    figure : Figure
-    output : Path
-        Its ending is one of ``FORMATS``.
-    description : Description, optional
-        Goes into the metadata of the file.
+    """Write a figure, with its description as metadata, to a draft that then replaces `output`.
 
     Raises
     ------

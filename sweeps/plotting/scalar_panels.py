@@ -20,13 +20,7 @@ _LABEL_WIDTH = 16
 
 
 def check_scalars(dataset: xr.Dataset, names: Sequence[str]) -> None:
-    """Refuse names that are no scalars of the file.
-
-    Raises
-    ------
-    Refused
-        If a name is none of `sweeps.plotting.lines.scalars`, or is given twice.
-    """
+    """Refuse names that are no scalars of the file, or given twice."""
     available = scalars(dataset)
     for name in names:
         if name not in available:
@@ -39,17 +33,7 @@ def check_scalars(dataset: xr.Dataset, names: Sequence[str]) -> None:
 
 
 def draw_scalar(panel: Axes, axis: str, branches: Sequence[xr.Dataset], name: str) -> None:
-    """Draw a scalar over the axis, of each direction in its colour; the exponents both.
-
-    Parameters
-    ----------
-    panel : Axes
-    axis : str
-    branches : sequence of Dataset
-        One for each direction, with `axis` as the only swept axis.
-    name : str
-        One of `sweeps.plotting.lines.scalars`.
-    """
+    """Draw a scalar over the axis, of the line of each direction in its colour; both exponents."""
     for branch, colour in zip(branches, DIRECTION_COLOURS, strict=False):
         x = branch[axis].values
         y = np.asarray(branch[name].values, float).reshape(len(x), -1)

@@ -3,51 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import Cut, Setting, recorded
-from sweeps.messages import Refused, in_units
+from sweeps.analysis.selection import Cut, Setting
+from sweeps.analysis.trajectories import (
+    RECORDED,
+    PointMotion,
+    continued_motion,
+    recorded_motion,
+)
+from sweeps.messages import in_units
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_picture
 from sweeps.plotting.labels import add_title, label, mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
 from sweeps.store import VARIABLES
-from vibroimpact.oscillator import Oscillator
-from vibroimpact.trajectory import exact_samples, simulate
 
 #: Forcing periods that are computed where no trajectory was recorded.
 PERIODS = 4
-
-_RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """The rows of a trajectory.
-
-    Attributes
-    ----------
-    point : Dataset
-        The point of the sweep.
-    oscillator : Oscillator
-    t, x, v : ndarray, shape (n,)
-        Time from the first row on [time], displacement and velocity; NaN-free.
-    begin : float
-        omega t at the first row [rad].
-    """
-
-    point: xr.Dataset
-    oscillator: Oscillator
-    t: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    begin: float
 
 
 @in_style
@@ -86,25 +63,25 @@ def trajectory(
     Refused
         If nothing was recorded at this point.
     """
-    setting = Setting.of(dataset)
-    if periods is None and all(name in dataset for name in _RECORDED):
-        motion = _read(dataset, setting, at)
+    if periods is None and all(name in dataset for name in RECORDED):
+        motion = recorded_motion(dataset, at)
     else:
-        motion = _continue(dataset, setting, at, PERIODS if periods is None else periods)
-    panels = _new_panels(page) if ax is None else list(ax)
-    _draw(panels, motion, setting.method["integrator"] == "exact")
-    over_time, velocity, phase_plane = panels
-    time, x, v = (_attributes(name, setting.units) for name in _RECORDED)
+        motion = continued_motion(dataset, at, PERIODS if periods is None else periods)
+    over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
+    _draw(panels, motion)
+    units = Setting.of(dataset).units
+    time, x, v = (_attributes(name, units) for name in RECORDED)
     over_time.set_ylabel(label(x, "\n"))
     velocity.set(xlabel=label(time), ylabel=label(v, "\n"))
     phase_plane.set(xlabel=label(x), ylabel=label(v))
-    phase_plane.set_title(_depth_text(motion.x - motion.oscillator.clearance))
+    phase_plane.set_title(_depth_text(motion.rows[1] - motion.oscillator.clearance))
     page.set_limits(over_time)
     handles = [handle for panel in panels for handle in panel.get_legend_handles_labels()[0]]
     add_legend(phase_plane, handles)
-    start, turns = motion.begin / motion.oscillator.omega, motion.begin / (2.0 * np.pi)
-    record = f"$t_0 = {mathtext(start)}$, after {turns:.6g} forcing periods"
-    add_title(over_time, page, setting, motion.point, record)
+    period = 2.0 * np.pi / motion.oscillator.omega
+    start = motion.rows[0, 0] + motion.turns * period
+    record = f"$t_0 = {mathtext(start)}$, after {start / period:.6g} forcing periods"
+    add_title(over_time, page, motion.point, record)
     return figure_of(over_time)
 
 
@@ -114,49 +91,6 @@ def _attributes(name: str, units: Mapping[str, str]) -> xr.DataArray:
     symbol = "t - t_0" if name == "trajectory_t" else variable.symbol
     unit = in_units(variable.unit, units)
     return xr.DataArray(attrs={"long_name": variable.long_name, "units": unit, "symbol": symbol})
-
-
-def _read(dataset: xr.Dataset, setting: Setting, at: Cut | None) -> _Motion:
-    """Return the trajectory of the file at a point."""
-    point, (t, x, v) = recorded(dataset, _RECORDED, at)
-    oscillator = _oscillator(setting, point)
-    return _Motion(point, oscillator, t - t[0], x, v, float(oscillator.omega * t[0]))
-
-
-def _continue(dataset: xr.Dataset, setting: Setting, at: Cut | None, periods: int) -> _Motion:
-    """Compute the motion that follows the last state of the section at a point.
-
-    With an impact rule that lets the mass pass the stop, a state beyond it starts no motion: the
-    last one that is not beyond it is taken.
-    """
-    if periods < 1:
-        raise Refused(f"periods = {periods} is not allowed; expected: an integer >= 1")
-    point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
-    oscillator, method = _oscillator(setting, point), setting.method
-    allowed = np.flatnonzero(x <= oscillator.clearance)
-    if not len(allowed):
-        raise Refused("every recorded state of the section is beyond the stop at this point")
-    last = int(allowed[-1])
-    motion = simulate(
-        oscillator,
-        periods,
-        method["integrator"],
-        method["impact"],
-        method["steps_per_period"],
-        x0=float(x[last]),
-        v0=float(v[last]),
-        phase=setting.phase,
-    )
-    if motion.status.failed:
-        raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = setting.record.get("transient", 0) + last + 1
-    begin = setting.phase + 2.0 * np.pi * turns
-    return _Motion(point, oscillator, motion.t - motion.t[0], motion.x, motion.v, begin)
-
-
-def _oscillator(setting: Setting, point: xr.Dataset) -> Oscillator:
-    names = [field.name for field in fields(Oscillator)]
-    return Oscillator(**{name: setting.value(name, point) for name in names})
 
 
 def _new_panels(page: Page) -> list[Axes]:
@@ -176,30 +110,22 @@ def _new_panels(page: Page) -> list[Axes]:
     return [panels["x"], panels["v"], panels["p"]]
 
 
-def _draw(panels: Sequence[Axes], motion: _Motion, exact: bool) -> None:
+def _draw(panels: Sequence[Axes], motion: PointMotion) -> None:
     """Draw the motion, its impacts, the samples beyond the stop, and the stop."""
-    t, x, v, clearance = motion.t, motion.x, motion.v, motion.oscillator.clearance
-    # Two rows at the same time are the two sides of an impact.
-    impact = np.append((np.diff(t) == 0.0) & (v[:-1] > 0.0), False)
-    beyond = x > clearance
-    shift = motion.begin / motion.oscillator.omega
-    drawn = (t, x, v)
-    if exact:
-        samples = exact_samples(motion.oscillator, t + shift, x, v)
-        drawn = (samples[0] - shift, *samples[1:])
-    look: dict[str, Any] = {
-        "color": BLUE,
-        "linewidth": 0.9 if len(t) < 5000 else 0.4,
-        "zorder": 2.0,
-    }
-    marks = ((impact, ORANGE, "impacts"), (beyond, VERMILION, "samples beyond the stop"))
-    for panel, (abscissa, ordinate) in zip(panels, ((0, 1), (0, 2), (1, 2)), strict=True):
-        line = drawn[abscissa], drawn[ordinate]
-        panel.plot(*line, **look, rasterized=len(line[0]) > 50_000)
-        for where, colour, text in marks:
-            if where.any():
-                rows = (t, x, v)[abscissa][where], (t, x, v)[ordinate][where]
-                (points,) = panel.plot(*rows, "o", color=colour, zorder=3.0)
+    rows, clearance = motion.rows, motion.oscillator.clearance
+    marks = (
+        (motion.impacts, ORANGE, "impacts"),
+        (rows[:, rows[1] > clearance], VERMILION, "samples beyond the stop"),
+    )
+    flow, begin = motion.flow(per_period=200), np.array([[rows[0, 0]], [0.0], [0.0]])
+    width = 0.9 if rows.shape[1] < 5000 else 0.4
+    for panel, axes in zip(panels, ([0, 1], [0, 2], [1, 2]), strict=True):
+        line = (flow - begin)[axes]
+        (curve,) = panel.plot(*line, color=BLUE, linewidth=width, zorder=2.0)
+        curve.set_rasterized(line.shape[1] > 50_000)
+        for marked, colour, text in marks:
+            if marked.size:
+                (points,) = panel.plot(*(marked - begin)[axes], "o", color=colour, zorder=3.0)
                 points.set(markersize=2.5, markeredgewidth=0)
                 points.set_label(text if panel is panels[-1] else "_")
     draw_stop(panels[0].axhline, clearance, label=False)

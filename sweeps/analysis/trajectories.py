@@ -1,0 +1,97 @@
+"""The motion of one point of a sweep over time: as recorded, or computed from its last section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.selection import Cut, Setting, recorded
+from sweeps.messages import Refused
+from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import exact_samples, simulate
+
+#: The variables of a recorded trajectory.
+RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
+
+
+@dataclass(frozen=True)
+class PointMotion:
+    """The motion of one point.
+
+    Attributes
+    ----------
+    point : Dataset
+        The point of the sweep.
+    oscillator : Oscillator
+    rows : ndarray, shape (3, n)
+        Time, displacement and velocity, without NaN. Two rows at one time are the two sides of an
+        impact.
+    turns : int
+        Forcing periods of the sweep that are left out of the time.
+    """
+
+    point: xr.Dataset
+    oscillator: Oscillator
+    rows: np.ndarray
+    turns: int = 0
+
+    @property
+    def impacts(self) -> np.ndarray:
+        """The rows just before the impacts, shape (3, k)."""
+        t, _, v = self.rows
+        return self.rows[:, np.append((np.diff(t) == 0.0) & (v[:-1] > 0.0), False)]
+
+    def flow(self, per_period: int) -> np.ndarray:
+        """Return the rows; of the integrator ``exact``, with so many samples a period between."""
+        if Setting.of(self.point).method["integrator"] != "exact":
+            return self.rows
+        t, x, v = self.rows
+        return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
+
+
+def recorded_motion(dataset: xr.Dataset, at: Cut | None) -> PointMotion:
+    """Return the trajectory of the file at a point.
+
+    Raises
+    ------
+    Refused
+        If none was recorded there.
+    """
+    point, rows = recorded(dataset, RECORDED, at)
+    return PointMotion(point, Setting.of(point).oscillator(point), np.stack(rows))
+
+
+def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> PointMotion:
+    """Compute the motion that follows the last state of the section at a point.
+
+    With an impact rule that lets the mass pass the stop, a state beyond it starts no motion: the
+    last one that is not beyond it is taken.
+
+    Raises
+    ------
+    Refused
+        If there is no such state, or no motion from it.
+    """
+    if periods < 1:
+        raise Refused(f"periods = {periods} is not allowed; expected: an integer >= 1")
+    point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
+    setting = Setting.of(dataset)
+    oscillator = setting.oscillator(point)
+    allowed = np.flatnonzero(x <= oscillator.clearance)
+    if not len(allowed):
+        raise Refused("every recorded state of the section is beyond the stop at this point")
+    last = int(allowed[-1])
+    motion = simulate(
+        oscillator,
+        periods,
+        **setting.scheme,
+        x0=float(x[last]),
+        v0=float(v[last]),
+        phase=setting.phase,
+    )
+    if motion.status.failed:
+        raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
+    turns = setting.record.get("transient", 0) + last + 1
+    return PointMotion(point, oscillator, np.stack([motion.t, motion.x, motion.v]), turns)
