@@ -10,9 +10,10 @@ from scipy.interpolate import BarycentricInterpolator
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
-from vibroimpact.orbits.periodic import OrbitError, solved
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.trajectory import simulate
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
 SCENE = Oscillator(h=0.02, R=0.9, omega=0.81, f=0.35, clearance=1.0)
@@ -117,6 +118,29 @@ def test_the_folds_are_those_of_the_closed_form():
     for omega, R in found.values[::3]:
         expected = bifurcation(replace(osc, R=R), "fold", "omega", 1.45, 2.0)
         assert omega == pytest.approx(expected, abs=1e-11)
+
+
+@pytest.mark.parametrize(("R", "omega", "slowest"), [(0.575, 0.54, 0), (0.725, 0.4, 12)])
+def test_the_folds_of_a_long_chatter_are_followed_from_wherever_the_slowest_impact_is(
+    R, omega, slowest
+):
+    """The curve of 1/13 from two of its points, over the range of configs/period-map.yaml.
+
+    A solution of the linearised flights that is not the shortest one moves the slowest impacts
+    most, by more than their speed. Where the slowest is the last, the fold was lost half way.
+    """
+    osc = Oscillator(h=0.02, R=R, omega=omega, f=1.0)
+    run = simulate(osc, 120)
+    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1])
+    (fold,) = [p for p in branch(start, "omega", 0.3, 1.2).special if p.kind == "fold"]
+    assert (fold.orbit.q, np.argmin(fold.orbit.speeds)) == (13, slowest)
+    found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.3, 5.6), ("R", 0.3, 0.95))
+    ends = sorted(point.values.tolist() for point in found.special)
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert ends == [
+        pytest.approx([0.34079, 0.95], abs=1e-5),
+        pytest.approx([0.92469, 0.3], abs=1e-5),
+    ]
 
 
 def test_bad_requests_are_refused():
