@@ -290,7 +290,7 @@ def graze_at_end(
 
 def with_touch(orbits: Orbits, X: np.ndarray, at: int, where: float) -> tuple[Orbits, np.ndarray]:
     """Return a point with one impact of speed zero more, where flight `at` is highest."""
-    values, omega = orbits._at(X), orbits.oscillator(X).omega
+    values, omega = newton.parameters_at(orbits.system, X), orbits.oscillator(X).omega
     theta, v = X[2 * at], X[2 * at + 1] * orbits.speed
     tau = (where - theta) / omega
     for _ in range(20):

@@ -15,7 +15,7 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import characteristic
-from vibroimpact.orbits.flights import first_pass, residuals, values_of
+from vibroimpact.orbits.flights import first_pass, values_of
 from vibroimpact.orbits.periodic import PeriodicOrbit, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
 
@@ -114,11 +114,10 @@ class Orbits:
         self.osc, self.m, self.q, self.axes = orbit.oscillator, orbit.m, orbit.q, tuple(axes)
         self.condition, self.index = condition, index
         self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
-        self._values = values_of(self.osc)
-        self._free = np.array([_NAMES.index(axis.name) for axis in axes])
+        free = np.array([_NAMES.index(axis.name) for axis in axes])
         self.spans = np.array([axis.span for axis in axes])
-        self._system = newton.System(
-            self._values, self._free, self.spans, self.m, self.q, self.speed, condition, index
+        self.system = newton.System(
+            values_of(self.osc), free, self.spans, self.m, self.q, self.speed, condition, index
         )
         at = [getattr(self.osc, axis.name) / axis.span for axis in axes]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
@@ -152,7 +151,7 @@ class Orbits:
         self, X: np.ndarray, planes: np.ndarray, condition: int | None = None, index: int = 0
     ) -> np.ndarray | None:
         """Return the point of the branch or curve in planes through X; None if none is found."""
-        system = self._system
+        system = self.system
         if condition is not None:
             system = system._replace(condition=condition, graze=index)
         X = X.copy()
@@ -170,7 +169,7 @@ class Orbits:
 
     def tangent(self, X: np.ndarray) -> np.ndarray:
         """Return the direction of the branch or curve."""
-        direction: np.ndarray = newton.tangent(self._system, X)
+        direction: np.ndarray = newton.tangent(self.system, X)
         return direction
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
@@ -183,21 +182,18 @@ class Orbits:
 
     def polynomial(self, X: np.ndarray) -> tuple[float, float, float]:
         """Return c0, c1, c2, zero at the multipliers (``elimination.py``)."""
-        A, B = self.derivatives(X)
-        return characteristic(A, B)
+        return characteristic(*self.derivatives(X))
 
     def derivatives(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the flights (``flights.py``)."""
-        q = self.q
-        F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
-        residuals(self._at(X), self.m, self.speed, X, F, A, B)
+        """Return A and B of the flights (``flights.residuals``)."""
+        _, A, B = newton.linearised(self.system, X)
         return A, B
 
     def stable(self, X: np.ndarray, polynomial: tuple[float, float, float]) -> bool:
         """Whether both multipliers are inside the unit circle (Jury)."""
         _, c1, c2 = polynomial
-        _, R, omega, *_ = self._at(X)
-        product = R ** (2 * self.q) * math.exp(-4.0 * math.pi * self._at(X)[0] * self.m / omega)
+        h, R, omega, *_ = newton.parameters_at(self.system, X)
+        product = R ** (2 * self.q) * math.exp(-4.0 * math.pi * h * self.m / omega)
         return product < 1.0 and abs(c1) < (1.0 + product) * abs(c2)
 
     def objection(self, X: np.ndarray) -> Objection | None:
@@ -209,16 +205,11 @@ class Orbits:
         slowest = int(np.argmin(speeds))
         if speeds[slowest] < 0.0:
             return Objection("speed", slowest)
-        flight, phase = first_pass(self._at(X), self.m, self.speed, X, self.q)
+        flight, phase = first_pass(newton.parameters_at(self.system, X), self.m, self.speed, X, self.q)
         if flight < 0:
             return None
         kind = "rest" if phase == X[2 * flight] else "pass"
         return Objection(kind, int(flight), float(phase))
-
-    def _at(self, X: np.ndarray) -> np.ndarray:
-        values = self._values.copy()
-        values[self._free] = self.values(X)
-        return values
 
 
 @dataclass(frozen=True)

@@ -111,8 +111,8 @@ def _land(flight, theta, v, pt, coefficients, M):
 
 
 @jit
-def residuals(values, m, speed, X, F, A, B):
-    """Set the residuals of all flights and their derivatives.
+def residuals(values, m, speed, X, q):
+    """Return the residuals of all flights and their derivatives.
 
     Parameters
     ----------
@@ -124,18 +124,18 @@ def residuals(values, m, speed, X, F, A, B):
         The unit of speeds, V.
     X : ndarray, shape (2 q, ...)
         Phase of each impact, and its speed in units of V, in turn; what follows is not looked at.
-    F : ndarray, shape (q, 2)
-        Receives the residuals; says how many impacts there are.
-    A, B : ndarray, shape (q, 2, 2)
-        Receive the derivatives with respect to the impact before the flight and that after it.
+    q : int
+        Impacts.
 
     Returns
     -------
-    bool
-        False where an impact does not come after the one before it.
+    F : ndarray, shape (q, 2)
+        The residuals; inf where an impact does not come after the one before it.
+    A, B : ndarray, shape (q, 2, 2)
+        The derivatives with respect to the impact before the flight and that after it.
     """
     pt = parameters(values)
-    q = F.shape[0]
+    F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
     coefficients, M = np.empty(TERMS), np.empty((2, 2))
     length = speed / pt.omega
     for i in range(q):
@@ -145,7 +145,8 @@ def residuals(values, m, speed, X, F, A, B):
         arrival = X[1] if last else X[2 * i + 3]
         tau = (end - theta) / pt.omega
         if not 0.0 < tau < _LONGEST / (2.0 * pt.h + pt.p + pt.omega):
-            return False
+            F[:] = math.inf
+            return F, A, B
         y, u = _land(_divide(tau, pt), theta, v, pt, coefficients, M)
         push = -pt.p * pt.p * pt.clearance
         launched = 2.0 * pt.h * pt.R * v + push - pt.f * sin_cos(theta)[0]
@@ -157,7 +158,7 @@ def residuals(values, m, speed, X, F, A, B):
             A[i, j, 1] = -pt.R * M[j, 1] * speed / unit
         B[i, 0, 0], B[i, 0, 1] = u / speed, 0.0
         B[i, 1, 0], B[i, 1, 1] = landed / (pt.omega * speed), -1.0
-    return True
+    return F, A, B
 
 
 @jit
@@ -166,7 +167,7 @@ def first_pass(values, m, speed, X, q):
 
     Parameters
     ----------
-    As for `residuals`, with the number of impacts.
+    As for `residuals`.
 
     Returns
     -------

@@ -82,12 +82,18 @@ def inner(X, Y, q):
 
 
 @jit
-def _parameters(system, X, values):
-    """Set the parameters at a vector of unknowns."""
-    for i in range(values.size):
-        values[i] = system.values[i]
+def parameters_at(system, X):
+    """Return the parameters of the oscillator at a vector of unknowns, shape (6,)."""
+    values = system.values.copy()
     for j in range(system.free.size):
         values[system.free[j]] = X[2 * system.q + j] * system.spans[j]
+    return values
+
+
+@jit
+def linearised(system, X):
+    """Return F, A and B of the flights at a vector of unknowns (``flights.residuals``)."""
+    return residuals(parameters_at(system, X), system.m, system.speed, X, system.q)
 
 
 @jit
@@ -95,10 +101,8 @@ def condition_value(system, X):
     """Return what is zero in the bifurcation; NaN where impacts are out of order."""
     if system.condition == GRAZE:
         return X[2 * system.graze + 1]
-    q = system.q
-    F, A, B, values = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2)), np.empty(6)
-    _parameters(system, X, values)
-    if not residuals(values, system.m, system.speed, X, F, A, B):
+    F, A, B = linearised(system, X)
+    if not _largest(F) < math.inf:
         return math.nan
     c0, c1, c2 = characteristic(A, B)
     return c0 + c2 + (c1 if system.condition == FOLD else -c1)
@@ -113,14 +117,10 @@ def _largest(F):
 
 
 @jit
-def _linearise(system, X, A, B, right):
-    """Set the derivatives and the right-hand sides; return the largest residual, inf if invalid."""
-    q, values = system.q, np.empty(6)
-    F, up, down = np.empty((q, 2)), np.empty((q, 2)), np.empty((q, 2))
-    spare, spare_ = np.empty((q, 2, 2)), np.empty((q, 2, 2))
-    _parameters(system, X, values)
-    if not residuals(values, system.m, system.speed, X, F, A, B):
-        return math.inf
+def _right_hand_sides(system, X, F):
+    """Return the negative residuals, and their derivatives with respect to the parameters."""
+    q, values = system.q, parameters_at(system, X)
+    right = np.empty((q, 2, 1 + system.free.size))
     for i in range(q):
         right[i, 0, 0], right[i, 1, 0] = -F[i, 0], -F[i, 1]
     for j in range(system.free.size):
@@ -128,17 +128,15 @@ def _linearise(system, X, A, B, right):
         value = values[at]
         step = _DIFFERENCE * min(span, max(abs(value), 0.1 * span))
         values[at] = value + step
-        valid = residuals(values, system.m, system.speed, X, up, spare, spare_)
+        up, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value - step
-        valid = residuals(values, system.m, system.speed, X, down, spare, spare_) and valid
+        down, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value
-        if not valid:
-            return math.inf
         for i in range(q):
             for row in range(2):
                 change = down[i, row] - up[i, row]
                 right[i, row, 1 + j] = change * (0.5 * span / step)
-    return _largest(F)
+    return right
 
 
 @jit
@@ -200,12 +198,12 @@ def solution_space(system, X, P, N):
         The largest residual; inf where impacts are out of order or the rank is lost.
     """
     q, k = system.q, system.free.size
-    A, B = np.empty((q, 2, 2)), np.empty((q, 2, 2))
-    right, kept = np.empty((q, 2, 1 + k)), np.empty((q, 2, 7 + k))
-    size = _linearise(system, X, A, B, right)
+    F, A, B = linearised(system, X)
+    size = _largest(F)
     if not size < math.inf:
         return math.inf
-    W = condense(A, B, right, kept)
+    kept = np.empty((q, 2, 7 + k))
+    W = condense(A, B, _right_hand_sides(system, X, F), kept)
     rows, basis = np.empty((2, 2 + k)), np.empty((2 + k, 2 + k))
     for i in range(2):
         for j in range(2):
@@ -333,13 +331,11 @@ def _room(system, X, step):
 @jit
 def _decreasing(system, X, step, share, size):
     """Return the share of a step after which the residual is smaller, if a few halvings find it."""
-    q, whole, Y, values = system.q, share, np.empty(X.size), np.empty(6)
-    F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
-    _parameters(system, X, values)
+    whole, Y = share, np.empty(X.size)
     for _ in range(_HALVINGS):
         for i in range(X.size):
             Y[i] = X[i] + share * step[i]
-        if residuals(values, system.m, system.speed, Y, F, A, B) and _largest(F) < size:
+        if _largest(linearised(system, Y)[0]) < size:
             return share
         share *= 0.5
     return whole

@@ -343,11 +343,9 @@ def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
 
 
 def _linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the residuals of the flights, and their derivatives; NaN if out of order."""
-    q = orbit.q
-    F, A, B = np.full((q, 2), np.nan), np.empty((q, 2, 2)), np.empty((q, 2, 2))
+    """Return F, A and B of the flights (``flights.residuals``)."""
     X, speed = scaled(orbit)
-    residuals(values_of(orbit.oscillator), orbit.m, speed, X, F, A, B)
+    F, A, B = residuals(values_of(orbit.oscillator), orbit.m, speed, X, orbit.q)
     return F, A, B
 
 
