@@ -205,7 +205,9 @@ class Orbits:
         slowest = int(np.argmin(speeds))
         if speeds[slowest] < 0.0:
             return Objection("speed", slowest)
-        flight, phase = first_pass(newton.parameters_at(self.system, X), self.m, self.speed, X, self.q)
+        flight, phase = first_pass(
+            newton.parameters_at(self.system, X), self.m, self.speed, X, self.q
+        )
         if flight < 0:
             return None
         kind = "rest" if phase == X[2 * flight] else "pass"

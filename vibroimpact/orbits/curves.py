@@ -15,10 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.orbits import newton
-from vibroimpact.orbits.branches import branch, with_touch
-from vibroimpact.orbits.continuation import ZERO_SPEED, Axis, End, Orbits, Segment, walk
+from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.continuation import (
+    ZERO_SPEED,
+    Axis,
+    End,
+    Objection,
+    Orbits,
+    Segment,
+    walk,
+)
 from vibroimpact.orbits.flights import state_after, values_of
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, orbit_of
+from vibroimpact.orbits.special_points import with_touch
 
 #: Kinds of curves, with their condition.
 KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
@@ -211,16 +220,16 @@ def _end(orbits: Orbits, end: End) -> tuple[np.ndarray, CurvePoint]:
     if objection is None:
         kind = "lost"
     elif objection.kind == "pass":
-        kind = "graze" if _touches(orbits, X, objection.at, objection.where) else "penetration"
+        kind = "graze" if _touches(orbits, X, objection) else "penetration"
     else:
         kind = "graze" if objection.kind == "speed" else objection.kind
     return X, CurvePoint(kind, orbits.kept(X), _zeroed(orbits, X))
 
 
-def _touches(orbits: Orbits, X: np.ndarray, at: int, where: float) -> bool:
-    """Whether a flight comes as near to the stop as rounding, beside a phase."""
-    wider, Y = with_touch(orbits, X, at, where)
-    osc = wider.oscillator(Y)
+def _touches(orbits: Orbits, X: np.ndarray, objection: Objection) -> bool:
+    """Whether a flight that passes the stop comes as near to it as rounding."""
+    wider, Y = with_touch(orbits, X, objection)
+    osc, at = wider.oscillator(Y), objection.at
     tau = (Y[2 * at + 2] - Y[2 * at]) / osc.omega
     height, *_ = state_after(values_of(osc), Y[2 * at], Y[2 * at + 1] * orbits.speed, tau)
     return abs(height) < _TOUCHES * orbits.speed / osc.omega

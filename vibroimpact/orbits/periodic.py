@@ -141,6 +141,11 @@ def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
     return max(largest, osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance)) or 1.0
 
 
+def free_orbit(osc: Oscillator) -> PeriodicOrbit:
+    """Return the steady motion without impacts."""
+    return PeriodicOrbit(osc, 1, np.empty(0), np.empty(0))
+
+
 def free_oscillation(osc: Oscillator, theta: float) -> tuple[float, float]:
     """Return x and v of the steady motion without impacts at phase `theta`."""
     gain = osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega
@@ -256,7 +261,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     if q == 0:
         if not free_amplitude(osc) < osc.clearance:
             raise OrbitError("the free oscillation reaches the stop")
-        return PeriodicOrbit(osc, 1, np.empty(0), np.empty(0))
+        return free_orbit(osc)
     speed = unit_of_speed(osc, speeds)
     X = np.column_stack([phases, speeds / speed]).ravel()
     system = newton.System(values_of(osc), _NO_AXES, _NO_SPANS, m, q, speed, newton.NONE, 0)

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from vibroimpact.orbits.branches import NEARBY_DISTANCE, Branch, Walked, doubling, free_branch
+from vibroimpact.orbits.branches import Branch, Walked, free_branch
 from vibroimpact.orbits.continuation import Axis, Orbits
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, least
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, free_orbit, least
+from vibroimpact.orbits.special_points import NEARBY_DISTANCE, doubling
 
 
 def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -61,5 +62,5 @@ def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """Return an orbit at its graze without the impact of speed zero."""
     kept = np.arange(orbit.q) != np.argmin(orbit.speeds)
     if orbit.q == 1:
-        return PeriodicOrbit(orbit.oscillator, 1, np.empty(0), np.empty(0))
+        return free_orbit(orbit.oscillator)
     return least(PeriodicOrbit(orbit.oscillator, orbit.m, orbit.phases[kept], orbit.speeds[kept]))

@@ -1,0 +1,159 @@
+"""Where a branch bifurcates within a step or ends: its flips, folds and grazes, to rounding.
+
+The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``elimination.py``). A
+graze, where an impact's speed or the height of a flight between two impacts is zero, is an impact
+of speed zero, and found by one condition. An orbit of twice the period becomes one of half its
+period where its two halves change places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vibroimpact.orbits import newton
+from vibroimpact.orbits.continuation import End, Objection, Orbits, Segment
+from vibroimpact.orbits.elimination import null_vector
+from vibroimpact.orbits.flights import state_after
+from vibroimpact.orbits.periodic import PeriodicOrbit
+
+#: A bifurcation is that of a walk if it is this near to it, in scaled unknowns.
+NEARBY_DISTANCE = 1e-3
+
+
+def bifurcations(
+    step: Segment, before: Sequence[float], after: Sequence[float]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the flips and folds within a step, in order.
+
+    Parameters
+    ----------
+    step : Segment
+    before, after : (float, float, float)
+        c0, c1, c2 of the characteristic polynomial at its ends.
+    """
+    orbits, located = step.orbits, []
+    for kind, condition, mu in (("flip", newton.FLIP, -1.0), ("fold", newton.FOLD, 1.0)):
+        a, b = (c[0] + mu * c[1] + c[2] for c in (before, after))
+        if not a * b < 0.0:
+            continue
+        guess = step.X + a / (a - b) * (step.Y - step.X)
+        X = orbits.corrected(guess, np.empty((0, guess.size)), condition)
+        if X is None or not (-0.01 <= step.place(X) <= 1.01 and _apart(orbits, X, guess) < 0.1):
+
+            def test_function(X: np.ndarray, mu: float = mu) -> float:
+                c = orbits.polynomial(X)
+                return c[0] + mu * c[1] + c[2]
+
+            X = step.root(test_function)
+        if X is not None:
+            located.append((step.place(X), kind, X))
+    for _, kind, X in sorted(located, key=lambda item: item[0]):
+        yield kind, X
+
+
+def _apart(orbits: Orbits, X: np.ndarray, Y: np.ndarray) -> float:
+    return math.sqrt(orbits.inner(X - Y, X - Y))
+
+
+def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
+    """Return what a branch ends in.
+
+    Parameters
+    ----------
+    orbits : Orbits
+        Over one axis.
+    end : End
+        Of a walk that is not closed.
+
+    Returns
+    -------
+    kind : str
+        ``edge``, ``lost``; ``graze``, or ``rest`` where the force presses, or ``penetration`` where
+        a flight meets the stop and no graze is found.
+    X : ndarray
+        The last point.
+    orbit : PeriodicOrbit
+        At a graze it has the impact of speed zero.
+    """
+    X, objection = end.X, end.objection
+    if objection is None:
+        return "lost", X, orbits.orbit(X)
+    if objection.kind in ("edge", "rest"):
+        return objection.kind, X, orbits.orbit(X)
+    wider, Y, index = orbits, X, objection.at
+    if objection.kind == "pass":
+        wider, Y = with_touch(orbits, X, objection)
+        index += 1
+    Z = wider.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
+    if Z is None or not _apart(wider, Z, Y) < NEARBY_DISTANCE:
+        return "penetration", X, orbits.orbit(X)
+    osc = wider.oscillator(Z)
+    pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
+    last = Z if wider is orbits else np.delete(Z, [2 * index, 2 * index + 1])
+    return "graze" if pulls else "rest", last, wider.orbit(Z)
+
+
+def with_touch(orbits: Orbits, X: np.ndarray, objection: Objection) -> tuple[Orbits, np.ndarray]:
+    """Return a point with one impact of speed zero more, where a flight that passes is highest."""
+    at, values = objection.at, newton.parameters_at(orbits.system, X)
+    omega, theta, v = orbits.oscillator(X).omega, X[2 * at], X[2 * at + 1] * orbits.speed
+    tau = (objection.where - theta) / omega
+    for _ in range(20):
+        _, u, a = state_after(values, theta, v, tau)
+        if not a < 0.0 or abs(u / a) < 1e-12 * tau:
+            break
+        tau = max(tau - u / a, 0.5 * tau)
+    Y = np.insert(X, 2 * at + 2, (theta + omega * tau, 0.0))
+    z = Y[: 2 * orbits.q + 2].reshape(-1, 2)
+    touching = PeriodicOrbit(orbits.oscillator(X), orbits.m, z[:, 0], z[:, 1] * orbits.speed)
+    return Orbits(touching, orbits.axes, speed=orbits.speed), Y
+
+
+def halving(step: Segment) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return where within a step the orbit becomes one of half the period, and that; if it does."""
+    orbits, q = step.orbits, step.orbits.q
+    if orbits.m % 2 or q % 2:
+        return None
+    unlike = [_unlike(orbits, X) for X in (step.X, step.Y)]
+    if not np.sum(unlike[0] * unlike[1]) < 0.0:
+        return None
+    sizes = [float(np.abs(part).max()) for part in unlike]
+    X = step.X + sizes[0] / sum(sizes) * (step.Y - step.X)
+    z = X[: 2 * q].reshape(q, 2)
+    mean = z[: q // 2] + 0.5 * _unlike(orbits, X)
+    half = PeriodicOrbit(orbits.oscillator(X), orbits.m // 2, mean[:, 0], mean[:, 1] * orbits.speed)
+    halves = Orbits(half, orbits.axes)
+    Y = halves.corrected(halves.start, np.empty((0, halves.start.size)), newton.FLIP)
+    if Y is None or halves.objection(Y) is not None:
+        return None
+    return doubling(halves, Y, orbits.speed)[0], halves.orbit(Y)
+
+
+def _unlike(orbits: Orbits, X: np.ndarray) -> np.ndarray:
+    """Return by how much the second half of an orbit differs from the first, shape (q / 2, 2)."""
+    z = X[: 2 * orbits.q].reshape(2, -1, 2)
+    return z[1] - z[0] - np.array([math.pi * orbits.m, 0.0])
+
+
+def doubling(orbits: Orbits, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flip as a point of the orbits of twice the period, and the direction they take.
+
+    Parameters
+    ----------
+    orbits : Orbits
+    X : ndarray
+        A point of these, at a flip.
+    speed : float
+        The unit of speed of the orbits of twice the period.
+    """
+    q, units = orbits.q, np.array([1.0, orbits.speed / speed])
+    z = X[: 2 * q].reshape(q, 2) * units
+    vector = null_vector(*orbits.derivatives(X), -1.0).reshape(q, 2) * units
+    vector /= math.sqrt(np.sum(vector**2) / q)
+    second_round = z + np.array([2.0 * math.pi * orbits.m, 0.0])
+    doubled = np.concatenate([z.ravel(), second_round.ravel(), X[2 * q :]])
+    along = np.concatenate([vector.ravel(), -vector.ravel(), np.zeros(X.size - 2 * q)])
+    return doubled, along
