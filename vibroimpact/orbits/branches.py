@@ -7,6 +7,7 @@ period; at the edge of the range; or where the mass would rest.
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -14,15 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.orbits.continuation import Axis, End, Orbits, walk
-from vibroimpact.orbits.periodic import (
-    OrbitError,
-    PeriodicOrbit,
-    free_amplitude,
-    free_orbit,
-    free_oscillation,
-    orbit_of,
-    solved,
-)
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
+from vibroimpact.orbits.periodic import OrbitError, solved
 from vibroimpact.orbits.special_points import bifurcations, ending, halving
 from vibroimpact.oscillator import Oscillator
 
@@ -216,7 +210,7 @@ def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
 
     def gap_left(value: float) -> float:
         osc = replace(orbit.oscillator, **{axis.name: value})
-        return osc.clearance - min(free_amplitude(osc), 1e300)
+        return osc.clearance - min(abs(steady_response(osc)), 1e300)
 
     def end(side: np.ndarray) -> Special:
         """Return the last point towards one side."""
@@ -226,7 +220,7 @@ def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
                 if gap_left(last) > 0.0:  # else it grazes at the start, to rounding
                     last = float(brentq(gap_left, *sorted((last, value)), xtol=1e-15, rtol=1e-15))
                 osc = replace(orbit.oscillator, **{axis.name: last})
-                return Special("graze", last, free_graze(osc))
+                return Special("graze", last, _free_graze(osc))
             last = value
         return Special("edge", last, free_orbit(replace(orbit.oscillator, **{axis.name: last})))
 
@@ -241,8 +235,7 @@ def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
     return Branch(axis.name, 1, 0, values, stable, none, none, special, orbit)
 
 
-def free_graze(osc: Oscillator, m: int = 1) -> PeriodicOrbit:
+def _free_graze(osc: Oscillator) -> PeriodicOrbit:
     """Return the free oscillation that touches the stop, as an orbit with an impact of speed 0."""
-    x, v = free_oscillation(osc, 0.0)
-    phase = math.atan2(v / osc.omega, x)  # x = A sin(theta + a), greatest at theta = pi / 2 - a
-    return PeriodicOrbit(osc, m, np.array([phase % (2.0 * math.pi)]), np.zeros(1))
+    phase = 0.5 * math.pi - cmath.phase(steady_response(osc))  # of the greatest Im A exp(i phase)
+    return PeriodicOrbit(osc, 1, np.array([phase % (2.0 * math.pi)]), np.zeros(1))

@@ -16,7 +16,7 @@ import numpy as np
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import characteristic
 from vibroimpact.orbits.flights import first_pass, values_of
-from vibroimpact.orbits.periodic import PeriodicOrbit, orbit_of, unit_of_speed
+from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
 
 _NAMES = [field.name for field in fields(Oscillator)]
@@ -193,8 +193,8 @@ class Orbits:
         """Whether both multipliers are inside the unit circle (Jury)."""
         _, c1, c2 = polynomial
         h, R, omega, *_ = newton.parameters_at(self.system, X)
-        product = R ** (2 * self.q) * math.exp(-4.0 * math.pi * h * self.m / omega)
-        return product < 1.0 and abs(c1) < (1.0 + product) * abs(c2)
+        det = determinant(h, R, omega, self.m, self.q)
+        return det < 1.0 and abs(c1) < (1.0 + det) * abs(c2)
 
     def objection(self, X: np.ndarray) -> Objection | None:
         """Say why a point is no orbit within the ranges; None if it is one."""

@@ -26,7 +26,8 @@ from vibroimpact.orbits.continuation import (
     walk,
 )
 from vibroimpact.orbits.flights import state_after, values_of
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, orbit_of
+from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of
+from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.orbits.special_points import with_touch
 
 #: Kinds of curves, with their condition.

@@ -32,7 +32,6 @@ orbit and negative on the slower, a saddle, for every clearance; at clearance 0 
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -42,6 +41,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibroimpact.orbits.flights import highest_turn, values_of
+from vibroimpact.orbits.orbit import determinant, dynamic_stiffness, multipliers_of
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 from vibroimpact.step.stop import pressing
@@ -82,11 +82,7 @@ class OneImpactOrbit:
     @property
     def multipliers(self) -> np.ndarray:
         """Both Floquet multipliers, complex, the larger first."""
-        root = cmath.sqrt(self.trace * self.trace - 4.0 * self.determinant)
-        larger = 0.5 * (self.trace + math.copysign(1.0, self.trace) * root)
-        if root.imag:
-            return np.array([larger, larger.conjugate()])
-        return np.array([larger, self.determinant / larger if larger else 0.0], complex)
+        return multipliers_of(self.trace, self.determinant)
 
     @property
     def exists(self) -> bool:
@@ -165,8 +161,8 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     """
     T = n * osc.forcing_period
     h, p, omega = osc.h, osc.p, osc.omega
-    gain = complex((p - omega) * (p + omega), 2.0 * h * omega)
-    if h >= p or abs(gain) < 0.1 * (p * p + omega * omega):
+    stiffness = dynamic_stiffness(osc)
+    if h >= p or abs(stiffness) < 0.1 * (p * p + omega * omega):
         flow = list(affine_map(INTEGRATORS["exact"].code, T, _point(osc)))
         return flow, _one_minus(flow[0], flow[1], osc, T)
     rate = math.sqrt((p - h) * (p + h))
@@ -176,7 +172,7 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     xv = decay * math.sin(angle) / rate
     middle = 2.0 * decay * math.sin(0.5 * angle) ** 2 - math.expm1(-h * T)
     one_minus_xx, one_minus_vv, vx = middle - h * xv, middle + h * xv, -p * p * xv
-    a = -osc.f / gain
+    a = -osc.f / stiffness
     sine, cosine = complex(a.real, -omega * a.imag), complex(a.imag, omega * a.real)
     xs, xc = (one_minus_xx * y.real - xv * y.imag for y in (sine, cosine))
     vs, vc = (one_minus_vv * y.imag - vx * y.real for y in (sine, cosine))
@@ -251,7 +247,7 @@ def _orbit(
         v=v,
         phase=phase,
         trace=float(kick * flow[0, 1] - osc.R * (flow[0, 0] + flow[1, 1])),
-        determinant=osc.R**2 * math.exp(-2.0 * osc.h * n * osc.forcing_period),
+        determinant=determinant(osc.h, osc.R, osc.omega, n, 1),
         peak=highest_turn(values_of(osc), phase, v, n * osc.forcing_period),
     )
 

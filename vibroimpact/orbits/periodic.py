@@ -1,22 +1,27 @@
-"""Periodic orbits by their impacts: Newton's method, Floquet multipliers, and the proof they exist.
+"""Periodic orbits are found by Newton's method from a motion or a guess, and proved to exist.
 
-The unknowns are the phases and speeds of the impacts, the equations those of ``flights.py``. With
-det(S + mu T) = c0 + c1 mu + c2 mu^2 (``elimination.py``) the multipliers have the sum -c1 / c2, and
-their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller keeps its digits.
+The unknowns are the phases and speeds of the impacts, the equations those of ``flights.py``.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from vibroimpact.orbits import newton
-from vibroimpact.orbits.elimination import characteristic, null_vector
-from vibroimpact.orbits.flights import first_pass, residuals, state_after, values_of
+from vibroimpact.orbits.elimination import null_vector
+from vibroimpact.orbits.flights import first_pass, values_of
+from vibroimpact.orbits.orbit import (
+    PeriodicOrbit,
+    free_orbit,
+    linearised,
+    orbit_of,
+    scaled,
+    steady_response,
+    unit_of_speed,
+)
 from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
 from vibroimpact.step.stop import IMPACT, REST
@@ -44,119 +49,6 @@ _NO_AXES, _NO_SPANS, _NO_PLANES = np.empty(0, np.int64), np.empty(0), np.empty((
 
 class OrbitError(ValueError):
     """There is no periodic orbit where one was sought; the text says why."""
-
-
-@dataclass(frozen=True, eq=False)
-class PeriodicOrbit:
-    """A periodic orbit, known by its impacts.
-
-    Attributes
-    ----------
-    oscillator : Oscillator
-    m : int
-        Forcing periods per repetition.
-    phases : ndarray, shape (q,)
-        omega t of the impacts, increasing, within 2 pi m; the first in [0, 2 pi).
-    speeds : ndarray, shape (q,)
-        Speeds before the impacts [length/time], >= 0; zero where an impact grazes.
-    """
-
-    oscillator: Oscillator
-    m: int
-    phases: np.ndarray
-    speeds: np.ndarray
-
-    @property
-    def q(self) -> int:
-        """Impacts per repetition; 0 is the free oscillation."""
-        return len(self.phases)
-
-    @cached_property
-    def multipliers(self) -> np.ndarray:
-        """Both Floquet multipliers, complex, the larger first; one is infinite at a graze."""
-        o = self.oscillator
-        if self.q == 0:
-            rate = np.sqrt(complex(o.h * o.h - o.p * o.p))
-            times = 2.0 * math.pi * self.m / o.omega
-            return np.exp((-o.h + np.array([rate, -rate])) * times)
-        product = o.R ** (2 * self.q) * math.exp(-4.0 * math.pi * o.h * self.m / o.omega)
-        _, c1, c2 = self.characteristic
-        if not self.speeds.all():
-            return np.array([math.inf, 0.0], complex)
-        total = -c1 / c2
-        root = np.sqrt(complex(total * total - 4.0 * product))
-        larger = 0.5 * (total + math.copysign(1.0, total) * root)
-        if root.imag:
-            return np.array([larger, larger.conjugate()])
-        return np.array([larger, product / larger if larger else 0.0], complex)
-
-    @cached_property
-    def characteristic(self) -> tuple[float, float, float]:
-        """c0, c1, c2 of c0 + c1 mu + c2 mu^2, which is zero at the multipliers, also at a graze."""
-        return characteristic(*_linearised(self)[1:])
-
-    @property
-    def stable(self) -> bool:
-        """Whether both multipliers are inside the unit circle."""
-        return bool(np.all(np.abs(self.multipliers) < 1.0))
-
-    def sections(self, phase: float = 0.0) -> np.ndarray:
-        """Return x and v at omega t = `phase` mod 2 pi, in time order.
-
-        Parameters
-        ----------
-        phase : float
-            [rad]
-
-        Returns
-        -------
-        ndarray, shape (m, 2)
-            An impact at `phase` itself gives the state after it.
-        """
-        at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
-        return np.array([self._state(theta) for theta in at.tolist()])
-
-    def _state(self, theta: float) -> tuple[float, float]:
-        o = self.oscillator
-        if self.q == 0:
-            x, v = free_oscillation(o, theta)
-            return x, v
-        first, turn = float(self.phases[0]), 2.0 * math.pi * self.m
-        theta = first + (theta - first) % turn
-        i = int(np.searchsorted(self.phases, theta, side="right")) - 1
-        start, v = float(self.phases[i]), float(self.speeds[i])
-        y, u, _ = state_after(values_of(o), start, v, (theta - start) / o.omega)
-        return min(y + o.clearance, o.clearance), u
-
-
-def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
-    """Return phases and scaled speeds in turn, shape (2 q,), and the unit of speed."""
-    speed = unit_of_speed(orbit.oscillator, orbit.speeds)
-    return np.column_stack([orbit.phases, orbit.speeds / speed]).ravel(), speed
-
-
-def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
-    """Return a speed of the order of those of an orbit: the greatest, or one of the system."""
-    largest = float(np.abs(speeds).max(initial=0.0))
-    return max(largest, osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance)) or 1.0
-
-
-def free_orbit(osc: Oscillator) -> PeriodicOrbit:
-    """Return the steady motion without impacts."""
-    return PeriodicOrbit(osc, 1, np.empty(0), np.empty(0))
-
-
-def free_oscillation(osc: Oscillator, theta: float) -> tuple[float, float]:
-    """Return x and v of the steady motion without impacts at phase `theta`."""
-    gain = osc.p**2 - osc.omega**2 + 2j * osc.h * osc.omega
-    response = -osc.f / gain * np.exp(1j * theta) if gain else complex(math.inf)
-    return float(response.imag), float(osc.omega * response.real)
-
-
-def free_amplitude(osc: Oscillator) -> float:
-    """Return the greatest displacement of the steady motion without impacts; inf in resonance."""
-    gain = math.hypot(osc.p**2 - osc.omega**2, 2.0 * osc.h * osc.omega)
-    return osc.f / gain if gain else math.inf
 
 
 def periodic_orbit(
@@ -259,7 +151,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     if q > MOST_IMPACTS:
         raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
     if q == 0:
-        if not free_amplitude(osc) < osc.clearance:
+        if not abs(steady_response(osc)) < osc.clearance:
             raise OrbitError("the free oscillation reaches the stop")
         return free_orbit(osc)
     speed = unit_of_speed(osc, speeds)
@@ -268,7 +160,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     converged = newton.correct(system, X, _NO_PLANES, _MOST_ITERATIONS) >= 0
     orbit = orbit_of(osc, m, X[::2], X[1::2] * speed)
     # Twice around an orbit at its flip, the iteration ends in rounding.
-    if not converged and not np.abs(_linearised(orbit)[0]).max() < _NEARLY**2:
+    if not converged and not np.abs(linearised(orbit)[0]).max() < _NEARLY**2:
         raise OrbitError("Newton's method does not converge")
     for misses, part in _parts(orbit):
         # Beside the flip of an orbit, one of twice the period is found that is off by up to
@@ -282,22 +174,12 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     return orbit
 
 
-def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
-    """Return an orbit whose first impact is in [0, 2 pi)."""
-    turns = np.floor(phases / (2.0 * math.pi))
-    within = phases - 2.0 * math.pi * m * np.floor(turns / m)
-    order = np.argsort(within, kind="stable")
-    within, speeds = within[order], speeds[order]
-    within = within - 2.0 * math.pi * math.floor(within[0] / (2.0 * math.pi))
-    return PeriodicOrbit(osc, m, within, speeds)
-
-
 def objection(orbit: PeriodicOrbit) -> str:
     """Say why a root of the flights' equations is no orbit; nothing if it is one."""
     X, speed = scaled(orbit)
     if (X[1::2] < -_ZERO_SPEED).any():
         return "an impact would leave the stop instead of meeting it: its speed is negative"
-    F = _linearised(orbit)[0]
+    F = linearised(orbit)[0]
     if not np.abs(F).max() < _RESIDUAL:
         return f"its impacts miss the stop by {np.abs(F).max():.1e} of its size"
     values = values_of(orbit.oscillator)
@@ -329,7 +211,7 @@ def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
     mu = orbit.multipliers[0]
     if orbit.q == 0 or mu.imag or not -math.inf < mu.real < -1.0:
         raise OrbitError("the orbit has not flipped")
-    _, A, B = _linearised(orbit)
+    _, A, B = linearised(orbit)
     X, speed = scaled(orbit)
     along = null_vector(A, B, mu.real)
     along /= np.abs(along).max()
@@ -345,13 +227,6 @@ def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
         if twice.m == 2 * orbit.m and twice.stable:
             return twice
     raise OrbitError("no stable orbit of twice the period is found")
-
-
-def _linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return F, A and B of the flights (``flights.residuals``)."""
-    X, speed = scaled(orbit)
-    F, A, B = residuals(values_of(orbit.oscillator), orbit.m, speed, X, orbit.q)
-    return F, A, B
 
 
 def least(orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -17,7 +17,7 @@ from vibroimpact.orbits import newton
 from vibroimpact.orbits.continuation import End, Objection, Orbits, Segment
 from vibroimpact.orbits.elimination import null_vector
 from vibroimpact.orbits.flights import state_after
-from vibroimpact.orbits.periodic import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
 
 #: A bifurcation is that of a walk if it is this near to it, in scaled unknowns.
 NEARBY_DISTANCE = 1e-3

@@ -8,7 +8,8 @@ import numpy as np
 
 from vibroimpact.orbits.branches import Branch, Walked, free_branch
 from vibroimpact.orbits.continuation import Axis, Orbits
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, free_orbit, least
+from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit
+from vibroimpact.orbits.periodic import OrbitError, least
 from vibroimpact.orbits.special_points import NEARBY_DISTANCE, doubling
 
 

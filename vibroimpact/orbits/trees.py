@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from vibroimpact.orbits.branches import Branch, branch
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.orbits.switching import doubled_branch, grazing_branch, without_touch
 
 #: Two points are the same within these shares: of the range, and of the greatest speed.

@@ -1,0 +1,154 @@
+"""A periodic orbit as its impacts, with its Floquet multipliers and its states at a section.
+
+The sum of the multipliers is -c1 / c2, with det(S + mu T) = c0 + c1 mu + c2 mu^2
+(``elimination.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller keeps
+its digits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vibroimpact.orbits.elimination import characteristic
+from vibroimpact.orbits.flights import residuals, state_after, values_of
+from vibroimpact.oscillator import Oscillator
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicOrbit:
+    """A periodic orbit, known by its impacts.
+
+    Attributes
+    ----------
+    oscillator : Oscillator
+    m : int
+        Forcing periods per repetition.
+    phases : ndarray, shape (q,)
+        omega t of the impacts, increasing, within 2 pi m; the first in [0, 2 pi).
+    speeds : ndarray, shape (q,)
+        Speeds before the impacts [length/time], >= 0; zero where an impact grazes.
+    """
+
+    oscillator: Oscillator
+    m: int
+    phases: np.ndarray
+    speeds: np.ndarray
+
+    @property
+    def q(self) -> int:
+        """Impacts per repetition; 0 is the free oscillation."""
+        return len(self.phases)
+
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """Both Floquet multipliers, complex, the larger first; one is infinite at a graze."""
+        o = self.oscillator
+        if self.q == 0:
+            rate = np.sqrt(complex(o.h * o.h - o.p * o.p))
+            times = 2.0 * math.pi * self.m / o.omega
+            return np.exp((-o.h + np.array([rate, -rate])) * times)
+        if not self.speeds.all():
+            return np.array([math.inf, 0.0], complex)
+        _, c1, c2 = self.characteristic
+        return multipliers_of(-c1 / c2, determinant(o.h, o.R, o.omega, self.m, self.q))
+
+    @cached_property
+    def characteristic(self) -> tuple[float, float, float]:
+        """c0, c1, c2 of c0 + c1 mu + c2 mu^2, which is zero at the multipliers, also at a graze."""
+        return characteristic(*linearised(self)[1:])
+
+    @property
+    def stable(self) -> bool:
+        """Whether both multipliers are inside the unit circle."""
+        return bool(np.all(np.abs(self.multipliers) < 1.0))
+
+    def sections(self, phase: float = 0.0) -> np.ndarray:
+        """Return x and v at omega t = `phase` mod 2 pi, in time order.
+
+        Parameters
+        ----------
+        phase : float
+            [rad]
+
+        Returns
+        -------
+        ndarray, shape (m, 2)
+            An impact at `phase` itself gives the state after it.
+        """
+        at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
+        return np.array([self._state(theta) for theta in at.tolist()])
+
+    def _state(self, theta: float) -> tuple[float, float]:
+        o = self.oscillator
+        if self.q == 0:
+            response = steady_response(o) * np.exp(1j * theta)
+            return response.imag, o.omega * response.real
+        first, turn = float(self.phases[0]), 2.0 * math.pi * self.m
+        theta = first + (theta - first) % turn
+        i = int(np.searchsorted(self.phases, theta, side="right")) - 1
+        start, v = float(self.phases[i]), float(self.speeds[i])
+        y, u, _ = state_after(values_of(o), start, v, (theta - start) / o.omega)
+        return min(y + o.clearance, o.clearance), u
+
+
+def determinant(h: float, R: float, omega: float, m: int, q: int) -> float:
+    """Return the determinant of the monodromy matrix of an orbit m/q."""
+    return R ** (2 * q) * math.exp(-4.0 * math.pi * h * m / omega)
+
+
+def multipliers_of(trace: float, determinant: float) -> np.ndarray:
+    """Return the eigenvalues of a 2 x 2 matrix, complex, the larger first."""
+    root = np.sqrt(complex(trace * trace - 4.0 * determinant))
+    larger = 0.5 * (trace + math.copysign(1.0, trace) * root)
+    if root.imag:
+        return np.array([larger, larger.conjugate()])
+    return np.array([larger, determinant / larger if larger else 0.0], complex)
+
+
+def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
+    """Return an orbit whose first impact is in [0, 2 pi)."""
+    turns = np.floor(phases / (2.0 * math.pi))
+    within = phases - 2.0 * math.pi * m * np.floor(turns / m)
+    order = np.argsort(within, kind="stable")
+    within, speeds = within[order], speeds[order]
+    within = within - 2.0 * math.pi * math.floor(within[0] / (2.0 * math.pi))
+    return PeriodicOrbit(osc, m, within, speeds)
+
+
+def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
+    """Return phases and scaled speeds in turn, shape (2 q,), and the unit of speed."""
+    speed = unit_of_speed(orbit.oscillator, orbit.speeds)
+    return np.column_stack([orbit.phases, orbit.speeds / speed]).ravel(), speed
+
+
+def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
+    """Return a speed of the order of those of an orbit: the greatest, or one of the system."""
+    largest = float(np.abs(speeds).max(initial=0.0))
+    return max(largest, osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance)) or 1.0
+
+
+def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return F, A and B of the flights (``flights.residuals``)."""
+    X, speed = scaled(orbit)
+    F, A, B = residuals(values_of(orbit.oscillator), orbit.m, speed, X, orbit.q)
+    return F, A, B
+
+
+def free_orbit(osc: Oscillator) -> PeriodicOrbit:
+    """Return the steady motion without impacts."""
+    return PeriodicOrbit(osc, 1, np.empty(0), np.empty(0))
+
+
+def dynamic_stiffness(osc: Oscillator) -> complex:
+    """Return the amplitude of the force over that of the steady motion without impacts."""
+    return complex((osc.p - osc.omega) * (osc.p + osc.omega), 2.0 * osc.h * osc.omega)
+
+
+def steady_response(osc: Oscillator) -> complex:
+    """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf in resonance."""
+    stiffness = dynamic_stiffness(osc)
+    return -osc.f / stiffness if stiffness else complex(math.inf)
