@@ -17,7 +17,8 @@ from sweeps.messages import ConfigError
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
 from vibroimpact.orbits.one_impact import bifurcation
 from vibroimpact.points.following import follow
-from vibroimpact.trajectory import trajectories
+from vibroimpact.step.log import trajectories
+from vibroimpact.step.methods import stepping
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 
@@ -39,13 +40,16 @@ def by_hand(config, point, axis, values):
         here[axis] = value
         if state is not None:
             here["x0"], here["v0"] = min(state[0], float(here["clearance"][0])), state[1]
+        at_section = state is not None
         found = integrate(
-            here, impacts=record.impacts, lyapunov=True, at_section=state is not None, **common
+            here, impacts=record.impacts, lyapunov=True, at_section=at_section, **common
         )
         if record.trajectory:
-            found |= trajectories(
-                here, every=record.trajectory.every, at_section=state is not None, **common
+            steps = stepping(
+                here, method.integrator, method.impact, config.steps, record.phase, at_section
             )
+            every = record.trajectory.every
+            found |= trajectories(here, steps, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
         yield value, found
 

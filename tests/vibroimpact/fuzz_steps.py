@@ -17,10 +17,12 @@ from vibroimpact.status import Status
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.flow import Equation, Flow, equation_of, flow_of
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.log import trace
+from vibroimpact.step.methods import stepping
 from vibroimpact.step.one_step import take_exact_step
-from vibroimpact.step.rules import EXACT, IMPACT_RULES, mend
+from vibroimpact.step.reduced_step import plain, reduced_step
+from vibroimpact.step.rules import EXACT, IMPACT_RULES, PLAIN
 from vibroimpact.step.stop import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
-from vibroimpact.trajectory import trace
 
 METHODS = [
     (integrator, rule)
@@ -42,7 +44,9 @@ def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
     for k in range(states.shape[0]):
         x, v, x_T, v_T, theta, s, c, step = states[k]
         pt, r, start, at = points[k], rows[k], (x, v, k % 2 == 0), (theta, s, c)
-        if method[0] == EXACT:
+        if method[0] == PLAIN:
+            n = plain(x_T, v_T, step / pt.omega, pt, scratch)[2]
+        elif method[0] == EXACT:
             eq = Equation(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7])
             flow = Flow(
                 r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16], r[17], r[18], r[19]
@@ -52,7 +56,7 @@ def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
                 flow = flow_of(eq, step, scratch.coefficients)
             n = take_exact_step(eq, flow, start, at, (x_T, v_T), step, pt, scratch)[3]
         else:
-            n = mend(method[0], method[1], start, (x_T, v_T), at, step, pt, scratch)[3]
+            n = reduced_step(method, start, (x_T, v_T), at, step / pt.omega, pt, scratch)[3]
         for j in range(n):
             if scratch.events[j, KIND] == IMPACT:
                 phase = theta + pt.omega * scratch.events[j, TIME]
@@ -140,7 +144,11 @@ def fuzz_run(rng, integrator, rule):
             allowed += 1e-13 * p * np.abs(points["clearance"])
         assert (after <= allowed)[free].all(), points[free & ~(after <= allowed)]
     i = int(rng.integers(points.size))
-    log, status = trace(points[i : i + 1], **method)
+    steps = stepping(
+        points[i : i + 1], integrator, rule, method["steps_per_period"], method["phase"],
+        method["at_section"],
+    )  # fmt: skip
+    log, status = trace(points[i : i + 1], steps, periods=1)
     if done[i]:
         alone, beside = (log[-1, 2], log[-1, 3], status), (x[i], v[i], out["status"][i])
         assert alone == beside, (method, points[i], alone, beside)

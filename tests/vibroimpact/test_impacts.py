@@ -10,15 +10,13 @@ from vibroimpact import Oscillator, simulate
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.reduced_step import (
-    CUBIC,
-    REDUCED_STEP,
     crossed,
     fly,
     plain,
     reduced_step,
     time_to_rest,
 )
-from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.rules import CUBIC, IMPACT_RULES, REDUCED_STEP
 from vibroimpact.step.stop import (
     IMPACT,
     KIND,

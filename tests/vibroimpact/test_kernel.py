@@ -12,8 +12,8 @@ from vibroimpact.lanes.workspace import SIZE, aligned
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.scaling import SCALED
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.methods import default_steps
-from vibroimpact.trajectory import trajectories
+from vibroimpact.step.log import trajectories
+from vibroimpact.step.methods import default_steps, stepping
 
 
 def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
@@ -217,16 +217,17 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
     """To the bit, in chatter and rest, too; the log of one point as the lanes."""
     points = random_points(3 * LANES)
     points[0] = one(h=0.0, R=0.3, omega=0.3)[0]  # at rest at some sections
+    n_steps = default_steps(points, rule, integrator)
     common = {"integrator": integrator, "impact": rule, "phase": phase, "impacts": 0}
-    common["steps_per_period"] = default_steps(points, rule, integrator)
+    common["steps_per_period"] = n_steps
     whole = integrate(points, transient=2, periods=12, **common)
     first = integrate(points, transient=2, periods=5, **common)
     points["x0"], points["v0"] = first["poincare_x"][:, -1], first["poincare_v"][:, -1]
     second = integrate(points, transient=3, periods=4, at_section=True, **common)
     for name in ("poincare_x", "poincare_v"):
         np.testing.assert_array_equal(second[name], whole[name][:, 8:])
-    del common["impacts"]
-    begin = trajectories(points, transient=0, periods=1, at_section=True, **common)
+    steps = stepping(points, integrator, rule, n_steps, phase, at_section=True)
+    begin = trajectories(points, steps, periods=1)
     assert (begin["trajectory_t"][:, 0] == phase / points["omega"]).all()
     np.testing.assert_array_equal(begin["trajectory_x"][:, 0], points["x0"])
     for i, x in enumerate(begin["trajectory_x"]):
@@ -235,10 +236,8 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
 
 def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
     point = one(R=0.5, v0=1.0)
-    log = trajectories(
-        point, integrator="exact", impact="exact", steps_per_period=None, periods=1, phase=2.0,
-        at_section=True,
-    )  # fmt: skip
+    steps = stepping(point, "exact", "exact", None, phase=2.0, at_section=True)
+    log = trajectories(point, steps, periods=1)
     assert log["trajectory_v"][0, :2].tolist() == [1.0, -0.5]
     assert (log["trajectory_t"][0, :2] == 2.0 / point["omega"]).all()
 

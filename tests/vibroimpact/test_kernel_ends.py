@@ -13,8 +13,8 @@ from vibroimpact import Status, integrate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.flight import LONGEST_STEP
-from vibroimpact.step.methods import default_steps
-from vibroimpact.trajectory import trace, trajectories
+from vibroimpact.step.log import trace, trajectories
+from vibroimpact.step.methods import default_steps, stepping
 
 
 def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone():
@@ -201,12 +201,12 @@ def test_a_run_of_days_ends_when_it_is_interrupted():
     timer.start()
     out = integrate(one(), transient=10**11, periods=1, interrupt=interrupt)
     assert interrupt[0] and out["status"] == Status.PENDING
-    point = {"integrator": "exact", "impact": "exact", "steps_per_period": None}
-    log, status = trace(one(), **point, transient=10**11, periods=2, interrupt=interrupt)
+    steps, extent = stepping(one(), "exact", "exact", None), {"transient": 10**11, "periods": 2}
+    log, status = trace(one(), steps, **extent, interrupt=interrupt)
     assert status is Status.PENDING and len(log) == 0
-    out = trajectories(one(), **point, transient=10**11, periods=2, interrupt=interrupt)
+    out = trajectories(one(), steps, **extent, interrupt=interrupt)
     assert all(array.shape == (1, 0) for array in out.values())
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     interrupt[0] = 0
     timer.start()
-    assert trace(one(), **point, transient=10**11, periods=2, interrupt=interrupt)[1] < 0
+    assert trace(one(), steps, **extent, interrupt=interrupt)[1] < 0

@@ -339,23 +339,23 @@ def pass_section(w, points, k, step, tally):
 @jit
 def run_exact(block, points, run, tally):
     """Run a block of at most ``LANES`` points from its start to the end of the record."""
-    w, transient = block.w, run.extent.transient
-    set_start(w, points, sine_at_start(run.lead, run.grid))
+    w, transient, (_, lead, grid) = block.w, run.transient, run.stepping
+    set_start(w, points, sine_at_start(lead, grid))
     # The lead-in is the period before the transient: `advance` is called, and compiled, once.
-    for k in range(-transient - 1, run.extent.periods):
+    for k in range(-transient - 1, run.periods):
         if is_set(run.interrupt):
             break
-        steps = run.lead if k < -transient else run.grid
+        steps = lead if k < -transient else grid
         if k <= -transient:
             set_equations(w, points, steps.step, block.scratch.coefficients)
         if k == 0:
             for i in range(points.size):
                 if w[_RESTING + i] > 0.0:  # nothing is left of its past
                     put_tangents(w, _TANGENTS + i, (0.0, 0.0, 0.0, 0.0))
-        advance(block, points, steps, k >= 0, k >= 0 and run.extent.lyapunov, tally)
+        advance(block, points, steps, k >= 0, k >= 0 and run.lyapunov, tally)
         if k >= -transient:
             pass_section(w, points, k, steps.step, tally)
-    if run.extent.lyapunov:
+    if run.lyapunov:
         for i in range(points.size):
             ay, aw, by, bw = tangents_in(w, _TANGENTS + i)
             omega = points[i].omega

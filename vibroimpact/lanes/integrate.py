@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.lanes.kernel import Extent, Run, lanes_per_block, run_blocks
+from vibroimpact.lanes.kernel import Run, lanes_per_block, run_blocks
 from vibroimpact.lanes.tally import SUMS, Tally
 from vibroimpact.status import Status
-from vibroimpact.step.methods import checked_method
-from vibroimpact.step.phases import lead_in, one_period
+from vibroimpact.step.methods import stepping
 from vibroimpact.step.rules import EXACT
 
 
@@ -82,7 +81,8 @@ def integrate(
         For an unknown integrator or impact rule, the rule ``exact`` with another integrator, or
         too few steps per period for it.
     """
-    rule, code, n_steps = checked_method(points, integrator, impact, steps_per_period)
+    steps = stepping(points, integrator, impact, steps_per_period, phase, at_section)
+    rule = steps.method[0]
     if lyapunov and rule != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     n = points.size
@@ -99,9 +99,8 @@ def integrate(
     lanes = lanes_per_block(rule, n, threads)
     # A thread without lanes of its own costs time to start, more than a few lanes take.
     threads = min(threads, max(1, -(-n // lanes)))
-    lead, grid = lead_in(phase, n_steps, at_section), one_period(phase, n_steps)
-    extent = Extent(rule, code, transient, periods, lyapunov, lanes)
-    run = Run(points, extent, lead, grid, tally, np.zeros(1, np.int64), interrupt)
+    claimed = np.zeros(1, np.int64)
+    run = Run(points, steps, transient, periods, lyapunov, lanes, tally, claimed, interrupt)
     run_blocks(threads, run)
     results = _results(points, periods, tally)
     if not lyapunov:

@@ -40,36 +40,14 @@ from vibroimpact.lanes.workspace import (
     set_maps,
     set_start,
 )
+from vibroimpact.step.methods import Stepping
 from vibroimpact.step.one_step import take_step
-from vibroimpact.step.phases import COS, SIN, THETA, Phases, sine_at_start
-from vibroimpact.step.reduced_step import REDUCED_STEP
-from vibroimpact.step.rules import EXACT, PLAIN
+from vibroimpact.step.phases import COS, SIN, THETA, sine_at_start
+from vibroimpact.step.rules import EXACT, PLAIN, REDUCED_STEP
 from vibroimpact.step.stop import Scratch, new_scratch, time_to_release
 
 # Lanes in a block with the rule ``exact`` are a multiple of this.
 _WORD = 64
-
-
-class Extent(NamedTuple):
-    """What a run computes.
-
-    Attributes
-    ----------
-    rule, integrator : int
-        Their codes.
-    transient, periods : int
-        Periods left out, and recorded.
-    lyapunov : bool
-    lanes : int
-        Points in a block.
-    """
-
-    rule: int
-    integrator: int
-    transient: int
-    periods: int
-    lyapunov: bool
-    lanes: int
 
 
 class Run(NamedTuple):
@@ -78,9 +56,12 @@ class Run(NamedTuple):
     Attributes
     ----------
     points : ndarray of dtype ``POINT``, shape (n,)
-    extent : Extent
-    lead, grid : Phases
-        The steps before the first period, and those of a period.
+    stepping : Stepping
+    transient, periods : int
+        Periods left out, and recorded.
+    lyapunov : bool
+    lanes : int
+        Points in a block.
     tally : Tally
         Receives the results.
     claimed : ndarray of int, shape (1,)
@@ -90,9 +71,11 @@ class Run(NamedTuple):
     """
 
     points: np.ndarray
-    extent: Extent
-    lead: Phases
-    grid: Phases
+    stepping: Stepping
+    transient: int
+    periods: int
+    lyapunov: bool
+    lanes: int
     tally: Tally
     claimed: np.ndarray
     interrupt: np.ndarray
@@ -170,14 +153,14 @@ def run_block(block, plain, run):
     `plain` says if the rule is: as a literal, so that one of the two loops is not compiled.
     """
     w, points, tally = block.w, block.points, block.tally
-    transient = run.extent.transient
-    set_start(w, points, run.extent.rule, sine_at_start(run.lead, run.grid))
-    for k in range(-transient - 1, run.extent.periods):
+    transient, (method, lead, grid) = run.transient, run.stepping
+    set_start(w, points, method[0], sine_at_start(lead, grid))
+    for k in range(-transient - 1, run.periods):
         if is_set(run.interrupt):
             break
-        steps = run.lead if k < -transient else run.grid
+        steps = lead if k < -transient else grid
         if k <= -transient:
-            set_maps(w, points, run.extent.integrator, steps)
+            set_maps(w, points, method[1], steps)
         if not plain:
             advance(block, steps, k >= 0)
         elif k < 0:
@@ -197,13 +180,11 @@ def run_block(block, plain, run):
 def take_blocks(run, plain):
     """Run block after block, as long as there are any that no thread has taken yet."""
     w, scratch = aligned(SIZE), new_scratch()
-    lanes = run.extent.lanes
+    lanes = run.lanes
     lo = lanes * claim(run.claimed)
     while lo < run.points.size:  # ends: the counter only rises
         points, tally = run.points[lo : lo + lanes], rows_of(run.tally, lo, lo + lanes)
-        run_block(
-            Lanes(w, scratch, points, (run.extent.rule, run.extent.integrator), tally), plain, run
-        )
+        run_block(Lanes(w, scratch, points, run.stepping.method, tally), plain, run)
         close_records(tally, is_set(run.interrupt))
         lo = lanes * claim(run.claimed)
 
@@ -226,7 +207,7 @@ def take_mended(run):
 def take_exact(run):
     """Run blocks with the rule ``exact``: the work of one thread."""
     block = new_block()
-    lanes = run.extent.lanes
+    lanes = run.lanes
     lo = lanes * claim(run.claimed)
     while lo < run.points.size:  # ends: the counter only rises
         tally = rows_of(run.tally, lo, lo + lanes)
@@ -241,7 +222,8 @@ def run_blocks(threads: int, run: Run) -> None:
     Threads of Python that last as long as the call: a forked process misses none of them, and
     callers in several threads do not meet.
     """
-    work = compiled({PLAIN: take_plain, EXACT: take_exact}.get(run.extent.rule, take_mended), run)
+    loops = {PLAIN: take_plain, EXACT: take_exact}
+    work = compiled(loops.get(run.stepping.method[0], take_mended), run)
     helpers = []
     with ThreadPoolExecutor(threads) as pool:
         with suppress(RuntimeError):  # where no more can be started, those there are do the work

@@ -7,8 +7,6 @@ that of ``reduced_step``, without a branch; whatever else happens is left to it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.lanes.tally import list_impact
 from vibroimpact.lanes.workspace import (
@@ -38,23 +36,21 @@ from vibroimpact.lanes.workspace import (
     X,
     glide,
 )
-from vibroimpact.step.integrators import NEWMARK, RK4, VERLET, newmark, rk4, step, verlet
+from vibroimpact.step.integrators import (
+    NEWMARK,
+    RK4,
+    VERLET,
+    Parameters,
+    newmark,
+    rk4,
+    step,
+    verlet,
+)
 from vibroimpact.step.phases import COS, SIN, THETA
 from vibroimpact.step.reduced_step import single_impact
 
 # Columns of a vector of 512 bits.
 _VECTOR = 8
-
-
-class Parameters(NamedTuple):
-    """The parameters of eq. (1) of one column, named as in a parameter point."""
-
-    h: float
-    R: float
-    omega: float
-    f: float
-    p: float
-    clearance: float
 
 
 @jit(inline=True)

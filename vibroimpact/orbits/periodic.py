@@ -24,8 +24,9 @@ from vibroimpact.orbits.orbit import (
 )
 from vibroimpact.oscillator import Oscillator, checked
 from vibroimpact.status import Status
+from vibroimpact.step.log import trace
+from vibroimpact.step.methods import stepping
 from vibroimpact.step.stop import IMPACT, REST
-from vibroimpact.trajectory import trace
 
 #: More impacts per repetition are not solved for.
 MOST_IMPACTS = 4096
@@ -105,15 +106,9 @@ def _impacts_from(
     before = 0
     for later in _LATER:
         periods = m * (later - before + 1)
-        log, status = trace(
-            osc.at(*state),
-            integrator="exact",
-            impact="exact",
-            steps_per_period=None,
-            periods=periods,
-            phase=phase,
-            at_section=True,
-        )
+        points = osc.at(*state)
+        steps = stepping(points, "exact", "exact", None, phase, at_section=True)
+        log, status = trace(points, steps, periods)
         if status >= Status.UNRESOLVED:
             yield f"the motion cannot be followed: {status.meaning}"
             return

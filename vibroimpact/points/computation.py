@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,8 @@ from vibroimpact.orbits.period_class import period_class
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.following import follow
 from vibroimpact.points.scaling import computed_once
-from vibroimpact.trajectory import trajectories
+from vibroimpact.step.log import trajectories
+from vibroimpact.step.methods import stepping
 
 
 @dataclass(frozen=True)
@@ -141,16 +141,22 @@ def _run(
     at_section: bool,
     interrupt: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
-    names = ("integrator", "impact", "steps_per_period", "transient", "periods", "phase")
-    common: dict[str, Any] = {name: getattr(computation, name) for name in names}
-    common |= {"at_section": at_section, "interrupt": interrupt}
+    c = computation
     results = integrate(
         points,
-        impacts=computation.impacts,
-        lyapunov=computation.lyapunov,
+        integrator=c.integrator,
+        impact=c.impact,
+        steps_per_period=c.steps_per_period,
+        transient=c.transient,
+        periods=c.periods,
+        phase=c.phase,
+        at_section=at_section,
+        impacts=c.impacts,
+        lyapunov=c.lyapunov,
         threads=threads,
-        **common,
+        interrupt=interrupt,
     )
-    if computation.every is not None:
-        results |= trajectories(points, every=computation.every, **common)
+    if c.every is not None:
+        steps = stepping(points, c.integrator, c.impact, c.steps_per_period, c.phase, at_section)
+        results |= trajectories(points, steps, c.periods, c.transient, c.every, interrupt)
     return results

@@ -1,1 +1,1 @@
-"""One step of one orbit: flight, stop, integrators, impact rules, tangent vectors, stability."""
+"""One orbit, step by step: flight, stop, integrators, impact rules, tangents, stability, log."""

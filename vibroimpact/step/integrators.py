@@ -16,11 +16,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.jit import fma, jit
 from vibroimpact.step.trigonometry import sin_cos, sine_after
+
+
+class Parameters(NamedTuple):
+    """The parameters of eq. (1), named as in a parameter point."""
+
+    h: float
+    R: float
+    omega: float
+    f: float
+    p: float
+    clearance: float
 
 
 def every_step(zeta: np.ndarray) -> np.ndarray:

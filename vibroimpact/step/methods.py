@@ -1,11 +1,14 @@
-"""A method is an integrator with an impact rule: its check, and its steps per forcing period."""
+"""A method is an integrator with an impact rule: its check, and its steps."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.phases import Phases, lead_in, one_period
 from vibroimpact.step.rules import IMPACT_RULES
 from vibroimpact.step.stability import least_stable_steps
 
@@ -41,10 +44,31 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
     return int(steps)
 
 
-def checked_method(
-    points: np.ndarray, integrator: str, impact: str, steps_per_period: int | None
-) -> tuple[int, int, int]:
-    """Check a method; return the codes of rule and integrator, and the steps per period.
+class Stepping(NamedTuple):
+    """How orbits are stepped.
+
+    Attributes
+    ----------
+    method : (int, int)
+        The codes of the impact rule and of the integrator.
+    lead, grid : Phases
+        The steps before the first section, and those of a forcing period.
+    """
+
+    method: tuple[int, int]
+    lead: Phases
+    grid: Phases
+
+
+def stepping(
+    points: np.ndarray,
+    integrator: str,
+    impact: str,
+    steps_per_period: int | None,
+    phase: float = 0.0,
+    at_section: bool = False,
+) -> Stepping:
+    """Check a method, and lay out its steps; arguments as for ``integrate``.
 
     Raises
     ------
@@ -67,4 +91,8 @@ def checked_method(
             raise ValueError(
                 f"steps_per_period must be >= {least} for exact impacts here, not {steps}"
             )
-    return IMPACT_RULES[impact].code, INTEGRATORS[integrator].code, steps
+    return Stepping(
+        (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
+        lead_in(phase, steps, at_section),
+        one_period(phase, steps),
+    )

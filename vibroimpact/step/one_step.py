@@ -12,13 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
+from vibroimpact.status import Status
 from vibroimpact.step.exact import exact_step, log_impact
 from vibroimpact.step.flight import TERMS
 from vibroimpact.step.flow import Equation, Flow, enter, equation_of, flow_of, glide, leave
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.phases import COS, SIN, THETA
-from vibroimpact.step.rules import EXACT, mend
+from vibroimpact.step.reduced_step import plain, reduced_step
+from vibroimpact.step.rules import EXACT, PLAIN
 from vibroimpact.step.single_impact import ONLY, single_impact
+
+_COMPUTED = int(Status.COMPUTED)
 
 
 class Prepared(NamedTuple):
@@ -78,16 +82,21 @@ def take_step(method, rows, state, at, step, pt, scratch):
     state : (float, float, bool)
     at : (float, float, float)
         Phase at the start of the step, its sine and its cosine.
+    step : float
+        omega T.
 
     Returns
     -------
-    As from ``rules.mend``; status 0 and no events for a step that needs no mending.
+    As from ``reduced_step``.
     """
     (x, v, resting), (_, s, c), (to_x, to_v) = state, at, rows
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
     if resting or not x_T < pt.clearance:
-        return mend(method[0], method[1], state, (x_T, v_T), at, step, pt, scratch)
-    return x_T, v_T, False, 0, 0.0, 0
+        if method[0] != PLAIN:
+            return reduced_step(method, state, (x_T, v_T), at, step / pt.omega, pt, scratch)
+        x, v, n = plain(x_T, v_T, step / pt.omega, pt, scratch)
+        return x, v, False, n, 0.0, _COMPUTED
+    return x_T, v_T, False, 0, 0.0, _COMPUTED
 
 
 @jit

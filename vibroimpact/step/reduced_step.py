@@ -33,6 +33,7 @@ from vibroimpact.jit import jit
 from vibroimpact.status import Status
 from vibroimpact.step.flight import first_crossing
 from vibroimpact.step.integrators import step
+from vibroimpact.step.rules import CUBIC
 from vibroimpact.step.stop import (
     IMPACT,
     MAX_FLIGHTS,
@@ -44,8 +45,6 @@ from vibroimpact.step.stop import (
     time_to_release,
 )
 from vibroimpact.step.trigonometry import sin_cos
-
-REDUCED_STEP, CUBIC = 1, 2
 
 #: A rebound shorter than this many steps counts as rest.
 SHORTEST_FLIGHT = 1e-3
@@ -209,7 +208,20 @@ def time_to_rest(v, theta, s, left, T, pt):
 
 @jit(refcounts=False)
 def reduced_step(method, start, end, at, T, pt, scratch):
-    """One step of length `T`, shortened at every impact in it; arguments as for ``rules.mend``.
+    """One step of length `T`, shortened at every impact in it.
+
+    Parameters
+    ----------
+    method : (int, int)
+        The codes of rule and integrator.
+    start : (float, float, bool)
+        x, v at the start of the step, and whether the mass is at rest on the stop there.
+    end : (float, float)
+        x, v at its undisturbed end.
+    at : (float, float, float)
+        Phase at the start of the step, its sine and its cosine.
+    scratch : Scratch
+        Receives the events.
 
     Returns
     -------

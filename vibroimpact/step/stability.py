@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vibroimpact.jit import jit
-from vibroimpact.oscillator import POINT
-from vibroimpact.step.integrators import INTEGRATORS, affine_map
+from vibroimpact.step.integrators import INTEGRATORS, Parameters, affine_map
 
 # Where M is marginal for every step, Jury's conditions are met to rounding: that of a step's terms,
 # the greatest of which is of the order of p^2 T^2.
@@ -34,17 +33,16 @@ def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     ndarray, shape (..., 2, 2)
     """
     step, zeta = np.broadcast_arrays(np.asarray(step, float), np.asarray(zeta, float))
-    points = np.zeros(step.size, dtype=POINT)
-    points["h"], points["p"], points["omega"] = zeta.ravel(), 1.0, 1.0
     maps = np.empty((step.size, 2, 2))
-    _fill_maps(maps, INTEGRATORS[integrator].code, step.ravel(), points)
+    _fill_maps(maps, INTEGRATORS[integrator].code, step.ravel(), zeta.ravel())
     return maps.reshape(*step.shape, 2, 2)
 
 
 @jit
-def _fill_maps(maps: np.ndarray, integrator: int, steps: np.ndarray, points: np.ndarray) -> None:
-    for i in range(points.size):
-        xx, xv, _, _, vx, vv, _, _ = affine_map(integrator, steps[i], points[i])
+def _fill_maps(maps: np.ndarray, integrator: int, steps: np.ndarray, zeta: np.ndarray) -> None:
+    for i in range(steps.size):
+        pt = Parameters(h=zeta[i], R=1.0, omega=1.0, f=0.0, p=1.0, clearance=0.0)
+        xx, xv, _, _, vx, vv, _, _ = affine_map(integrator, steps[i], pt)
         maps[i, 0, 0], maps[i, 0, 1], maps[i, 1, 0], maps[i, 1, 1] = xx, xv, vx, vv
 
 

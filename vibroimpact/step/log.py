@@ -1,0 +1,185 @@
+"""The log of one orbit: what the lanes of the kernel do, written down step by step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibroimpact.jit import is_set, jit
+from vibroimpact.status import Status
+from vibroimpact.step.methods import Stepping
+from vibroimpact.step.one_step import advance, from_state, prepare, to_state
+from vibroimpact.step.phases import THETA, sine_at_start
+from vibroimpact.step.rules import EXACT, PLAIN
+from vibroimpact.step.stop import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, new_scratch, start
+
+# Kinds of row, beside the kinds of event: a state on the grid, and the end of a period.
+_STATE, SECTION = 10, 11
+_PENDING = int(Status.PENDING)
+
+
+@jit
+def _put(log, n, kind, t, x, v):
+    """Write a row if it still fits; return the number of rows with it."""
+    if n < log.shape[0]:
+        log[n, 0], log[n, 1], log[n, 2], log[n, 3] = kind, t, x, v
+    return n + 1
+
+
+@jit
+def _put_events(log, n, events, n_events, t, t_T, T, pt):
+    """Write the events of one step that began at `t`: an impact as the states on its two sides."""
+    for k in range(n_events):
+        at = t_T if events[k, TIME] == T else t + events[k, TIME]
+        kind, v = events[k, KIND], events[k, SPEED]
+        n = _put(log, n, kind, at, events[k, DISPLACEMENT], v)
+        if kind == IMPACT:
+            n = _put(log, n, _STATE, at, pt.clearance, -pt.R * v)
+    return n
+
+
+@jit
+def _put_start(log, t, pt, resting):
+    """Write the rows at the start, at time `t`: the state, or both sides of an impact at once."""
+    if pt.x0 >= pt.clearance and pt.v0 > 0.0:
+        n = _put(log, 0, IMPACT, t, pt.x0, pt.v0)
+        return _put(log, n, _STATE, t, pt.x0, -pt.R * pt.v0)
+    return _put(log, 0, REST if resting else _STATE, t, pt.x0, pt.v0)
+
+
+@jit
+def _approach(stepping, transient, pt, scratch, interrupt):
+    """Run from the start to the start of the record: the state there, and the status."""
+    method, lead, grid = stepping
+    rule, integrator = method
+    x, v, resting = start(pt, sine_at_start(lead, grid))
+    state, status = to_state(rule, x, v, resting and rule != PLAIN, pt), 0
+    for k in range(-1, transient):
+        if is_set(interrupt):
+            break
+        phases = lead if k < 0 else grid
+        prepared = prepare(integrator, phases, pt)
+        for n in range(phases.size):
+            state, _, outcome = advance(method, prepared, state, phases, n, pt, scratch)
+            status = max(status, outcome)
+        if k >= 0:
+            x, v = from_state(rule, state, pt)
+            state = to_state(rule, x, v, state[2], pt)
+    return state, status
+
+
+@jit
+def _trace(pt, stepping, periods, transient, every, log, interrupt):
+    """Run one point as the kernel's lanes do, and log the recorded periods.
+
+    Once `interrupt` is set the run ends within a forcing period, with the status ``PENDING``.
+
+    Returns
+    -------
+    rows : int
+        Rows the log needs; those beyond its length are lost.
+    status : int
+    """
+    scratch, (method, lead, grid) = new_scratch(), stepping
+    rule, integrator = method
+    state, status = _approach(stepping, transient, pt, scratch, interrupt)
+    size, T = grid.size, grid.step / pt.omega
+    prepared = prepare(integrator, grid, pt)
+    t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
+    if transient == 0 and lead.size == 0:
+        rows = _put_start(log, t, pt, state[2])
+    else:
+        x, v = from_state(rule, state, pt)
+        rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
+    for k in range(transient, transient + periods):
+        if is_set(interrupt):
+            return 0, _PENDING
+        for n in range(size):
+            last = n + 1 == size
+            t_T = (2.0 * math.pi * k + grid.table[THETA, n + 1]) / pt.omega
+            state, n_events, outcome = advance(method, prepared, state, grid, n, pt, scratch)
+            status = max(status, outcome)
+            rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
+            x, v = from_state(rule, state, pt)
+            if last:
+                state = to_state(rule, x, v, state[2], pt)
+            if ((k - transient) * size + n + 1) % every == 0:
+                in_log = 0 < rows <= log.shape[0]
+                if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
+                    rows -= 1  # an impact at the end of the step left this state already
+                rows = _put(log, rows, SECTION if last else _STATE, t_T, x, v)
+            t = t_T
+    return rows, status
+
+
+def trace(
+    points: np.ndarray,
+    stepping: Stepping,
+    periods: int,
+    transient: int = 0,
+    every: int = 1,
+    interrupt: np.ndarray | None = None,
+) -> tuple[np.ndarray, Status]:
+    """Log the motion of one parameter point.
+
+    Parameters
+    ----------
+    points : ndarray of dtype ``POINT``, shape (1,)
+    stepping : Stepping
+    periods, transient : int
+        Forcing periods that are logged, and left out before them.
+    every : int
+        Keep every that many grid states; both sides of every impact are kept always.
+    interrupt : ndarray of int64, shape (1,), optional
+        As for ``integrate``.
+
+    Returns
+    -------
+    log : ndarray, shape (rows, 4)
+        Kind of row, t, x, v. NaN after a failure.
+    status : Status
+        ``PENDING`` with an empty log where `interrupt` was set.
+    """
+    if interrupt is None:
+        interrupt = np.zeros(1, np.int64)
+    outcome = Status.CERTIFIED if stepping.method[0] == EXACT else Status.COMPUTED
+    rows, log = periods * (stepping.grid.size // every + 8) + 1, np.empty((0, 4))
+    while rows > len(log):  # ends: the second pass needs as many rows as the first
+        log = np.empty((rows, 4))
+        rows, status = _trace(points[0], stepping, periods, transient, every, log, interrupt)
+    log = log[:rows]
+    if status == Status.PENDING:
+        return log, Status.PENDING
+    failed = ~np.isfinite(log[:, 2:]).all(axis=1)
+    log[failed, 2:] = np.nan
+    outcome = Status(max(outcome, status))
+    if failed.any() and not outcome.failed:
+        outcome = Status.NON_FINITE
+    return log, outcome
+
+
+def trajectories(
+    points: np.ndarray,
+    stepping: Stepping,
+    periods: int,
+    transient: int = 0,
+    every: int = 1,
+    interrupt: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:
+    """Log the motion of many parameter points; arguments as for `trace`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``trajectory_t``, ``trajectory_x``, ``trajectory_v`` : (n, samples), with NaN after the
+        end of the shorter ones; of a point that was given up, nothing else.
+    """
+    logs = [
+        trace(points[i : i + 1], stepping, periods, transient, every, interrupt)[0]
+        for i in range(points.size)
+    ]
+    out = np.full((3, len(logs), max(map(len, logs), default=0)), np.nan)
+    for i, log in enumerate(logs):
+        out[:, i, : len(log)] = log[:, 1:].T
+    return dict(zip(("trajectory_t", "trajectory_x", "trajectory_v"), out, strict=True))
