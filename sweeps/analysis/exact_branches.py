@@ -318,8 +318,18 @@ def branches(dataset: xr.Dataset, axis: str | None = None, at: Cut | None = None
     return as_dataset(grow(lines_of(dataset, axis, at)))
 
 
+def check_range(dataset: xr.Dataset, axis: str) -> None:
+    """Refuse an axis of a single value."""
+    if dataset.sizes[axis] == 1:
+        value = dataset[axis].item()
+        raise Refused(
+            f"{axis} has the single value {value:g}: exact orbits are followed over a range"
+        )
+
+
 def lines_of(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> list[Line]:
     """Return a line of a sweep, once for each direction in which it was followed."""
+    check_range(dataset, axis)
     line = select(dataset, at, free=[axis, DIRECTION])
     ways = [line.sel({DIRECTION: way}) for way in directions(line)] or [line]
     return [Line.of(way, axis) for way in ways]

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.exact_branches import check_range
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.messages import Refused
@@ -123,6 +124,8 @@ def find_curves(
         raise Refused(
             "the file has no period: run the sweep again with record.diagnostics: [period]"
         )
+    for axis in (across, up):
+        check_range(dataset, axis)
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
     return _Search(cut, (across, up)).run()
 
@@ -150,7 +153,7 @@ class _Search:
         periodic = classify(cut) == Motion.PERIODIC
         m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
         self._classes = np.stack([m, q], axis=2).astype(int)
-        self._cells = np.array(list(self._changes())).reshape(-1, 2, 2)
+        self._cells = np.array(list(self._changes()), int).reshape(-1, 2, 2)
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
         self._explained = np.zeros(len(self._cells), bool)
@@ -321,6 +324,8 @@ class _Search:
 def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
     """Follow the bifurcations between the periodic motions of a map; arguments as `find_curves`.
 
+    One axis alone is refused: a curve has two parameters.
+
     Returns
     -------
     Dataset
@@ -330,7 +335,11 @@ def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None)
         ``explained`` count the changes between periodic classes, and those with a curve within one
         cell; ``summary`` says why the others have none.
     """
-    return as_dataset(find_curves(dataset, axes, at))
+    chosen = [axes] if isinstance(axes, str) else axes
+    map_axes(dataset, chosen)
+    if len(chosen) == 1:
+        raise Refused(f"curves are over two swept axes, not {chosen[0]} alone")
+    return as_dataset(find_curves(dataset, chosen, at))
 
 
 def as_dataset(search: CurveSearch) -> xr.Dataset:

@@ -92,10 +92,10 @@ def describe(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> str:
     -------
     str
         A line each: the value to twelve digits, the kind, and m/q; empty where there are several
-        lines, or the axis is a start.
+        lines, or the axis is a start or has a single value.
     """
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
-    if uncut or axis in ("x0", "v0"):
+    if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
         return ""
     tree = grow(lines_of(dataset, axis, at))
     rows = [

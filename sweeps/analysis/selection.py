@@ -112,7 +112,9 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
             fixed_at[name] = _direction(dataset, str(value))
             continue
         if name not in axes:
-            raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+            meant = suggestion(nearest(name, axes))
+            choice = listed(axes) or "none"
+            raise Refused(f"{name} cannot be fixed here{meant}; choose from: {choice}")
         if isinstance(value, str):
             raise Refused(f"{name} = {value} is not a number")
         values = dataset[name].values
@@ -169,7 +171,10 @@ def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind:
         raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
     for name in requested:
         if name not in axes:
-            raise Refused(f"{name or repr(name)} is not a swept axis; the file has {listed(axes)}")
+            meant = suggestion(nearest(name, axes))
+            raise Refused(
+                f"{name or repr(name)} is not a swept axis{meant}; the file has {listed(axes)}"
+            )
     needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
     if len(axes) < count:
         raise Refused(f"{needed}; the file has only {listed(axes)}")

@@ -32,7 +32,9 @@ _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 def check_csv(path: Path | None) -> None:
     """Refuse a file that is no .csv file in an existing folder."""
-    if path is not None and not (path.suffix == ".csv" and os.path.isdir(path.absolute().parent)):
+    if path is None:
+        return
+    if path.suffix != ".csv" or os.path.isdir(path) or not os.path.isdir(path.absolute().parent):
         raise Refused(f"--csv {path} is not allowed; expected: a .csv file in an existing folder")
 
 
@@ -150,5 +152,5 @@ def write_table(path: Path, write: Callable[[Path], object]) -> None:
     try:
         write(path)
     except OSError as error:
-        raise Failed(error) from error
+        raise Failed(f"{path} cannot be written: {error.strerror or error}") from error
     say(path)

@@ -33,4 +33,5 @@ def draw_curves(panel: Axes, search: CurveSearch) -> None:
             panel.plot([], [], linewidth=0.7, label=kind, **_LOOK[kind])
     panel.set_xlim(*limits[0])
     panel.set_ylim(*limits[1])
-    panel.legend(loc="lower right", fontsize=6.0, framealpha=0.8, borderpad=0.3)
+    if kinds:
+        panel.legend(loc="lower right", fontsize=6.0, framealpha=0.8, borderpad=0.3)
