@@ -10,11 +10,12 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits.continuation import Axis, End, Orbits, walk
+from vibroimpact.orbits.continuation import Axis, End, Orbits, Track, both_directions, walk
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
 from vibroimpact.orbits.periodic import OrbitError, solved
 from vibroimpact.orbits.special_points import bifurcations, ending, halving
@@ -130,78 +131,57 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
         return free_branch(orbit, axis)
     orbits = Orbits(orbit, (axis,))
     tangent = orbits.tangent(orbits.start)
-    if tangent[-1] < 0.0:
-        tangent = -tangent
-    forward = Walked(orbits, orbits.start, tangent)
-    if forward.closed:
-        return forward.branch(orbit)
-    return Walked(orbits, orbits.start, -tangent).branch(orbit, forward)
+    along = -tangent if tangent[-1] < 0.0 else tangent
+    return _branch(orbits, both_directions(partial(_walked, orbits, orbits.start), along), orbit)
 
 
-class Walked:
-    """A walk from a point along a tangent, with what was found on it."""
+def branch_beyond(
+    orbits: Orbits, X: np.ndarray, tangent: np.ndarray, start: PeriodicOrbit
+) -> Branch:
+    """Follow orbits in one direction from a point where their branch begins, `start`."""
+    return _branch(orbits, _walked(orbits, X, tangent, singular=True), start)
 
-    def __init__(
-        self, orbits: Orbits, X: np.ndarray, tangent: np.ndarray, singular: bool = False
-    ) -> None:
-        """Walk; where the start is `singular`, bifurcations are looked for after the first step."""
-        before = None if singular else orbits.polynomial(X)
-        self.orbits, self.closed, self.points = orbits, False, [X]
-        self.stable = [before is not None and orbits.stable(X, before)]
-        self.special: list[Special] = []
-        for part in walk(orbits, X, tangent):
-            if isinstance(part, End):
-                self._end(part)
-                return
-            after = orbits.polynomial(part.Y)
-            if before is not None:
-                half = halving(part)
-                if half is not None:
-                    self._bifurcate("flip", *half)
-                    return
-                for kind, X_ in bifurcations(part, before, after):
-                    self._bifurcate(kind, X_, orbits.orbit(X_))
-            self.points.append(part.Y)
-            self.stable.append(orbits.stable(part.Y, after))
-            before = after
 
-    def _bifurcate(self, kind: str, X: np.ndarray, orbit: PeriodicOrbit) -> None:
-        self.points.append(X)
-        self.stable.append(False)
-        self._mark(kind, orbit)
+def _branch(orbits: Orbits, track: Track, start: PeriodicOrbit) -> Branch:
+    points, stable = (np.array(column) for column in zip(*track.points, strict=True))
+    axis, m, q = orbits.axes[0], orbits.m, orbits.q
+    values, impacts = orbits.kept(points)[:, 0], orbits.impacts(points)
+    return Branch(axis.name, m, q, values, stable, *impacts, track.special, start)
 
-    def _mark(self, kind: str, orbit: PeriodicOrbit) -> None:
-        value = float(getattr(orbit.oscillator, self.orbits.axes[0].name))
-        self.special.append(Special(kind, value, orbit))
 
-    def _end(self, end: End) -> None:
-        self.closed = end.closed
-        if not end.closed:
-            kind, X, orbit = ending(self.orbits, end)
-            self.points[-1] = X
-            self.stable[-1] = kind == "edge" and self.orbits.stable(X, self.orbits.polynomial(X))
-            self._mark(kind, orbit)
+def _walked(orbits: Orbits, X: np.ndarray, tangent: np.ndarray, singular: bool = False) -> Track:
+    """Walk in one direction, and note which points are stable.
 
-    def branch(self, start: PeriodicOrbit, forward: Walked | None = None) -> Branch:
-        """Return the branch, `forward` being the walk in the other direction."""
-        points, stable, special = self.points, self.stable, self.special
-        if forward is not None:
-            points = points[::-1] + forward.points[1:]
-            stable = stable[::-1] + forward.stable[1:]
-            special = special[::-1] + forward.special
-        X, orbits, q = np.array(points), self.orbits, self.orbits.q
-        axis = orbits.axes[0]
-        return Branch(
-            axis.name,
-            orbits.m,
-            q,
-            np.clip(X[:, -1] * orbits.spans[0], axis.low, axis.high),
-            np.array(stable),
-            X[:, : 2 * q : 2],
-            np.maximum(X[:, 1 : 2 * q : 2], 0.0) * orbits.speed,
-            special,
-            start,
-        )
+    Where the start is `singular`, bifurcations are looked for after the first step.
+    """
+
+    def special(kind: str, orbit: PeriodicOrbit) -> Special:
+        return Special(kind, float(getattr(orbit.oscillator, orbits.axes[0].name)), orbit)
+
+    before = None if singular else orbits.polynomial(X)
+    track = Track([(X, before is not None and orbits.stable(X, before))], [], False)
+    for part in walk(orbits, X, tangent):
+        if isinstance(part, End):
+            if part.closed:
+                return track._replace(closed=True)
+            kind, X, orbit = ending(orbits, part)
+            stable = kind == "edge" and orbits.stable(X, orbits.polynomial(X))
+            track.points[-1] = X, stable
+            track.special.append(special(kind, orbit))
+            return track
+        after = orbits.polynomial(part.Y)
+        if before is not None:
+            half = halving(part)
+            if half is not None:
+                track.points.append((half[0], False))
+                track.special.append(special("flip", half[1]))
+                return track
+            for kind, X in bifurcations(part, before, after):
+                track.points.append((X, False))
+                track.special.append(special(kind, orbits.orbit(X)))
+        track.points.append((part.Y, orbits.stable(part.Y, after)))
+        before = after
+    return track
 
 
 def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,13 +23,13 @@ from vibroimpact.oscillator import Oscillator
 _NAMES = [field.name for field in fields(Oscillator)]
 #: Steps of a walk, in units of the scaled unknowns: the first, the longest, and one so short that
 #: the walk is given up.
-_FIRST, LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
+_FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: Points of a walk at the most; the turn of the tangent in one step (its cosine); iterations.
 MOST_POINTS, _LEAST_COSINE, _MOST_ITERATIONS = 600, 0.985, 8
 #: Halvings to the last orbit of a walk.
 _HALVINGS = 52
 #: A speed below this, in units of the largest, counts as zero: a graze.
-ZERO_SPEED = 1e-13
+_ZERO_SPEED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,6 @@ class Orbits:
         speed: float | None = None,
     ) -> None:
         self.osc, self.m, self.q, self.axes = orbit.oscillator, orbit.m, orbit.q, tuple(axes)
-        self.condition, self.index = condition, index
         self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
         free = np.array([_NAMES.index(axis.name) for axis in axes])
         self.spans = np.array([axis.span for axis in axes])
@@ -128,12 +128,11 @@ class Orbits:
         return X[2 * self.q :] * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at a point; an edge that rounding misses is met."""
-        values = self.values(X)
+        """Return the free parameters at points; an edge that rounding misses is met."""
+        values = X[..., 2 * self.q :] * self.spans
         for j, axis in enumerate(self.axes):
             for edge in (axis.low, axis.high):
-                if abs(values[j] - edge) <= axis.slack:
-                    values[j] = edge
+                values[..., j][np.abs(values[..., j] - edge) <= axis.slack] = edge
         return values
 
     def oscillator(self, X: np.ndarray) -> Oscillator:
@@ -141,11 +140,16 @@ class Orbits:
         names = [axis.name for axis in self.axes]
         return replace(self.osc, **dict(zip(names, self.kept(X).tolist(), strict=True)))
 
+    def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return phases and speeds at points; a speed below 0, by rounding, is 0."""
+        z = X[..., : 2 * self.q]
+        return z[..., ::2], np.maximum(z[..., 1::2], 0.0) * self.speed
+
     def orbit(self, X: np.ndarray) -> PeriodicOrbit:
         """Return the orbit at a point; a speed that is zero to rounding is zero."""
-        speeds = X[1 : 2 * self.q : 2]
-        speeds = np.where(np.abs(speeds) < ZERO_SPEED, 0.0, speeds)
-        return orbit_of(self.oscillator(X), self.m, X[: 2 * self.q : 2], speeds * self.speed)
+        phases, speeds = self.impacts(X)
+        speeds = np.where(speeds < _ZERO_SPEED * self.speed, 0.0, speeds)
+        return orbit_of(self.oscillator(X), self.m, phases, speeds)
 
     def corrected(
         self, X: np.ndarray, planes: np.ndarray, condition: int | None = None, index: int = 0
@@ -169,16 +173,11 @@ class Orbits:
 
     def tangent(self, X: np.ndarray) -> np.ndarray:
         """Return the direction of the branch or curve."""
-        direction: np.ndarray = newton.tangent(self.system, X)
-        return direction
+        return newton.tangent(self.system, X)
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return the inner product of the walk."""
         return float(newton.inner(X, Y, self.q))
-
-    def size(self, X: np.ndarray) -> float:
-        """Return the greatest scaled speed of a point, at least 1."""
-        return max(1.0, float(np.abs(X[1 : 2 * self.q : 2]).max()))
 
     def polynomial(self, X: np.ndarray) -> tuple[float, float, float]:
         """Return c0, c1, c2, zero at the multipliers (``elimination.py``)."""
@@ -251,6 +250,24 @@ class Segment:
         return self.at(float(s))
 
 
+class Track(NamedTuple):
+    """What was collected on a walk: its points, its special points, and whether it is closed."""
+
+    points: list[Any]
+    special: list[Any]
+    closed: bool
+
+
+def both_directions(walked: Callable[[np.ndarray], Track], tangent: np.ndarray) -> Track:
+    """Walk along a tangent and, unless that comes back, against it; in the order along it."""
+    forward = walked(tangent)
+    if forward.closed:
+        return forward
+    backward = walked(-tangent)
+    points = backward.points[::-1] + forward.points[1:]
+    return Track(points, backward.special[::-1] + forward.special, closed=False)
+
+
 @dataclass(frozen=True)
 class End:
     """The last point of a walk, and what objects to going on; None where it is closed or lost."""
@@ -292,7 +309,8 @@ def walk(
         X = segment.Y
         turned = orbits.tangent(X)
         tangent = turned if orbits.inner(turned, tangent) > 0.0 else -turned
-        length = min(1.5 * segment.length, LONGEST * orbits.size(X))
+        fastest = max(1.0, float(np.abs(X[1 : 2 * orbits.q : 2]).max()))
+        length = min(1.5 * segment.length, _LONGEST * fastest)
     yield End(X, objection)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,16 +18,17 @@ import numpy as np
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.continuation import (
-    ZERO_SPEED,
     Axis,
     End,
     Objection,
     Orbits,
     Segment,
+    Track,
+    both_directions,
     walk,
 )
 from vibroimpact.orbits.flights import state_after, values_of
-from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.orbits.special_points import with_touch
 
@@ -127,20 +129,10 @@ def bifurcation_curve(
     tangent = orbits.tangent(orbits.start)
     if not np.isfinite(tangent).all():
         raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
-    parts = []
-    for along in (tangent, -tangent):
-        parts.append(_walked(orbits, orbits.start, along, kind))
-        if parts[-1][2]:  # closed
-            break
-    points, special, _ = parts[0]
-    if len(parts) > 1:
-        points = parts[1][0][::-1] + points[1:]
-        special = parts[1][1][::-1] + special
-    X, q = np.array(points), orbits.q
-    values = np.array([orbits.kept(point) for point in points])
-    speeds = np.maximum(X[:, 1 : 2 * q : 2], 0.0) * orbits.speed
-    names = axes[0].name, axes[1].name
-    return Curve(kind, names, orbits.m, q, values, X[:, : 2 * q : 2], speeds, special)
+    track = both_directions(partial(_walked, orbits, kind), tangent)
+    X, names = np.array(track.points), (axes[0].name, axes[1].name)
+    values, impacts = orbits.kept(X), orbits.impacts(X)
+    return Curve(kind, names, orbits.m, orbits.q, values, *impacts, track.special)
 
 
 def _onto(orbit: PeriodicOrbit, kind: str, axes: Sequence[Axis]) -> PeriodicOrbit:
@@ -172,21 +164,20 @@ def _onto(orbit: PeriodicOrbit, kind: str, axes: Sequence[Axis]) -> PeriodicOrbi
     raise OrbitError(f"no {kind} is found on the branches of the orbit")
 
 
-def _walked(
-    orbits: Orbits, X: np.ndarray, tangent: np.ndarray, kind: str
-) -> tuple[list[np.ndarray], list[CurvePoint], bool]:
-    """Walk in one direction; return the points, the special ones, and whether it is closed."""
-    points, special = [X], []
-    for part in walk(orbits, X, tangent):
+def _walked(orbits: Orbits, kind: str, tangent: np.ndarray) -> Track:
+    """Walk in one direction from the start."""
+    track = Track([orbits.start], [], False)
+    for part in walk(orbits, orbits.start, tangent):
         if isinstance(part, End):
-            if not part.closed:
-                points[-1], end = _end(orbits, part)
-                special.append(end)
-            return points, special, part.closed
-        for name, Y in _meetings(part, kind):
-            special.append(CurvePoint(name, orbits.kept(Y), orbits.orbit(Y)))
-        points.append(part.Y)
-    return points, special, False
+            if part.closed:
+                return track._replace(closed=True)
+            X, name = part.X, _end_kind(orbits, part)
+            track.special.append(CurvePoint(name, orbits.kept(X), orbits.orbit(X)))
+            return track
+        for name, X in _meetings(part, kind):
+            track.special.append(CurvePoint(name, orbits.kept(X), orbits.orbit(X)))
+        track.points.append(part.Y)
+    return track
 
 
 def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
@@ -211,20 +202,17 @@ def _heading(step: Segment, X: np.ndarray) -> np.ndarray:
     """Return the direction of the parameters at a point of a step."""
     tangent = step.orbits.tangent(X)
     forward = step.orbits.inner(tangent, step.tangent) > 0.0
-    heading: np.ndarray = tangent[-2:] if forward else -tangent[-2:]
-    return heading
+    return tangent[-2:] if forward else -tangent[-2:]
 
 
-def _end(orbits: Orbits, end: End) -> tuple[np.ndarray, CurvePoint]:
-    """Return the last point of a walk, and what it is."""
-    X, objection = end.X, end.objection
-    if objection is None:
-        kind = "lost"
-    elif objection.kind == "pass":
-        kind = "graze" if _touches(orbits, X, objection) else "penetration"
-    else:
-        kind = "graze" if objection.kind == "speed" else objection.kind
-    return X, CurvePoint(kind, orbits.kept(X), _zeroed(orbits, X))
+def _end_kind(orbits: Orbits, end: End) -> str:
+    """Say in what a walk ends that is not closed."""
+    if end.objection is None:
+        return "lost"
+    kinds = {"speed": "graze", "pass": "penetration"}
+    if end.objection.kind == "pass" and _touches(orbits, end.X, end.objection):
+        return "graze"
+    return kinds.get(end.objection.kind, end.objection.kind)
 
 
 def _touches(orbits: Orbits, X: np.ndarray, objection: Objection) -> bool:
@@ -234,10 +222,3 @@ def _touches(orbits: Orbits, X: np.ndarray, objection: Objection) -> bool:
     tau = (Y[2 * at + 2] - Y[2 * at]) / osc.omega
     height, *_ = state_after(values_of(osc), Y[2 * at], Y[2 * at + 1] * orbits.speed, tau)
     return abs(height) < _TOUCHES * orbits.speed / osc.omega
-
-
-def _zeroed(orbits: Orbits, X: np.ndarray) -> PeriodicOrbit:
-    """Return the orbit at the end of a curve; a speed that has all but vanished is zero."""
-    speeds = X[1 : 2 * orbits.q : 2]
-    speeds = np.where(np.abs(speeds) < 10.0 * ZERO_SPEED, 0.0, speeds) * orbits.speed
-    return orbit_of(orbits.oscillator(X), orbits.m, X[: 2 * orbits.q : 2], speeds)

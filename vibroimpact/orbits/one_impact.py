@@ -2,7 +2,7 @@
 
 An orbit with one impact in n forcing periods, T = 2 pi n / omega, leaves the stop at the phase
 theta = omega t0 with the speed R v and is back with the speed v at the same phase. With the
-exact flow of eq. (1) over T (M from the state, G from the force; ``integrators.exact``)
+exact flow of eq. (1) over T (M from the state, G from the force; ``flow_over_periods.py``)
 
     (sigma, v) = M (sigma, -R v) + G (sin theta, cos theta),    sigma the clearance,
 
@@ -35,15 +35,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.orbits.flights import highest_turn, values_of
-from vibroimpact.orbits.orbit import determinant, dynamic_stiffness, multipliers_of
+from vibroimpact.orbits.flow_over_periods import flow_over_periods
+from vibroimpact.orbits.orbit import determinant, multipliers_of
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.integrators import INTEGRATORS, affine_map
 from vibroimpact.step.stop import pressing
 
 _EPS = float(np.finfo(float).eps)
@@ -104,24 +103,20 @@ class _Solutions(NamedTuple):
     discriminant: float
 
 
-def _point(osc: Oscillator) -> Any:
-    return osc.at(osc.clearance)[0]
-
-
-def _size(osc: Oscillator) -> float:
-    """Return a bound on the rates of all exponentials in the flow [1/time]."""
-    return 2.0 * osc.h + osc.p + osc.omega
+def _radians(osc: Oscillator, n: int) -> float:
+    """Return the length of the flight in radians of all its rates together."""
+    return (2.0 * osc.h + osc.p + osc.omega) * n * osc.forcing_period
 
 
 def _rounding(osc: Oscillator, n: int) -> float:
     """Return the relative error of the flow over the flight."""
-    return 4.0 * _EPS * (4.0 + _size(osc) * n * osc.forcing_period)
+    return 4.0 * _EPS * (4.0 + _radians(osc, n))
 
 
 def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     """Cut the line of the module's docstring with the cylinder; None if it is parallel to it."""
     T = n * osc.forcing_period
-    (xx, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = _flow(osc, n)
+    (xx, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = flow_over_periods(osc, n)
     R, sigma = osc.R, osc.clearance
     first, second = np.array([-R * xv, xs, xc]), np.array([-1.0 - R * vv, vs, vc])
     line = np.cross(first, second)
@@ -137,46 +132,6 @@ def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     middle /= across
     discriminant = 1.0 - middle[1] ** 2 - middle[2] ** 2
     return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
-
-
-def _one_minus(xx: float, xv: float, osc: Oscillator, T: float) -> float:
-    """Return 1 - xx without the cancellation where T is nearly a multiple of the natural period.
-
-    det M = exp(-2 h T), vv = xx - 2 h xv and vx = -p^2 xv make
-    (xx - h xv)^2 = exp(-2 h T) - (p^2 - h^2) xv^2, whose difference from 1 is small with T and xv.
-    """
-    root = xx - osc.h * xv
-    if root <= 0.0:
-        return 1.0 - xx
-    below_1 = -math.expm1(-2.0 * osc.h * T) + (osc.p**2 - osc.h**2) * xv**2
-    return below_1 / (1.0 + root) - osc.h * xv
-
-
-def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
-    """Return the eight coefficients of the flow over `n` forcing periods, and 1 - xx.
-
-    For h < p and far from resonance they are those of the closed form: with A the complex steady
-    response, G = (I - M) (A, i omega A). The angle Om T is reduced exactly, so that the small
-    coefficients near a multiple of the natural period have all their digits.
-    """
-    T = n * osc.forcing_period
-    h, p, omega = osc.h, osc.p, osc.omega
-    stiffness = dynamic_stiffness(osc)
-    if h >= p or abs(stiffness) < 0.1 * (p * p + omega * omega):
-        flow = list(affine_map(INTEGRATORS["exact"].code, T, _point(osc)))
-        return flow, _one_minus(flow[0], flow[1], osc, T)
-    rate = math.sqrt((p - h) * (p + h))
-    turns = round(n * rate / omega)
-    angle = 2.0 * math.pi * float(n * Fraction(rate) - turns * Fraction(omega)) / omega
-    decay = math.exp(-h * T)
-    xv = decay * math.sin(angle) / rate
-    middle = 2.0 * decay * math.sin(0.5 * angle) ** 2 - math.expm1(-h * T)
-    one_minus_xx, one_minus_vv, vx = middle - h * xv, middle + h * xv, -p * p * xv
-    a = -osc.f / stiffness
-    sine, cosine = complex(a.real, -omega * a.imag), complex(a.imag, omega * a.real)
-    xs, xc = (one_minus_xx * y.real - xv * y.imag for y in (sine, cosine))
-    vs, vc = (one_minus_vv * y.imag - vx * y.real for y in (sine, cosine))
-    return [1.0 - one_minus_xx, xv, xs, xc, vx, 1.0 - one_minus_vv, vs, vc], one_minus_xx
 
 
 def _checked_periods(n: object) -> int:
@@ -220,7 +175,7 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     solutions = _solve(osc, n)
     if solutions is None or not solutions.discriminant >= 0.0:
         return ()
-    if not _size(osc) * n * osc.forcing_period <= _LONGEST_FLIGHT:
+    if not _radians(osc, n) <= _LONGEST_FLIGHT:
         raise ValueError(
             f"the flight between two impacts would be searched over more than "
             f"{_LONGEST_FLIGHT:g} radians of (2h + p + omega) t; omega is too small against h and p"
@@ -238,10 +193,9 @@ def _orbit(
     osc: Oscillator, n: int, flow: np.ndarray, v: float, s: float, c: float
 ) -> OneImpactOrbit:
     """Return the orbit with that speed, sin theta and cos theta."""
-    phase = math.atan2(s, c)
-    phase += 2.0 * math.pi if phase < 0.0 else 0.0
+    phase = math.atan2(s, c) % (2.0 * math.pi)
     phase = 0.0 if phase == 2.0 * math.pi else phase
-    kick = (1.0 + osc.R) * pressing(math.sin(phase), _point(osc)) / v
+    kick = (1.0 + osc.R) * pressing(math.sin(phase), osc.at(osc.clearance)[0]) / v
     return OneImpactOrbit(
         n=n,
         v=v,
@@ -352,19 +306,7 @@ def bifurcation(
             raise ValueError(f"there is no one-impact orbit (n = {n}) at {parameter} = {value!r}")
         return result
 
-    value = _crossing(at_value, low, high, kind, parameter)
-    if kind == "fold":
-        solutions = _solve(replace(osc, **{parameter: value}), n)
-        if solutions is None or not solutions.middle[0] > 0.0:
-            raise ValueError(f"what meets at {parameter} = {value!r} are no orbits: v <= 0")
-    return value
-
-
-def _crossing(
-    function: Callable[[float], float], low: float, high: float, kind: str, parameter: str
-) -> float:
-    """Return the zero of a function in a bracket, or say why there is none."""
-    at_low, at_high = function(low), function(high)
+    at_low, at_high = at_value(low), at_value(high)
     if at_low * at_high > 0.0:
         raise ValueError(
             f"no {kind} is bracketed by {parameter} = {low!r} and {high!r}: "
@@ -373,7 +315,11 @@ def _crossing(
     from scipy.optimize import brentq  # 0.3 s that a sweep need not pay
 
     tolerance = _EPS * max(abs(low), abs(high))
-    value = float(brentq(function, low, high, xtol=tolerance, rtol=4.0 * _EPS))
-    if abs(function(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
+    value = float(brentq(at_value, low, high, xtol=tolerance, rtol=4.0 * _EPS))
+    if abs(at_value(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
         raise ValueError(f"the sign changes by a jump at {parameter} = {value!r}: no {kind}")
+    if kind == "fold":
+        solutions = _solve(replace(osc, **{parameter: value}), n)
+        if solutions is None or not solutions.middle[0] > 0.0:
+            raise ValueError(f"what meets at {parameter} = {value!r} are no orbits: v <= 0")
     return value

@@ -134,8 +134,7 @@ def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
 def linearised(orbit: PeriodicOrbit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, A and B of the flights (``flights.residuals``)."""
     X, speed = scaled(orbit)
-    F, A, B = residuals(values_of(orbit.oscillator), orbit.m, speed, X, orbit.q)
-    return F, A, B
+    return residuals(values_of(orbit.oscillator), orbit.m, speed, X, orbit.q)
 
 
 def free_orbit(osc: Oscillator) -> PeriodicOrbit:

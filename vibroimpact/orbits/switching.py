@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vibroimpact.orbits.branches import Branch, Walked, free_branch
+from vibroimpact.orbits.branches import Branch, branch_beyond, free_branch
 from vibroimpact.orbits.continuation import Axis, Orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit
 from vibroimpact.orbits.periodic import OrbitError, least
@@ -29,7 +29,7 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     twice = PeriodicOrbit(orbit.oscillator, 2 * orbit.m, z, np.tile(orbit.speeds, 2))
     orbits = Orbits(twice, (axis,))
     X, along = doubling(single, single.start, orbits.speed)
-    return Walked(orbits, X, along, singular=True).branch(twice)
+    return branch_beyond(orbits, X, along, twice)
 
 
 def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
@@ -55,7 +55,7 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     for along in (tangent, -tangent):
         X = orbits.corrected(orbits.start + NEARBY_DISTANCE * along, along[None, :])
         if X is not None and orbits.objection(X) is None:
-            return Walked(orbits, orbits.start, along, singular=True).branch(orbit)
+            return branch_beyond(orbits, orbits.start, along, orbit)
     raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")
 
 
