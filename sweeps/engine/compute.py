@@ -25,7 +25,7 @@ SOURCES = (
     "analysis/class_changes.py",
     "analysis/motion.py",
     "analysis/nearby_orbit.py",
-    "analysis/results.py",
+    "engine/results.py",
     "analysis/selection.py",
     "grid.py",
 )

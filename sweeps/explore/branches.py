@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -10,8 +10,8 @@ import numpy as np
 from bokeh.models import ColumnDataSource, LegendItem
 
 from sweeps.analysis.exact_branches import Line
-from sweeps.analysis.results import as_dataset
 from sweeps.engine.background import check_given_up
+from sweeps.engine.results import as_dataset
 from sweeps.explore.diagram import Diagram
 from sweeps.explore.view import View
 from sweeps.explore.worker import Step
@@ -42,38 +42,30 @@ def find_branches(diagram: Diagram) -> Parts:
 
 
 class Branches:
-    """The lines and marks over the figure of the diagram.
+    """The lines and marks over the figure of the diagram."""
 
-    Parameters
-    ----------
-    diagram : Diagram
-    post : callable
-        Runs a function in the thread of the document.
-    """
-
-    def __init__(self, diagram: Diagram, post: Callable[[Callable[[], None]], None]) -> None:
-        self._diagram, self._post = diagram, post
+    def __init__(self, diagram: Diagram) -> None:
+        self._diagram = diagram
         self._drawn: Any = None
-        figure, look = diagram.figure, {"color": VERMILION}
+        figure = diagram.figure
         self.sources = {
             name: ColumnDataSource({"x": [], "y": []}, name=name) for name in (*_LINES, *_MARKERS)
         }
         self._items = []
         for name, source in self.sources.items():
+            look: Any = {"source": source, "line_color": VERMILION}
             if name in _LINES:
-                marks = figure.multi_line("x", "y", source=source, line_dash=_LINES[name], **look)
+                marks = figure.multi_line("x", "y", line_dash=_LINES[name], **look)
             else:
-                marks = figure.scatter(
-                    "x", "y", source=source, marker=_MARKERS[name], size=6, fill_color="white",
-                    line_color=VERMILION,
-                )  # fmt: skip
+                look |= {"marker": _MARKERS[name], "size": 6, "fill_color": "white"}
+                marks = figure.scatter("x", "y", **look)
             self._items.append(LegendItem(label=name, renderers=[marks], visible=False))
         diagram.legend.items += self._items
 
     def show(self, view: View) -> None:
         """Remove the branches of other oscillators."""
         if self._drawn is not None and self._drawn != _depends_on(view):
-            self._paint(None, {name: ([], []) for name in self.sources})
+            self._paint(None, {name: ([], []) for name in self.sources}, 0.0)
 
     def steps(self, view: View, columns: int) -> list[Step]:
         """Return the step that finds the branches, if they are wanted."""
@@ -81,10 +73,9 @@ class Branches:
             return []
         key = (view.diagram(columns), view.ordinate)
         compute = partial(find_branches, self._diagram)
-        show = partial(self._paint, _depends_on(view))
-        return [Step("branches", key, compute, lambda parts, _: self._post(partial(show, parts)))]
+        return [Step("branches", key, compute, partial(self._paint, _depends_on(view)))]
 
-    def _paint(self, depends_on: Any, parts: Parts) -> None:
+    def _paint(self, depends_on: Any, parts: Parts, seconds: float) -> None:
         self._drawn = depends_on
         for item, (name, source) in zip(self._items, self.sources.items(), strict=True):
             x, y = parts[name]

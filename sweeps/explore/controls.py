@@ -23,7 +23,7 @@ from bokeh.models import (
 from sweeps.explore.view import View, window_around
 from sweeps.explore.words import symbol
 from sweeps.plotting.lines import COORDINATES
-from sweeps.store import VARIABLES
+from sweeps.plotting.words import quantity
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
@@ -56,18 +56,18 @@ class Controls:
     ) -> None:
         self._change, self._showing = change, False
         self.axis = self._choice("abscissa", [(name, meaning(name)) for name in PARAMETERS])
-        names = [(name, VARIABLES[name].long_name) for name in COORDINATES]
+        names = [(name, quantity(name).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
-        self.axis.on_change("value", self._on(lambda v, name: with_axis(v, name)))
+        self.axis.on_change("value", self._on(View.with_axis))
         self.ordinate.on_change(
-            "value", self._on(lambda v, name: replace(v, ordinate=name, ylim=None))
+            "value", self._on(lambda view, name: replace(view, ordinate=name, ylim=None))
         )
         self.fields: dict[str, NumericInput] = {}
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
         records = [self._record(name) for name in _RECORD]
         self.exact = Checkbox(label="exact branches", name="exact", width=_WIDTH)
-        self.exact.on_change("active", self._on(lambda v, active: replace(v, exact=active)))
+        self.exact.on_change("active", self._on(lambda view, on: replace(view, exact=on)))
         save_button = Button(label="save as YAML", name="save", width=_WIDTH, height=30)
         save_button.on_click(save)
         self.status = Div(name="status", width=_WIDTH, text="")
@@ -150,19 +150,3 @@ def _with_value(view: View, value: float | None, *, name: str) -> View:
 
 def _with_record(view: View, value: float | None, *, name: str) -> View:
     return replace(view, record={**view.record, name: math.nan if value is None else value})
-
-
-def with_axis(view: View, name: str) -> View:
-    """Return a view over another abscissa; on the map, the two axes may change places."""
-    across, maplim = view.across, view.maplim
-    if name == view.across:
-        across, maplim = view.axis, view.xlim
-    xlim = view.maplim if name == view.across else window_around(name, view.values[name])
-    return replace(view, axis=name, xlim=xlim, across=across, maplim=maplim, ylim=None)
-
-
-def with_across(view: View, name: str) -> View:
-    """Return a view with another ordinate of the map."""
-    if name == view.axis:
-        return with_axis(view, view.across)
-    return replace(view, across=name, maplim=window_around(name, view.values[name]))

@@ -14,18 +14,16 @@ from bokeh.models import (
     CustomJS,
     Legend,
     LegendItem,
-    LinearColorMapper,
     NumericInput,
     Range1d,
     Span,
 )
-from bokeh.plotting import figure
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
 from sweeps.explore import picture
+from sweeps.explore.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explore.view import View, Window, bounds
-from sweeps.explore.words import axis_label
 from sweeps.explore.worker import Step
 from sweeps.plotting.palette import STATUS_COLOURS, VERMILION
 
@@ -47,18 +45,6 @@ def numbers(config: SweepConfig) -> Results:
     """Compute all points of a configuration, the same numbers as a run of it."""
     grid = config.grid
     return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
-
-
-def set_range(model: Range1d, window: Window, allowed: Any = None) -> None:
-    """Set a range and what it may hold.
-
-    The browser would cut the window of a new axis to what the old one may hold.
-    """
-    if model.bounds != allowed:
-        model.bounds = None
-    if (model.start, model.end) != window:
-        model.update(start=window[0], end=window[1])
-    model.bounds = allowed
 
 
 @dataclass(frozen=True)
@@ -90,21 +76,18 @@ class Shown:
         return self.config.grid.axes[self.view.axis]
 
 
-class Diagram:
+class Diagram(PixelFigure):
     """The figure, its picture, the mark, and the points that failed.
 
     Parameters
     ----------
-    post : callable
-        Runs a function in the thread of the document.
     report : callable
-        Is given a `Shown` and the seconds that it took in all, in the thread of the document.
+        Is given a `Shown` and the seconds that it took in all.
     """
 
-    def __init__(
-        self, post: Callable[[Callable[[], None]], None], report: Callable[[Shown, float], None]
-    ) -> None:
-        self._post, self._report = post, report
+    def __init__(self, report: Callable[[Shown, float], None]) -> None:
+        super().__init__("diagram")
+        self._report = report
         #: The last picture that was computed.
         self.kept: Shown | None = None
         #: The window of the ordinate that holds all points, as it was set last.
@@ -113,26 +96,11 @@ class Diagram:
         self._ordinate: tuple[str, Window | None] = ("", None)
         #: Columns and rows of the canvas; 0 as long as the browser has not said.
         self.size = (0, 0)
-        self.figure = figure(
-            tools="pan,wheel_zoom,box_zoom,undo,redo,reset,save",
-            active_scroll="wheel_zoom",
-            x_range=Range1d(0.0, 1.0),
-            y_range=Range1d(0.0, 1.0),
-            sizing_mode="stretch_both",
-            min_height=150,
-            name="diagram",
-            lod_threshold=None,
-        )
-        self.figure.toolbar.logo = None
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
-        self.source = ColumnDataSource(
-            {"image": [], "x": [], "y": [], "dw": [], "dh": [], "number": []}, name="pixels"
-        )
+        self.set_colours(picture.ramp())
         #: The number of the picture that the browser has painted last, and that was sent last.
         self.painted, self.sent = NumericInput(visible=False, value=0), 0
         self.source.js_on_change("data", CustomJS(args={"to": self.painted}, code=_PAINTED))
-        colours = LinearColorMapper(palette=["#00000000", *picture.ramp()], low=0, high=255)
-        self.figure.image("image", color_mapper=colours, source=self.source, level="image")
         self._strips = self._new_strips()
         self.mark = Span(
             dimension="height", location=0.0, visible=False, line_color=VERMILION, line_width=2,
@@ -160,10 +128,10 @@ class Diagram:
     def show(self, view: View) -> None:
         """Set the window, the labels and the mark."""
         self._ordinate = view.ordinate, view.ylim
-        self.figure.xaxis.axis_label = axis_label(view.axis)
-        self.figure.yaxis.axis_label = axis_label(view.ordinate)
-        set_range(self.figure.x_range, view.xlim, bounds(view.axis, view.values))
-        set_range(self.figure.y_range, self.fitted if view.ylim is None else view.ylim)
+        allowed = bounds(view.axis, view.values)
+        self.set_axis("x", view.axis, view.xlim, view.axis in view.log, allowed)
+        ylim = self.fitted if view.ylim is None else view.ylim
+        self.set_axis("y", view.ordinate, ylim, log=False, allowed=None)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def steps(self, view: View) -> list[Step]:
@@ -178,7 +146,7 @@ class Diagram:
         return [*steps, self._step(key, view, columns, rows)]
 
     def _step(self, key: Any, view: View, columns: int, rows: int) -> Step:
-        return Step("diagram", key, partial(self._draw, view, columns, rows), self._draw_later)
+        return Step("diagram", key, partial(self._draw, view, columns, rows), self._paint)
 
     def _draw(self, view: View, columns: int, rows: int) -> Shown:
         """Compute a picture; only the pixels, where the numbers are those of the last."""
@@ -196,28 +164,16 @@ class Diagram:
         self.kept = shown
         return shown
 
-    def _draw_later(self, shown: Shown, seconds: float) -> None:
-        self._post(partial(self._paint, shown, seconds))
-
     def _paint(self, shown: Shown, seconds: float) -> None:
-        (low, high), (bottom, top) = shown.view.xlim, shown.window
-        cell = (high - low) / (shown.pixels.shape[1] - 1)
-        self.source.data = {
-            "image": [shown.pixels],
-            "x": [low - 0.5 * cell],
-            "y": [bottom],
-            "dw": [high - low + cell],
-            "dh": [top - bottom],
-            "number": [self.sent + 1],
-        }
         self.sent += 1
+        edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
+        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent])
         # A picture of an older view may come after the window of a newer one was set.
         if (shown.view.ordinate, None) == self._ordinate:
             self.fitted = shown.window
             set_range(self.figure.y_range, shown.window)
-        outcomes = picture.outcomes(shown.results, shown.values)
         for outcome, (source, item) in self._strips.items():
-            x = outcomes.get(outcome, np.empty(0))
+            x = shown.values[shown.results["status"] == outcome]
             if len(x) or len(source.data["x"]):
                 source.data = {"x": x, "y": np.full(len(x), 0.015)}
                 item.label = f"{outcome.meaning} ({len(x)} of {len(shown.values)})"

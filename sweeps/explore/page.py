@@ -15,14 +15,14 @@ from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.explore.branches import Branches
-from sweeps.explore.controls import Controls, meaning, with_across, with_axis
+from sweeps.explore.controls import Controls, meaning
 from sweeps.explore.diagram import Diagram, Shown
 from sweeps.explore.maps import Map
 from sweeps.explore.motion import MotionPanel
 from sweeps.explore.saving import write_yaml
-from sweeps.explore.view import BASINS, DIAGRAM, MAP, View, window_around
+from sweeps.explore.view import BASINS, DIAGRAM, MAP, View
 from sweeps.explore.worker import Step, Worker
-from sweeps.messages import ConfigError, Failed, shown_count
+from sweeps.messages import ConfigError, Failed
 from vibroimpact.oscillator import PARAMETERS
 
 _ENDED = (
@@ -52,19 +52,17 @@ class Page:
         self._rate = ""
         self.shown: Shown | None = None
         self.controls = Controls(home, self.change, self._save)
-        self.diagram = Diagram(self._post, self._report)
-        self.branches = Branches(self.diagram, self._post)
-        self.motion = MotionPanel(self._post)
-        xlim = self.diagram.figure.x_range
-        common: Any = {"post": self._post, "report": self._report_rate}
-        self.map = Map("map", View.map, View.map_axes, View.map_windows, x_range=xlim, **common)
-        self.basins = Map("basins", View.basins, View.start_axes, View.start_windows, **common)
+        self.diagram = Diagram(self._report)
+        self.branches = Branches(self.diagram)
+        self.motion = MotionPanel()
+        self.map = Map("map", MAP, self._report_rate, self.diagram.figure.x_range)
+        self.basins = Map("basins", BASINS, self._report_rate)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
         self._across = Select(
             options=[(name, meaning(name)) for name in PARAMETERS], width=220, name="across"
         )
         self._tabs = self._new_tabs()
-        self.worker = Worker(lambda text: self._post(lambda: self._refuse(text)))
+        self.worker = Worker(document.add_next_tick_callback, self._refuse)
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
         self._ended.styles = {"background": "#F5D79A", "padding": "6px"}
         self._address = TextInput(visible=False, name="address")
@@ -120,9 +118,6 @@ class Page:
             code = f"div.visible = {visible}"
             document.js_on_event(event, CustomJS(args={"div": self._ended}, code=code))
 
-    def _post(self, call: Callable[[], None]) -> None:
-        self.document.add_next_tick_callback(call)
-
     def change(self, changed: Callable[[View], View]) -> None:
         """Show another view, or say why there is none."""
         try:
@@ -139,12 +134,9 @@ class Page:
         self.controls.error.text = text
 
     def _show(self) -> None:
-        self.controls.show(self.view)
-        self.diagram.show(self.view)
-        self.branches.show(self.view)
-        self.motion.show(self.view)
-        self.map.show(self.view)
-        self.basins.show(self.view)
+        parts = (self.controls, self.diagram, self.branches, self.motion, self.map, self.basins)
+        for part in parts:
+            part.show(self.view)
         self._tabs.active, self._across.value = self.view.tab, self.view.across
         self._address.title = self.view.query()
         self._compute()
@@ -188,20 +180,18 @@ class Page:
 
     def _as_zoomed(self, view: View) -> View:
         """Return a view with the window that the figure has."""
-        x, y = self.diagram.figure.x_range, self.diagram.figure.y_range
-        ylim = (y.start, y.end)
+        xlim, ylim = self.diagram.windows
         fits = view.ylim is None and ylim == self.diagram.fitted
-        _, maplim = self.map.windows
-        x0lim, v0lim = self.basins.windows
-        windows: Any = {"maplim": maplim, "x0lim": x0lim, "v0lim": v0lim}
-        return replace(view, xlim=(x.start, x.end), ylim=None if fits else ylim, **windows)
+        (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
+        view = replace(view, xlim=xlim, ylim=None if fits else ylim)
+        return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
 
     def _at_home(self, view: View) -> View:
         """Return the view with the windows that the open tab began with."""
         home = self.home
         if view.tab == BASINS:
             return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
-        xlim = home.xlim if view.axis == home.axis else window_around(view.axis, view.xlim[0])
+        xlim = home.xlim if view.axis == home.axis else view.around(view.axis)
         if view.tab == DIAGRAM:
             return replace(view, xlim=xlim, ylim=None)
         unchanged = (view.axis, view.across) == (home.axis, home.across)
@@ -218,7 +208,7 @@ class Page:
         elif view.tab == MAP:
             clicked = view.moved(**{view.axis: x, view.across: y})
             if self._line.active == 1:
-                clicked = with_axis(clicked, view.across)
+                clicked = clicked.with_axis(view.across)
             clicked = replace(clicked, ylim=None)
         else:
             clicked = replace(view.moved(x0=x, v0=y), ylim=None)
@@ -230,7 +220,7 @@ class Page:
 
     def _across_chosen(self, attr: str, old: str, new: str) -> None:
         if new != self.view.across:
-            self.change(lambda view: with_across(view, new))
+            self.change(lambda view: view.with_across(new))
 
     def _mark_moved(self, attr: str, old: Any, new: Any) -> None:
         if new is not None and new != self.view.values[self.view.axis]:
@@ -247,7 +237,7 @@ class Page:
         points = config.grid.size
         periods = points * (config.record.transient + config.record.periods)
         self._rate = self.controls.status.text = (
-            f"{shown_count(points, 'point')}, {periods:,} forcing periods in "
+            f"{points:,} points, {periods:,} forcing periods in "
             f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
             f"picture after {1e3 * seconds:.0f} ms"
         )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from bokeh.palettes import interp_palette
 
+from sweeps.analysis.motion import has_result
 from sweeps.explore.view import Window
-from sweeps.plotting.palette import DENSITY, LEAST_SHARE, STATUS_COLOURS
-from sweeps.plotting.pixels import count_pixels
-from vibroimpact.status import Status
+from sweeps.plotting.palette import DENSITY, LEAST_SHARE
+from sweeps.plotting.pixels import count_pixels, widened
 
 #: The number of colours; 0 is no colour.
 _SHADES = 255
@@ -17,17 +18,12 @@ _SHADES = 255
 
 def ramp() -> list[str]:
     """Return the colours of the shares, from the least to 1; the same as in the files' pictures."""
-    ends = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in DENSITY])
-    at = np.linspace(0.0, len(ends) - 1.0, _SHADES)
-    channels = [np.interp(at, np.arange(len(ends)), ends[:, i]) for i in range(3)]
-    rounded = np.rint(channels).astype(np.uint8)
-    return [f"#{bytes(colour).hex()}" for colour in rounded.T]
+    return list(interp_palette(DENSITY, _SHADES))
 
 
 def ordinates(results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
     """Return what a diagram shows of each point, shape (n, width); NaN where nothing."""
-    failed = np.isin(results["status"], [status for status in Status if status.failed])
-    return np.where(failed[:, None], np.nan, results[ordinate])
+    return np.where(has_result(results["status"])[:, None], results[ordinate], np.nan)
 
 
 def fitted(values: np.ndarray) -> Window:
@@ -35,10 +31,9 @@ def fitted(values: np.ndarray) -> Window:
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.0, 1.0
-    low, high = float(finite.min()), float(finite.max())
-    size = max(abs(low), abs(high), 1e-300)
-    if high - low < 1e-6 * size:  # rounding errors about a constant are not to fill the panel
-        low, high = 0.5 * (low + high) - 0.5 * size, 0.5 * (low + high) + 0.5 * size
+    low, high = widened(float(finite.min()), float(finite.max()))
+    if low == high:  # 0
+        return -1.0, 1.0
     margin = 0.05 * (high - low)
     return low - margin, high + margin
 
@@ -69,12 +64,3 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     pixels[1:] = np.maximum(pixels[1:], pixels[:-1])
     pixels[:, 1:] = np.maximum(pixels[:, 1:], pixels[:, :-1])
     return pixels
-
-
-def outcomes(results: Mapping[str, np.ndarray], values: np.ndarray) -> dict[Status, np.ndarray]:
-    """Return the values of the axis where a point failed, by outcome."""
-    return {
-        outcome: values[results["status"] == outcome]
-        for outcome in STATUS_COLOURS
-        if (results["status"] == outcome).any()
-    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
@@ -11,37 +12,23 @@ from sweeps.messages import Failed
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
-    """Write the configuration of a picture to a file that was not there before.
-
-    Parameters
-    ----------
-    view : View
-    config : SweepConfig
-        That of the picture in the tab of the view.
-    folder : Path
-
-    Returns
-    -------
-    Path
+    """Write the configuration of the picture in the tab of the view to a new file in a folder.
 
     Raises
     ------
     Failed
         If it cannot be written.
     """
-    for number in itertools.count(1):
-        name = f"{view.name}-view-{number}"
-        path = folder / f"{name}.yaml"
-        text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
-        try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise Failed(f"{path} cannot be written: {error.strerror}") from error
-        return path
-    raise AssertionError
+    names = (f"{view.name}-view-{number}" for number in itertools.count(1))
+    name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
+    path = folder / f"{name}.yaml"
+    text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise Failed(f"{path} cannot be written: {error.strerror}") from error
+    return path
 
 
 def _heading(view: View, name: str) -> str:

@@ -15,14 +15,14 @@ from urllib.parse import parse_qsl, urlencode
 from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import extremes, length
+from sweeps.config.values import Range, extremes, length
 from sweeps.messages import ConfigError
 from sweeps.plotting.lines import COORDINATES
 from vibroimpact.oscillator import PARAMETERS
 
 Window = tuple[float, float]
 
-#: The tabs of the page.
+#: The tabs of the page, each with one picture.
 DIAGRAM, MAP, BASINS = range(3)
 _RECORD = ("transient", "periods", "phase", "impacts")
 _WINDOWS = ("xlim", "ylim", "maplim", "x0lim", "v0lim")
@@ -37,6 +37,12 @@ def window_around(name: str, value: float) -> Window:
         low, high = (low, high) if name in ("omega", "p") else (0.0, max(0.5, high))
         return low, min(high, PARAMETERS[name].high)
     return value - max(2.0, abs(value)), value + max(2.0, abs(value))
+
+
+def log_window_around(name: str, value: float) -> Window:
+    """Return values of a parameter to look at on a logarithmic axis."""
+    middle = value if value > 0.0 else 1.0
+    return 0.1 * middle, min(10.0 * middle, PARAMETERS[name].high)
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,8 @@ class View:
         Whether the motion at `values`, and the exact branches, are shown.
     tab : int
         ``DIAGRAM``, ``MAP`` or ``BASINS``.
+    log : tuple of str
+        The parameters whose axes are logarithmic.
     """
 
     name: str
@@ -80,6 +88,7 @@ class View:
     marked: bool = False
     exact: bool = False
     tab: int = DIAGRAM
+    log: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
@@ -93,8 +102,10 @@ class View:
         across = across if sizes[across] > 1 else "R" if axis != "R" else "omega"
 
         def window(name: str) -> Window:
-            ends = extremes(entries[name])
-            low, high = min(ends), max(ends)
+            """Return what an axis covers, or what to look at where there is none."""
+            low, high = min(extremes(entries[name])), max(extremes(entries[name]))
+            if name == "x0" and sizes[name] == 1:
+                return values["clearance"] - 3.0, values["clearance"]
             return (low, high) if low < high else window_around(name, low)
 
         method: dict[str, Any] = {
@@ -104,21 +115,22 @@ class View:
         if config.method.impact != "exact":  # whose steps follow from the parameters
             method["steps_per_period"] = config.steps
             method["allow_unstable"] = config.method.allow_unstable
-        record = {name: getattr(config.record, name) for name in _RECORD}
-        starts = {name: window(name) for name in ("x0", "v0")}
-        if sizes["x0"] == 1:
-            starts["x0"] = values["clearance"] - 3.0, values["clearance"]
         return cls(
             config.name,
             method,
-            record,
+            {name: getattr(config.record, name) for name in _RECORD},
             values,
             axis,
             across,
             window(axis),
             window(across),
-            starts["x0"],
-            starts["v0"],
+            window("x0"),
+            window("v0"),
+            log=tuple(
+                name
+                for name, value in entries.items()
+                if isinstance(value, Range) and value.spacing == "log"
+            ),
         )
 
     def moved(self, **values: float) -> Self:
@@ -127,35 +139,39 @@ class View:
         x0lim = self.x0lim[0] - beyond, self.x0lim[1] - beyond
         return replace(self, values={**self.values, **values}, x0lim=x0lim)
 
+    def with_axis(self, name: str) -> Self:
+        """Return this view over another abscissa; on the map, the two axes may change places."""
+        if name == self.across:
+            view = replace(self, xlim=self.maplim, across=self.axis, maplim=self.xlim)
+        else:
+            view = replace(self, xlim=self.around(name))
+        return replace(view, axis=name, ylim=None)
+
+    def with_across(self, name: str) -> Self:
+        """Return this view with another ordinate of the map."""
+        if name == self.axis:
+            return self.with_axis(self.across)
+        return replace(self, across=name, maplim=self.around(name))
+
+    def around(self, name: str) -> Window:
+        """Return values of a parameter to look at, that of the view among them."""
+        window = log_window_around if name in self.log else window_around
+        return window(name, self.values[name])
+
     def diagram(self, columns: int) -> SweepConfig:
         """Return the sweep of the diagram, with so many values of the axis."""
         return self._sweep({self.axis: (self.xlim, columns)}, ())
 
-    def map(self, columns: int, rows: int) -> SweepConfig:
-        """Return the sweep of the map of classes."""
-        axes = {self.across: (self.maplim, rows), self.axis: (self.xlim, columns)}
-        return self._sweep(axes, self._diagnostics)
+    def plane(self, tab: int) -> tuple[tuple[str, Window], tuple[str, Window]]:
+        """Return abscissa and ordinate of the map or of the basins, each with its window."""
+        if tab == BASINS:
+            return ("x0", self.x0lim), ("v0", self.v0lim)
+        return (self.axis, self.xlim), (self.across, self.maplim)
 
-    def basins(self, columns: int, rows: int) -> SweepConfig:
-        """Return the sweep over the starts."""
-        axes = {"x0": (self.x0lim, columns), "v0": (self.v0lim, rows)}
-        return self._sweep(axes, self._diagnostics)
-
-    def map_axes(self) -> tuple[str, str]:
-        """Return abscissa and ordinate of the map."""
-        return self.axis, self.across
-
-    def map_windows(self) -> tuple[Window, Window]:
-        """Return their windows."""
-        return self.xlim, self.maplim
-
-    def start_axes(self) -> tuple[str, str]:
-        """Return abscissa and ordinate of the basins."""
-        return "x0", "v0"
-
-    def start_windows(self) -> tuple[Window, Window]:
-        """Return their windows."""
-        return self.x0lim, self.v0lim
+    def tiles(self, tab: int, columns: int, rows: int) -> SweepConfig:
+        """Return the sweep of the map or of the basins, with so many values of its axes."""
+        (x, across), (y, upwards) = self.plane(tab)
+        return self._sweep({x: (across, columns), y: (upwards, rows)}, self._diagnostics)
 
     def point(self) -> SweepConfig:
         """Return the sweep of the marked point alone."""
@@ -166,13 +182,14 @@ class View:
         return ("period", "lyapunov") if self.method["impact"] == "exact" else ("period",)
 
     def _sweep(
-        self,
-        axes: Mapping[str, tuple[Window, int]],
-        diagnostics: tuple[str, ...],
+        self, axes: Mapping[str, tuple[Window, int]], diagnostics: tuple[str, ...]
     ) -> SweepConfig:
+        """Return the sweep over windows with so many values, the other parameters as they are."""
         entries: dict[str, Any] = dict(self.values)
         for axis, ((low, high), num) in axes.items():
             entries[axis] = {"start": low, "stop": high, "num": num}
+            if axis in self.log:
+                entries[axis]["spacing"] = "log"
         oscillator = {key: entries.pop(key) for key in OscillatorConfig.model_fields}
         data = {
             "name": self.name,
@@ -227,23 +244,21 @@ class View:
         ------
         ConfigError
         """
-        for name, allowed in (("axis", PARAMETERS), ("across", PARAMETERS)):
-            if getattr(self, name) not in allowed:
-                raise ConfigError(f"{getattr(self, name)} is no parameter: {', '.join(allowed)}")
+        for name in (self.axis, self.across):
+            if name not in PARAMETERS:
+                raise ConfigError(f"{name} is no parameter: {', '.join(PARAMETERS)}")
         if self.ordinate not in COORDINATES:
             raise ConfigError(f"{self.ordinate} is no ordinate: {', '.join(COORDINATES)}")
         if self.axis == self.across:
-            raise ConfigError(f"{self.axis} is entries for both axes of the map")
+            raise ConfigError(f"{self.axis} is asked for as both axes of the map")
         for name in _WINDOWS:
             window = getattr(self, name)
             if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):
                 raise ConfigError(f"the window {name} = {window} is empty")
         self.point()
         self.diagram(2)
-        if self.tab == MAP:
-            self.map(2, 2)
-        if self.tab == BASINS:
-            self.basins(2, 2)
+        if self.tab != DIAGRAM:
+            self.tiles(self.tab, 2, 2)
 
 
 def bounds(name: str, values: Mapping[str, float]) -> tuple[float | None, float | None] | None:

@@ -1,14 +1,14 @@
-"""The words of the page: labels of axes in plain Unicode, and numbers for the eye."""
+"""The words of the page: labels of axes in plain Unicode."""
 
 from __future__ import annotations
 
-from sweeps.store import VARIABLES
-from vibroimpact.oscillator import PARAMETERS
+from sweeps.plotting.words import label, quantity
 
 #: The page has no formulas: they would need a typesetter of a megabyte.
 _LETTERS = {
     r"\omega": "ω", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
-    r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\ ": " ", "_0": "₀",
+    r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", r"\ ": " ", "_0": "₀", "_1": "₁",
+    "^2": "²", "$": "",
 }  # fmt: skip
 
 
@@ -16,19 +16,14 @@ def plain(text: str) -> str:
     """Return a text without the marks of its formulas."""
     for formula, letters in _LETTERS.items():
         text = text.replace(formula, letters)
-    return text.replace("$", "").replace("_1", "₁").replace(r"\approx", "≈")
+    return text
 
 
 def symbol(name: str) -> str:
     """Return the symbol of a parameter or of a variable of the file."""
-    return plain((PARAMETERS[name] if name in PARAMETERS else VARIABLES[name]).symbol)
+    return plain(quantity(name).attrs["symbol"])
 
 
 def axis_label(name: str) -> str:
     """Return the meaning, the symbol and the unit of a parameter or of a variable of the file."""
-    if name in PARAMETERS:
-        meaning, unit = PARAMETERS[name].meaning, PARAMETERS[name].unit
-    else:
-        meaning, unit = VARIABLES[name].long_name, VARIABLES[name].unit
-    shown = "" if unit == "1" else f" [{unit.replace('^2', '²')}]"
-    return f"{meaning} {symbol(name)}{shown}"
+    return plain(label(quantity(name)))

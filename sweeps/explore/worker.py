@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -28,7 +29,7 @@ class Step:
     compute : callable
         Returns the result; in the thread of the worker.
     show : callable
-        Is given the result and the seconds that it took; in the thread of the worker.
+        Is given the result and the seconds that it took; in the thread of the document.
     """
 
     name: str
@@ -42,12 +43,16 @@ class Worker:
 
     Parameters
     ----------
+    post : callable
+        Runs a function in the thread of the document.
     fail : callable
-        Is given the text of an error of a step.
+        Is given the text of an error of a step, there.
     """
 
-    def __init__(self, fail: Callable[[str], None]) -> None:
-        self._fail = fail
+    def __init__(
+        self, post: Callable[[Callable[[], None]], None], fail: Callable[[str], None]
+    ) -> None:
+        self._post, self._fail = post, fail
         self._changed = threading.Condition()
         self._steps: Sequence[Step] | None = None
         self._stale = np.zeros(1, np.int64)
@@ -77,12 +82,12 @@ class Worker:
         with self._changed:
             return self._steps is None and not self._working
 
-    def close(self, timeout: float = 2.0) -> None:
+    def close(self) -> None:
         """End the thread."""
         with self._changed:
             self._closed[0] = self._stale[0] = 1
             self._changed.notify()
-        self._thread.join(timeout)
+        self._thread.join(2.0)
 
     def _run(self) -> None:
         while True:
@@ -102,6 +107,7 @@ class Worker:
                     self._take(step, stale)
 
     def _take(self, step: Step, stale: np.ndarray) -> None:
+        """Compute a step and post what it shows, unless it is given up."""
         first = step.name not in self._compiled
         begin = perf_counter()
         self.busy = step.name, first, begin
@@ -111,10 +117,10 @@ class Worker:
         except KeyboardInterrupt:
             return
         except (SweepError, ValueError, ArithmeticError, MemoryError) as error:
-            self._fail(str(error) or type(error).__name__)
+            self._post(partial(self._fail, str(error) or type(error).__name__))
         else:
             self._compiled.add(step.name)
-            step.show(result, perf_counter() - begin)
+            self._post(partial(step.show, result, perf_counter() - begin))
         finally:
             self.busy = None
         self._done[step.name] = step.key

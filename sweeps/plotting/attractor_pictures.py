@@ -18,10 +18,11 @@ from sweeps.analysis.unsettled import EXTENSIONS
 from sweeps.messages import Refused
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
-from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale
+from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
+from sweeps.plotting.words import label
 
 
 @in_style

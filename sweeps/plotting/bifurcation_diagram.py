@@ -15,11 +15,12 @@ from sweeps.analysis.selection import Cut
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panels
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
 from sweeps.plotting.exact_branches import draw_branches, name_parts
-from sweeps.plotting.labels import add_title, label, label_ordinate, set_scale
+from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import refuse_empty, select_line, split_directions
 from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
 from sweeps.plotting.scalar_panels import check_scalars, draw_scalar
+from sweeps.plotting.words import label
 from vibroimpact.oscillator import PARAMETERS
 
 #: More points than this are drawn as a density: single markers would merge into a blob.

@@ -14,8 +14,10 @@ from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.patches import Patch
 
 from sweeps.plotting.canvas import add_legend
-from sweeps.plotting.labels import label, label_ordinate, log_spaced, set_scale
+from sweeps.plotting.labels import label_ordinate, log_spaced, set_scale
 from sweeps.plotting.palette import STATUS_COLOURS
+from sweeps.plotting.pixels import cell_edges
+from sweeps.plotting.words import label
 from vibroimpact.status import Status
 
 #: Title of a legend of periodic classes.
@@ -42,26 +44,6 @@ class Cells:
     label: str
     colour: str
     where: np.ndarray
-
-
-def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
-    """Return the edges of the cells around increasing values: halfway between neighbours.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        n >= 2.
-    log : bool
-        Whether halfway is meant on a logarithmic scale.
-
-    Returns
-    -------
-    ndarray, shape (n + 1,)
-    """
-    values = np.log(values) if log else values
-    inner = 0.5 * (values[1:] + values[:-1])
-    edges = np.array([2.0 * values[0] - inner[0], *inner, 2.0 * values[-1] - inner[-1]])
-    return np.exp(edges) if log else edges
 
 
 def failed_cells(status: np.ndarray) -> list[Cells]:

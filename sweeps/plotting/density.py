@@ -12,9 +12,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
 from sweeps.plotting.canvas import figure_of
-from sweeps.plotting.cells import cell_edges
 from sweeps.plotting.palette import BOTH_COLOUR, DENSITY, DIRECTION_COLOURS, LEAST_SHARE
-from sweeps.plotting.pixels import count_pixels
+from sweeps.plotting.pixels import cell_edges, count_pixels
 from sweeps.plotting.style import dots_per_inch
 
 # Those of two directions end at full colours: darker colours look the same where the motion is

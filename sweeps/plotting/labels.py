@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
 from sweeps.plotting.canvas import Page, Picture, figure_of, printed_length
+from sweeps.plotting.words import label
 from sweeps.store import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -21,14 +22,6 @@ from vibroimpact.status import Status
 _BAR_LABEL = 36
 #: In a narrower figure an ordinate has its label in two lines [inch].
 _NARROW = 4.2
-
-
-def label(variable: xr.DataArray, gap: str = " ") -> str:
-    """Write the meaning of a variable and, after `gap`, its symbol and unit."""
-    attributes = variable.attrs
-    units = attributes["units"]
-    unit = "" if units == "1" else f" [{units.replace('^2', '$^2$')}]"
-    return f"{attributes['long_name']}{gap}${attributes['symbol']}${unit}"
 
 
 def label_colour_bar(bar: Colorbar, variable: xr.DataArray) -> None:

@@ -1,4 +1,4 @@
-"""The window of a diagram, and how many of its values fall into each pixel."""
+"""Windows, the pixels that values fall into, and the edges of cells. No matplotlib."""
 
 from __future__ import annotations
 
@@ -34,3 +34,23 @@ def widened(low: float, high: float) -> tuple[float, float]:
         return low, high
     middle = 0.5 * (low + high)
     return middle - 0.5 * size, middle + 0.5 * size
+
+
+def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
+    """Return the edges of the cells around increasing values: halfway between neighbours.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        n >= 2.
+    log : bool
+        Whether halfway is meant on a logarithmic scale.
+
+    Returns
+    -------
+    ndarray, shape (n + 1,)
+    """
+    values = np.log(values) if log else values
+    inner = 0.5 * (values[1:] + values[:-1])
+    edges = np.array([2.0 * values[0] - inner[0], *inner, 2.0 * values[-1] - inner[-1]])
+    return np.exp(edges) if log else edges

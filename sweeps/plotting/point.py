@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import Cut, Setting, recorded
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panel
-from sweeps.plotting.labels import add_title, label, label_ordinate
+from sweeps.plotting.labels import add_title, label_ordinate
 from sweeps.plotting.marks import draw_points, draw_stop, widen_if_constant
+from sweeps.plotting.words import label
 
 
 @in_style

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 
 from sweeps.analysis.selection import listed
 from sweeps.messages import Refused
-from sweeps.plotting.labels import label
 from sweeps.plotting.lines import scalars
 from sweeps.plotting.palette import DIRECTION_COLOURS
+from sweeps.plotting.words import label
 
 #: Letters of a line of the label beside a panel.
 _LABEL_WIDTH = 16

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -16,12 +16,11 @@ from sweeps.analysis.trajectories import (
     continued_motion,
     recorded_motion,
 )
-from sweeps.messages import in_units
 from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_picture
-from sweeps.plotting.labels import add_title, label, mathtext
+from sweeps.plotting.labels import add_title, mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
-from sweeps.store import VARIABLES
+from sweeps.plotting.words import label, quantity
 
 #: Forcing periods that are computed where no trajectory was recorded.
 PERIODS = 4
@@ -70,7 +69,8 @@ def trajectory(
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     _draw(panels, motion)
     units = Setting.of(dataset).units
-    time, x, v = (_attributes(name, units) for name in RECORDED)
+    time, x, v = (quantity(name, units) for name in RECORDED)
+    time.attrs["symbol"] = "t - t_0"
     over_time.set_ylabel(label(x, "\n"))
     velocity.set(xlabel=label(time), ylabel=label(v, "\n"))
     phase_plane.set(xlabel=label(x), ylabel=label(v))
@@ -83,14 +83,6 @@ def trajectory(
     record = f"$t_0 = {mathtext(start)}$, after {start / period:.6g} forcing periods"
     add_title(over_time, page, motion.point, record)
     return figure_of(over_time)
-
-
-def _attributes(name: str, units: Mapping[str, str]) -> xr.DataArray:
-    """Return the attributes of a variable, which the file may not have; time from the start on."""
-    variable = VARIABLES[name]
-    symbol = "t - t_0" if name == "trajectory_t" else variable.symbol
-    unit = in_units(variable.unit, units)
-    return xr.DataArray(attrs={"long_name": variable.long_name, "units": unit, "symbol": symbol})
 
 
 def _new_panels(page: Page) -> list[Axes]:

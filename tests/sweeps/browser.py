@@ -112,7 +112,7 @@ class Window:
             "for (let k = 0; k < b.length; k += 8192)"
             " s += String.fromCharCode(...b.subarray(k, k + 8192)); return [btoa(s), i.shape]}"
         )
-        data, shape = self.model("pixels", code) or ("", (0, 0))
+        data, shape = self.model("diagram pixels", code) or ("", (0, 0))
         return np.frombuffer(base64.b64decode(data), np.uint8).reshape(shape)
 
     def model(self, name: str, code: str) -> Any:

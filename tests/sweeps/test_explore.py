@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from bokeh.document import Document
+from bokeh.models import LogScale
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
@@ -24,7 +25,7 @@ from sweeps.engine.background import check_given_up
 from sweeps.explore import picture
 from sweeps.explore.diagram import Diagram, numbers
 from sweeps.explore.page import Page
-from sweeps.explore.view import View
+from sweeps.explore.view import MAP, View
 from sweeps.explore.worker import Step, Worker
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -45,7 +46,7 @@ def explorer():
 
 
 def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
-    diagram = Diagram(lambda call: call(), lambda shown, seconds: None)
+    diagram = Diagram(lambda shown, seconds: None)
     diagram.show(view)
     late = diagram._draw(view, 20, 30)
     diagram.show(replace(view, ylim=(-0.2, -0.1)))
@@ -101,6 +102,39 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
     with open_sweep(path) as dataset:
         for name in dataset.data_vars:
             np.testing.assert_array_equal(results[name], dataset[name].values)
+
+
+LOGARITHMIC = {
+    "oscillator": {
+        "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
+        "R": 0.8,
+        "omega": {"start": 0.3, "stop": 6.0, "num": 40, "spacing": "log"},
+        "f": 1.0,
+    },
+    "record": {"transient": 20, "periods": 10},
+}
+
+
+def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
+    page = Page(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
+    h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
+    np.testing.assert_array_equal(page.view.diagram(16).grid.axes["h"], h)
+    tiles = page.view.tiles(MAP, 16, 10).grid.axes
+    np.testing.assert_array_equal(tiles["h"], h)
+    np.testing.assert_array_equal(tiles["omega"], omega)
+    figure, plane = page.diagram.figure, page.map.figure
+    assert all(isinstance(s, LogScale) for s in (figure.x_scale, plane.x_scale, plane.y_scale))
+    assert not isinstance(figure.y_scale, LogScale)
+    page.diagram._paint(page.diagram._draw(page.view, 16, 20), 0.0)
+    ((left,), (width,)) = (page.diagram.source.data[name] for name in ("x", "dw"))
+    step = 1e3 ** (1 / 15)
+    assert (left, left + width) == pytest.approx((1e-3 / step**0.5, step**0.5))
+    page.change(lambda view: view.with_axis("R"))
+    assert not isinstance(figure.x_scale, LogScale)
+    page.change(lambda view: view.with_axis("h"))
+    assert isinstance(figure.x_scale, LogScale)
+    assert page.view.xlim == pytest.approx((1e-4, 1e-2))  # around the first value
+    page.worker.close()
 
 
 def test_pixels_are_the_shares_of_their_columns():
@@ -163,7 +197,7 @@ def test_ctrl_c_ends_the_command_at_once_with_0(tmp_path):
 
 def test_only_the_newest_request_is_finished():
     started, shown = threading.Event(), []
-    worker = Worker(shown.append)
+    worker = Worker(lambda call: call(), shown.append)
 
     def compute(i):
         started.set()
@@ -195,7 +229,7 @@ def test_only_the_newest_request_is_finished():
 
 def test_an_error_of_a_step_is_said_once():
     said = []
-    worker = Worker(said.append)
+    worker = Worker(lambda call: call(), said.append)
 
     def fail():
         raise Refused("too much")

@@ -236,6 +236,36 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     assert page.view.values["x0"] == pytest.approx(-0.9, abs=0.05)
 
 
+def test_a_logarithmic_axis_is_drawn_as_one(browser, tmp_path):
+    config = {
+        "oscillator": {
+            "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
+            "R": 0.8,
+            "omega": 2.9,
+            "f": 1.0,
+        },
+        "record": {"transient": 60, "periods": 30},
+    }
+    explorer = sweeps.explore(load_config(config), folder=tmp_path)
+    window = Window(browser, explorer)
+    page = window.page
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    window.click(0.5, 0.5)
+    window.settle(lambda: page.motion.text.text != "")
+    assert page.view.values["h"] == pytest.approx(10**-1.5, rel=0.02)
+    window.wheel(-300.0)
+    window.settle(lambda: page.view.xlim[0] > 2e-3)
+    assert np.prod(page.view.xlim) == pytest.approx(1e-3, rel=0.05)
+    selects = window.tab.locator("select")
+    selects.nth(1).select_option(label="R: coefficient of restitution")
+    window.settle(lambda: page.view.axis == "R")
+    window.click(0.5, 0.5)
+    window.settle(lambda: page.view.values["R"] == pytest.approx(0.5, abs=0.01))
+    assert window.problems == []
+    window.tab.close()
+    explorer.close()
+
+
 def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
     page = window.page
     window.wheel(-300.0)

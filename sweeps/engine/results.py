@@ -29,7 +29,7 @@ def as_dataset(
     for name, values in results.items():
         record = VARIABLES[name].record
         dimensions = (*axes, record) if record else tuple(axes)
-        variables[name] = (dimensions, values.reshape(*shape, *values.shape[1:]))
+        variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
     section = config.record.transient + 1 + np.arange(config.record.periods)
     attributes = {"name": config.name, "configuration": config.to_yaml()}
     return xr.Dataset(variables, {**axes, "section": section}, attributes)
