@@ -14,9 +14,14 @@ from vibroimpact.oscillator import POINT, mesh
 Block = tuple[slice, ...]
 
 
+def box_shape(block: Block) -> tuple[int, ...]:
+    """Return the number of values of a block along each axis."""
+    return tuple(cut.stop - cut.start for cut in block)
+
+
 def block_points(block: Block) -> int:
     """Return the number of points in a block."""
-    return math.prod(cut.stop - cut.start for cut in block)
+    return math.prod(box_shape(block))
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ def _run() -> int:
 
 
 def _reason(error: OSError) -> str:
+    """Say what went wrong with a file, or else with the standard output."""
     if error.filename is not None:
         return str(error)
     return f"the standard output cannot be written: {error.strerror or error}"

@@ -53,6 +53,7 @@ app.add_typer(cli_bench.app, name="bench")
 
 
 def _show_version(requested: bool) -> None:
+    """Show the version and exit, where that is asked for."""
     if requested:
         from importlib import metadata
 

@@ -55,16 +55,20 @@ def inches(text: str | None) -> float | None:
     return width
 
 
-def limits(option: str, text: str | None) -> tuple[float, float] | None:
-    """Read the limits of an axis, where they are given."""
-    if text is None:
-        return None
-    low, colon, high = text.partition(":")
+def interval(text: str) -> tuple[float, float] | None:
+    """Read LOW:HIGH; None where it is not two finite numbers of which the first is smaller."""
+    low, _, high = text.partition(":")
     try:
         ends = float(low), float(high)
     except ValueError:
-        ends = math.nan, math.nan
-    if not (colon and math.isfinite(ends[0]) and math.isfinite(ends[1]) and ends[0] < ends[1]):
+        return None
+    return ends if ends[0] < ends[1] and math.isfinite(ends[1] - ends[0]) else None
+
+
+def limits(option: str, text: str | None) -> tuple[float, float] | None:
+    """Read the limits of an axis, where they are given."""
+    ends = None if text is None else interval(text)
+    if text is not None and ends is None:
         raise Refused(
             f"{option} {text} is not allowed; expected: LOW:HIGH, two numbers of which the first "
             "is smaller, as 2.4:3"
@@ -119,6 +123,7 @@ def cuts_of(texts: Sequence[str] | None) -> dict[str, float | str]:
 
 
 def _cut(text: str) -> tuple[str, float | str]:
+    """Read one value of ``--at``; that of a direction is a word."""
     name, _, value = text.partition("=")
     if name.strip() == "direction":
         return "direction", value.strip()

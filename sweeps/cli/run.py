@@ -31,47 +31,55 @@ if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
 
+Configs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="CONFIG...",
+        help="The YAML file of each sweep, or the file of one whose configuration is taken.",
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="OUT.h5",
+        help="The file to write, instead of CONFIG's; for a single CONFIG.",
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 of a "
+        "range; repeatable.",
+    ),
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N "
+        "processes of this machine.",
+    ),
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
 def run(
-    configs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="CONFIG...",
-            help="The YAML file of each sweep, or the file of one whose configuration is taken.",
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="OUT.h5",
-            help="The file to write, instead of CONFIG's; for a single CONFIG.",
-        ),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Replace a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 of a "
-            "range; repeatable.",
-        ),
-    ] = None,
+    configs: Configs,
+    output: Output = None,
+    overrides: Overrides = None,
     threads: Threads = None,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or local:N for N "
-            "processes of this machine.",
-        ),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
-    ] = False,
+    dask: Dask = None,
+    dry_run: DryRun = False,
     resume: Resume = False,
     overwrite: Overwrite = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Compute the sweep that each CONFIG describes, one after the other."""
     from sweeps.engine.configurations import read_config

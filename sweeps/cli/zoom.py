@@ -5,7 +5,6 @@ As in ``main.py``, what a command needs is imported inside it.
 
 from __future__ import annotations
 
-import math
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,32 +18,36 @@ from sweeps.cli.options import (
     Threads,
     check_threads,
     existing_output,
+    interval,
 )
 from sweeps.cli.plot import draw
 from sweeps.cli.run import compute
 from sweeps.interrupts import raised_at_once
 from sweeps.messages import Refused
 
+Pieces = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="NAME=LOW:HIGH...",
+        help="The piece of each axis to compute, e.g. omega=2.71:2.76; of a coordinate, as "
+        "poincare_x=-1:0, what is drawn of it.",
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="OUT.h5",
+        help="The file to write, the picture beside it; if not given, OUT-NAME-LOW-HIGH.h5.",
+    ),
+]
+
 
 def zoom(
     file: SweepFile,
-    pieces: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="NAME=LOW:HIGH...",
-            help="The piece of each axis to compute, e.g. omega=2.71:2.76; of a coordinate, as "
-            "poincare_x=-1:0, what is drawn of it.",
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="OUT.h5",
-            help="The file to write, the picture beside it; if not given, OUT-NAME-LOW-HIGH.h5.",
-        ),
-    ] = None,
+    pieces: Pieces,
+    output: Output = None,
     threads: Threads = None,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -82,12 +85,8 @@ def zoom(
 def _piece(text: str) -> tuple[str, tuple[float, float]]:
     """Read a name with its limits."""
     name, equals, ends = text.partition("=")
-    low, colon, high = ends.partition(":")
-    try:
-        piece = float(low), float(high)
-    except ValueError:
-        piece = math.nan, math.nan
-    if not (equals and colon and piece[0] < piece[1] and math.isfinite(piece[1] - piece[0])):
+    piece = interval(ends)
+    if not equals or piece is None:
         raise Refused(
             f"{text} is not allowed; expected: NAME=LOW:HIGH, two numbers of which the first is "
             "smaller, as omega=2.71:2.76"

@@ -4,8 +4,3 @@
 with the checks across groups, ``loading.py`` the YAML, ``messages.py`` the errors, ``names.py``
 what people type instead of a key, ``scenes.py`` the scenes that come with the program.
 """
-
-from sweeps.config.loading import load_config
-from sweeps.config.sweep import SweepConfig, json_schema
-
-__all__ = ["SweepConfig", "json_schema", "load_config"]

@@ -113,6 +113,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(path: Path) -> str:
+    """Read a file, which is to be short and in UTF-8."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -165,6 +166,8 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
 
 
 def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> object:
+    """Return the text, list or mapping of a node that stands at `key`."""
+
     def _line_of(at: yaml.Node) -> str:
         return origin if origin.startswith("--set") else f"{origin}, line {at.start_mark.line + 1}"
 
@@ -199,6 +202,7 @@ def _text_of(node: yaml.Node, source: str) -> str:
 
 
 def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
+    """Set one key in `data`, as ``--set`` asks."""
     origin = f"--set {override}"
     name, equals, value = override.partition("=")
     if not equals:

@@ -60,6 +60,7 @@ def choice(meaning: str, table: Collection[str], default: str) -> Any:
 
 
 def _parameter(name: str) -> Any:
+    """Return the field of a parameter of ``PARAMETERS``."""
     parameter = PARAMETERS[name]
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
@@ -91,6 +92,7 @@ class ParameterConfig(Group):
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse values that are out of the bounds of their parameter."""
         for extreme in extremes(value):
             if not PARAMETERS[str(info.field_name)].accepts(extreme):
                 contains = (
@@ -150,6 +152,7 @@ class MethodConfig(Group):
 
     @model_validator(mode="after")
     def _accuracy_alone(self) -> Self:
+        """Refuse a method beside an accuracy."""
         excluded = self.model_fields_set - {"accuracy"}
         if self.accuracy is not None and excluded:
             name = next(name for name in type(self).model_fields if name in excluded)
@@ -162,6 +165,7 @@ class MethodConfig(Group):
 
     @model_validator(mode="after")
     def _exact_with_exact(self) -> Self:
+        """Refuse exact impacts with another integrator."""
         if self.impact == "exact" and self.integrator != "exact":
             rules = ", ".join(rule for rule in IMPACT_RULES if rule != "exact")
             raise MisplacedError(
@@ -179,6 +183,7 @@ class Trajectory(Group):
 
 
 def _false(value: object) -> object:
+    """Read false as YAML does: the loader leaves every scalar a text."""
     return False if isinstance(value, str) and value.lower() == "false" else value
 
 
@@ -221,6 +226,7 @@ class RecordConfig(Group):
 
 
 def _followable(name: str) -> str:
+    """Refuse what is no axis that can be followed."""
     if name in StartConfig.model_fields:
         raise ValueError("is a start, which every point but the first has from its neighbour")
     if name not in OscillatorConfig.model_fields:
@@ -249,6 +255,7 @@ class FollowConfig(Group):
 
 
 def _unit(quantity: str) -> Any:
+    """Return the field for the name of a unit."""
     return Field(
         quantity,
         pattern=r"^[^\W\d_]{1,12}$",

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from sweeps.config.values import MisplacedError
+from sweeps.config.schema import OscillatorConfig
+from sweeps.config.values import MisplacedError, as_array, extremes
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.methods import MOST_STEPS
@@ -16,20 +17,13 @@ from vibroimpact.step.stability import least_stable_steps
 _CHUNK = 1 << 16
 
 
-def worst_points(integrator: str, h: np.ndarray, p: np.ndarray, omega: float) -> np.ndarray:
+def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
     """Return the points of a grid that need the most steps per period, of all rules.
 
     The step must be short for the largest h and p, which is what exact impacts ask for, and for
     the integrator to be stable. The longest stable T is not monotone: Euler's is 2h / p^2, then
     falls; that of Runge-Kutta has a minimum at h = 0.54 p. But along p, at any h, it has no minimum
-    within the axis, so that the ends of `p` will do.
-
-    Parameters
-    ----------
-    h, p : ndarray
-        All values of h, and the least and the greatest of p.
-    omega : float
-        The least omega.
+    within the axis, so that the ends of p will do.
 
     Returns
     -------
@@ -37,10 +31,12 @@ def worst_points(integrator: str, h: np.ndarray, p: np.ndarray, omega: float) ->
         The point of the largest h and p, and the one that needs the most steps to be stable. Only
         h, p and omega are set.
     """
+    h, omega = as_array(oscillator.h), min(extremes(oscillator.omega))
+    least_p, most_p = min(extremes(oscillator.p)), max(extremes(oscillator.p))
     points = np.zeros(2, POINT)
-    points["h"], points["p"], points["omega"] = h.max(), p.max(), omega
+    points["h"], points["p"], points["omega"] = h.max(), most_p, omega
     most = 0.0
-    for end in (p.min(), p.max()):
+    for end in (least_p, most_p):
         for part in np.array_split(h, math.ceil(h.size / _CHUNK)):
             steps = least_stable_steps(integrator, part, end, omega)
             k = int(steps.argmax())

@@ -54,6 +54,7 @@ _MOST_SAMPLES = 10_000_000
 
 
 def _group(meaning: str, group: type[Group], **default: Any) -> Any:
+    """Return the field of a group of keys."""
     return Field(description=f"{meaning}: {key_list(group)}", **default)
 
 
@@ -105,17 +106,19 @@ class SweepConfig(Group):
     @model_validator(mode="before")
     @classmethod
     def _output_from_name(cls, data: Any) -> Any:
+        """Name the output after the sweep, where it is not given."""
         if isinstance(data, dict) and "name" in data and "output" not in data:
             return {**data, "output": f"{data['name']}.h5"}
         return data
 
     @field_validator("start")
     @classmethod
-    def _before_stop(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
-        if "oscillator" not in info.data:
+    def _fits_the_oscillator(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
+        """Refuse a start beyond the stop, and too many points."""
+        oscillator = info.data.get("oscillator")
+        if oscillator is None:
             return start  # refused already
-        x0 = max(extremes(start.x0))
-        clearance = min(extremes(info.data["oscillator"].clearance))
+        x0, clearance = max(extremes(start.x0)), min(extremes(oscillator.clearance))
         if x0 > clearance:
             typed = "x0" in start.model_fields_set
             raise MisplacedError(
@@ -123,62 +126,55 @@ class SweepConfig(Group):
                 f"x0 = {shortest(x0)} lies beyond the stop at clearance = {shortest(clearance)}; "
                 "every x0 must be <= every clearance",
             )
-        return start
-
-    @field_validator("start")
-    @classmethod
-    def _not_too_many(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
-        if "oscillator" in info.data:
-            groups = {"oscillator": info.data["oscillator"], "start": start}
-            lengths: dict[Key, int] = {
-                (title, name): length(value)
-                for title, group in groups.items()
-                for name, value in group.items()
-            }
-            points = math.prod(lengths.values())
-            if points > _MOST_POINTS:
-                raise MisplacedError(
-                    max(lengths, key=lambda key: lengths[key]),
-                    f"the axes make a grid of {points:,} points; "
-                    f"expected: at most {_MOST_POINTS:,}",
-                )
+        lengths: dict[Key, int] = {
+            (title, name): length(value)
+            for title, group in (("oscillator", oscillator), ("start", start))
+            for name, value in group.items()
+        }
+        points = math.prod(lengths.values())
+        if points > _MOST_POINTS:
+            raise MisplacedError(
+                max(lengths, key=lambda key: lengths[key]),
+                f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
+            )
         return start
 
     @field_validator("method")
     @classmethod
     def _enough_steps(cls, method: MethodConfig, info: ValidationInfo) -> MethodConfig:
-        if "oscillator" not in info.data:
+        """Refuse too few steps per period."""
+        oscillator, steps = info.data.get("oscillator"), method.steps_per_period
+        if oscillator is None:
             return method
-        steps = method.steps_per_period
+        points = worst_points(oscillator, method.integrator)
         try:
-            chosen = _default_steps(info.data["oscillator"], method)
+            needed = default_steps(points, method.impact, method.integrator)
         except ValueError as error:
             raise MisplacedError(("oscillator", "omega"), str(error)) from None
-        if steps is not None and method.impact == "exact" and steps < chosen:
+        if steps is not None and method.impact == "exact" and steps < needed:
             raise MisplacedError(
                 ("method", "steps_per_period"),
                 f"{steps} are not enough for exact impacts here; "
-                f"expected: an integer from {chosen} to {MOST_STEPS}, or null",
+                f"expected: an integer from {needed} to {MOST_STEPS}, or null",
             )
         if not method.allow_unstable:
-            points = _worst_points(info.data["oscillator"], method)
-            refuse_unstable(method.integrator, steps or chosen, points)
+            refuse_unstable(method.integrator, steps or needed, points)
         return method
 
     @field_validator("record")
     @classmethod
     def _can_be_recorded(cls, record: RecordConfig, info: ValidationInfo) -> RecordConfig:
-        if "oscillator" not in info.data or "method" not in info.data:
+        """Refuse exponents without exact impacts, and too many samples."""
+        oscillator, method = info.data.get("oscillator"), info.data.get("method")
+        if oscillator is None or method is None:
             return record
-        method = info.data["method"]
         if "lyapunov" in record.diagnostics and method.impact != "exact":
             raise MisplacedError(
                 ("record", "diagnostics"),
                 f"lyapunov needs the impact rule exact, not {method.impact}; "
                 "expected: method.impact: exact, or diagnostics without lyapunov",
             )
-        steps = method.steps_per_period or _default_steps(info.data["oscillator"], method)
-        samples = _samples(record, int(steps))
+        samples = _samples(record, _steps(oscillator, method))
         if samples > _MOST_SAMPLES:
             raise MisplacedError(
                 ("record", "trajectory"),
@@ -189,6 +185,7 @@ class SweepConfig(Group):
     @field_validator("follow")
     @classmethod
     def _along_an_axis(cls, follow: FollowConfig | None, info: ValidationInfo) -> Any:
+        """Refuse to follow what is not swept."""
         if follow is None or "oscillator" not in info.data:
             return follow
         lengths = {
@@ -213,7 +210,7 @@ class SweepConfig(Group):
     @cached_property
     def steps(self) -> int:
         """Steps per forcing period, the same all over the grid."""
-        return self.method.steps_per_period or _default_steps(self.oscillator, self.method)
+        return _steps(self.oscillator, self.method)
 
     @cached_property
     def widths(self) -> dict[str, int]:
@@ -281,26 +278,21 @@ class SweepConfig(Group):
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
 
 
-def _worst_points(oscillator: OscillatorConfig, method: MethodConfig) -> np.ndarray:
-    """Return the points of the grid that need the most steps per period."""
-    return worst_points(
-        method.integrator,
-        h=as_array(oscillator.h),
-        p=np.array(extremes(oscillator.p)),
-        omega=min(extremes(oscillator.omega)),
-    )
-
-
-def _default_steps(oscillator: OscillatorConfig, method: MethodConfig) -> int:
-    """Return the steps per period that the method needs all over the grid."""
-    return default_steps(_worst_points(oscillator, method), method.impact, method.integrator)
+def _steps(oscillator: OscillatorConfig, method: MethodConfig) -> int:
+    """Return the steps per period that are given, or that the method needs all over the grid."""
+    if method.steps_per_period is not None:
+        return method.steps_per_period
+    points = worst_points(oscillator, method.integrator)
+    return default_steps(points, method.impact, method.integrator)
 
 
 def _samples(record: RecordConfig, steps: int) -> int:
+    """Return the samples of a trajectory without those at impacts."""
     return record.periods * steps // record.trajectory.every + 1 if record.trajectory else 0
 
 
 def _plain(value: Any) -> Any:
+    """Return a value as YAML has it: groups as mappings, in the order of their keys."""
     if isinstance(value, Group):
         return {name: _plain(item) for name, item in value.items()}
     return list(value) if isinstance(value, tuple) else value

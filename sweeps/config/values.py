@@ -97,6 +97,7 @@ class Group(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _keep_order(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Remember the order in which the keys were given."""
         group = handler(data)
         if isinstance(data, dict):
             group._order = tuple(dict.fromkeys([*data, *cls.model_fields]))
@@ -122,6 +123,7 @@ class Range(Group):
 
     @model_validator(mode="after")
     def _has_values(self) -> Self:
+        """Refuse a range without values, and one that is too wide."""
         if self.spacing == "log" and min(self.start, self.stop) <= 0.0:
             raise ValueError("has log spacing, which needs start > 0 and stop > 0")
         if self.num == 1 and self.start != self.stop:

@@ -63,6 +63,7 @@ def run_in_background(function: Callable[..., T], *arguments: Any) -> T:
 
 
 def _waited(future: Future[T]) -> T:
+    """Wait for a result, and look up for signals meanwhile."""
     while not wait([future], _WAIT).done:
         check()
     return future.result()

@@ -56,14 +56,14 @@ class Classifier:
     Parameters
     ----------
     config : SweepConfig
-    axis : str
-        Its only axis.
+        Of a sweep along one axis.
     threads : int, optional
         Threads to use; all cores by default.
     """
 
-    def __init__(self, config: SweepConfig, axis: str, threads: int | None = None) -> None:
-        self._config, self._axis, self._threads = config, axis, threads
+    def __init__(self, config: SweepConfig, threads: int | None = None) -> None:
+        self._config, self._threads = config, threads
+        (self._axis,) = config.grid.axes
 
     def compute(
         self, values: np.ndarray, starts: np.ndarray | None = None
@@ -119,6 +119,7 @@ class Classifier:
         ]
 
     def _classify(self, point: ClassifiedPoint) -> ClassifiedPoint:
+        """Return a point with the class behind its record, and with the record of its orbit."""
         shown = point.label
         if shown is not None and shown.motion is not Motion.PERIODIC:
             return point
@@ -142,6 +143,7 @@ class Classifier:
     def _run(
         self, values: np.ndarray, starts: np.ndarray | None, transient: int
     ) -> dict[str, np.ndarray]:
+        """Compute points from states at the section, or by default from the start of the sweep."""
         record = self._config.record.model_copy(update={"transient": transient})
         config = self._config.model_copy(update={"record": record})
         points = mesh({self._axis: values}, self._config.grid.fixed)

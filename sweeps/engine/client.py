@@ -53,7 +53,7 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Yield a client of the cluster at an address, and keep Dask's loggers quiet meanwhile.
+    """Yield a client of the cluster at an address, and keep logs off the terminal meanwhile.
 
     Parameters
     ----------
@@ -114,11 +114,13 @@ def _refuse_silence(address: str) -> None:
     from distributed import Security, rpc
 
     async def kind() -> str:
+        """Ask what answers at the address."""
         arguments = Security().get_connection_args("client")
         async with rpc(address, timeout=2 * _PATIENCE, connection_args=arguments) as remote:
             return str((await remote.identity())["type"])
 
     async def awaited() -> str:
+        """Wait for the answer, and look up for signals meanwhile."""
         task = asyncio.create_task(asyncio.wait_for(kind(), _PATIENCE))
         while not task.done():
             await asyncio.wait({task}, timeout=0.1)
@@ -216,13 +218,9 @@ def _signals_kept_away() -> Iterator[None]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep what Dask logs off the terminal; what matters is told by the errors."""
-    mine = ("distributed", "tornado", "asyncio")
-    names = {*mine, *(n for n in logging.root.manager.loggerDict if n.split(".")[0] in mine)}
-    before = {name: logging.getLogger(name).level for name in names}
-    for name in names:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
     try:
         yield
     finally:
-        for name, level in before.items():
-            logging.getLogger(name).setLevel(level)
+        logging.disable(before)

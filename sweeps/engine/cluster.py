@@ -179,6 +179,7 @@ class Cluster:
         return bool(futures)
 
     def _count(self) -> None:
+        """Ask the scheduler for its workers."""
         self._workers = self._client.nthreads()
         self._asked = time.monotonic()
 
@@ -238,6 +239,7 @@ def _own_numerics() -> str:
 
 
 def _difference(address: str, there: str, here: str) -> str:
+    """Say that a worker computes with another version."""
     return (
         f"the worker {address} has another version of the numerics, {there}, than this process, "
         f"{here}; install the same version of vibroimpact and numba on both"

@@ -147,6 +147,7 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
 
 
 def _reason(sample: ExactSample, best: Candidate | None, accuracy: float) -> str:
+    """Say why the best candidate was chosen, or none."""
     points = f"{sample.points.size} pilot points"
     if not sample.any_judged:
         return f"the exact engine resolves none of the {points}"
@@ -162,11 +163,13 @@ def _reason(sample: ExactSample, best: Candidate | None, accuracy: float) -> str
 
 
 def _rounded(candidate: Candidate) -> dict[str, object]:
+    """Return a candidate for the record, with two digits."""
     digits = {name: float(f"{getattr(candidate, name):.2g}") for name in ("cost", "error")}
     return asdict(candidate) | digits
 
 
 def _try_all(sample: ExactSample, target: float) -> list[Candidate]:
+    """Try every method but the exact engine, each up to the cost of the best before it."""
     tried: list[Candidate] = []
     for family in COSTS:
         if family != EXACT_METHOD:
@@ -224,6 +227,7 @@ def _relative_cost(
 
 
 def _is_allowed(config: SweepConfig, family: tuple[str, str], steps: int) -> bool:
+    """Return whether the configuration accepts a method."""
     try:
         config.with_method(_method(family, steps))
     except ValueError:

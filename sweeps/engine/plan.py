@@ -147,6 +147,7 @@ def _memory_per_point(config: SweepConfig) -> int:
 
 
 def _available_memory() -> int:
+    """Return the bytes of memory that this process can take."""
     available = int(psutil.virtual_memory().available)
     if hasattr(psutil, "RLIMIT_AS"):
         limit, _ = psutil.Process().rlimit(psutil.RLIMIT_AS)

@@ -52,7 +52,7 @@ class Refinement:
         assert config.refine is not None
         self._levels, self._axis = config.refine.levels, config.refine.axis
         self._followed = config.follow.direction if config.follow else None
-        self._classifier = Classifier(config, self._axis, threads)
+        self._classifier = Classifier(config, threads)
         self._values = line[self._axis].values
         self.points: dict[float, Results] = {}
         self.left_out = 0
@@ -85,6 +85,7 @@ class Refinement:
             yield added[i]
 
     def _halve(self) -> None:
+        """Replace every interval by those of its halves whose ends differ in class."""
         middles = np.array([self._middle(low.value, high.value) for low, high in self.intervals])
         starts = None
         if self._followed:
@@ -101,6 +102,7 @@ class Refinement:
         self.intervals = self._fewer(halves)
 
     def _fewer(self, intervals: list[Interval]) -> list[Interval]:
+        """Return as many intervals as are halved, and count the others."""
         self.left_out += max(0, len(intervals) - MOST_INTERVALS)
         return intervals[:MOST_INTERVALS]
 

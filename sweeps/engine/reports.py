@@ -158,6 +158,7 @@ def _meaning(variable: xr.DataArray) -> str:
 
 
 def _axis(name: str, values: np.ndarray, unit: str) -> str:
+    """Describe an axis: its ends, its unit and the number of its values."""
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
     ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")

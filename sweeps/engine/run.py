@@ -140,7 +140,7 @@ def _refine(
             for level in levels:
                 changes = f"{len(refinement.intervals):,} changes of class"
                 status.update(f"refining: level {level} of {config.refine.levels}, {changes}")
-    writer.insert(config.refine.axis, refinement.points)
+    writer.insert(refinement.points)
     added = writer.layout.attributes[ADDED]
     text = f"refined: {added:,} points added beside the changes of class"
     if refinement.left_out:
@@ -212,6 +212,7 @@ class _Display:
         self._show()
 
     def _show(self) -> None:
+        """Show the points that are done, and the periods per second."""
         points = max(self._computed, self._written)
         speed = points * self._periods / (time.monotonic() - self._began)
         self.bar.update(

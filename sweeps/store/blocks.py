@@ -12,14 +12,14 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from sweeps.grid import Block
+from sweeps.grid import Block, box_shape
 from sweeps.messages import Failed
 from sweeps.store.creation import places
 from sweeps.store.layout import Layout
@@ -67,8 +67,13 @@ class BlockFile:
         """
         with sweep_file(path) as sweep:
             descriptor = os.open(path, os.O_RDWR)
-            size, ledger = os.fstat(descriptor).st_size, sweep.ledger.of(descriptor)
+            ledger = replace(sweep.ledger, descriptor=descriptor)
+            size = os.fstat(descriptor).st_size
             return cls(path, descriptor, size, sweep.layout, ledger, places(sweep.file))
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self.descriptor)
 
     def pending(self) -> np.ndarray:
         """Return the numbers of the blocks that are not done."""
@@ -90,20 +95,20 @@ class BlockFile:
             Whether it is safe from a loss of power afterwards. A file that takes the place of
             another one when it is complete is made to last as a whole.
         """
-        last: Callable[[int], None] = sync if lasting else _do_nothing
+        make_last = sync if lasting else lambda _: None
         block, crc = self.layout.blocks[index], checksum(arrays.values())
         self.ledger.enter(index, State.WRITING, crc, samples)
-        last(self.descriptor)
+        make_last(self.descriptor)
         self._put(block, {name: array for name, array in arrays.items() if name != "status"})
-        last(self.descriptor)
+        make_last(self.descriptor)
         self._put(block, {"status": arrays["status"]})
-        last(self.descriptor)
+        make_last(self.descriptor)
         # This is made to last with the next block: without it the block is written again.
         self.ledger.enter(index, State.DONE, crc, samples)
 
     def erase(self, index: int) -> None:
         """Make a block pending again, with the values that it was laid out with."""
-        arrays = self.layout.fill_values(self.layout.blocks[index])
+        arrays = self.layout.fill_values(box_shape(self.layout.blocks[index]))
         self.ledger.enter(index, State.WRITING, 0)
         sync(self.descriptor)
         self._put(self.layout.blocks[index], arrays)
@@ -121,13 +126,11 @@ class BlockFile:
                 write_all(self.descriptor, data[at : at + count * width], place)
                 at += count * width
 
-    def refuse_loss(self, user_path: Path, *, thoroughly: bool = False) -> None:
+    def refuse_loss(self, *, thoroughly: bool = False) -> None:
         """Refuse to go on where another program has removed, replaced or changed the file.
 
         Parameters
         ----------
-        user_path : Path
-            The name of the file to say.
         thoroughly : bool
             Whether to read the ledger, and to compare what is outside of the blocks, too.
 
@@ -149,11 +152,12 @@ class BlockFile:
             loss = "changed"
         if loss:
             raise Lost(
-                f"{user_path} was {loss} by another program while it was written, and what was "
+                f"{self.path} was {loss} by another program while it was written, and what was "
                 "computed is lost"
             )
 
     def _is_intact(self) -> bool:
+        """Return whether the ledger, and all outside of the blocks, are as they were written."""
         try:
             ledger = Ledger.read(self.descriptor)
         except DamageError:
@@ -161,20 +165,13 @@ class BlockFile:
         return ledger is not None and ledger.tobytes() == self.ledger.tobytes()
 
 
-def _do_nothing(_: int) -> None:
-    """Stand for `sync`."""
-
-
 def _runs(block: Block, shape: tuple[int, ...]) -> Iterator[tuple[int, int]]:
     """Yield the first point and the number of points of each stretch of a block, in C order."""
     split = len(shape)
-    while split > 0 and block[split - 1] == slice(0, shape[split - 1]):
+    while split > 1 and block[split - 1] == slice(0, shape[split - 1]):
         split -= 1
-    inner = math.prod(shape[split:])
-    outer, cut = block[: max(split - 1, 0)], block[split - 1] if split else slice(0, 1)
+    inner = math.prod(shape[split:])  # along the last axes, which the block spans
+    *outer, cut = block[:split] or (slice(0, 1),)
     for corner in itertools.product(*(range(c.start, c.stop) for c in outer)):
-        row = 0
-        for index, length in zip(corner, shape, strict=False):
-            row = row * length + index
-        first = row * (shape[split - 1] if split else 1) + cut.start
-        yield first * inner, (cut.stop - cut.start) * inner
+        first = np.ravel_multi_index((*corner, cut.start), shape[:split] or (1,))
+        yield int(first) * inner, (cut.stop - cut.start) * inner

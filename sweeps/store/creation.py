@@ -17,10 +17,11 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sweeps.grid import box_shape
 from sweeps.interrupts import check
 from sweeps.messages import in_units
 from sweeps.store.layout import BLOCKS, COORDINATES, Layout
-from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, seal, write_all
+from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, opened, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -53,11 +54,7 @@ def create(path: Path, layout: Layout) -> None:
     OSError, RuntimeError, ValueError
         If the disk is full, or HDF5 cannot do it.
     """
-    _reserve(path, layout.size)
-    with h5py.File(path, "w", libver="earliest") as file:
-        _describe(file, layout)
-        for name in layout.variables:
-            _add_variable(file, layout, name, dcpl=_reserved())
+    _lay_out(path, layout, lambda _: {"dcpl": _reserved()})
     _add_ledger(path, layout)
     _reserve(path, path.stat().st_size)
     rows = np.zeros(len(layout.blocks), ROW)
@@ -65,13 +62,10 @@ def create(path: Path, layout: Layout) -> None:
     rows["crc"] = _fill_checksums(layout)
     with h5py.File(path, "r") as file:
         starts = places(file)
-    descriptor = os.open(path, os.O_RDWR)
-    try:
+    with opened(path, os.O_RDWR) as descriptor:
         for name, start in starts.items():
             _fill(descriptor, start, math.prod(layout.shape_of(name)), VARIABLES[name].fill_value)
-        _seal(path, descriptor, rows)
-    finally:
-        os.close(descriptor)
+    _seal(path, rows)
 
 
 def pack(
@@ -97,11 +91,7 @@ def pack(
     OSError, RuntimeError, ValueError
         As from `create`.
     """
-    _reserve(path, layout.size)
-    with h5py.File(path, "w", libver="earliest") as file:
-        _describe(file, layout)
-        for name in layout.variables:
-            _add_variable(file, layout, name, **_filters(layout.shape_of(name)))
+    _lay_out(path, layout, lambda name: _filters(layout.shape_of(name)))
     _reserve(path, layout.size)  # what is not needed is given back when the file is closed
     with h5py.File(path, "r+", libver="earliest", rdcc_nbytes=_CACHE) as file:
         for name in layout.variables:
@@ -110,23 +100,23 @@ def pack(
                 check()
                 dataset[part] = read(name, part)
     _add_ledger(path, layout)
-    descriptor = os.open(path, os.O_RDWR)
-    try:
-        _seal(path, descriptor, rows)
-    finally:
-        os.close(descriptor)
+    _seal(path, rows)
+
+
+def _lay_out(path: Path, layout: Layout, storage: Callable[[str], dict[str, Any]]) -> None:
+    """Write all but the data and the ledger, each variable with a storage of HDF5."""
+    _reserve(path, layout.size)
+    with h5py.File(path, "w", libver="earliest") as file:
+        _describe(file, layout)
+        for name in layout.variables:
+            _add_variable(file, layout, name, **storage(name))
 
 
 def _fill_checksums(layout: Layout) -> list[int]:
     """Return the checksum of each block as it is laid out: one for each shape that blocks have."""
-    by_shape: dict[tuple[int, ...], int] = {}
-    checksums = []
-    for block in layout.blocks:
-        box = tuple(cut.stop - cut.start for cut in block)
-        if box not in by_shape:
-            by_shape[box] = checksum(layout.fill_values(block).values())
-        checksums.append(by_shape[box])
-    return checksums
+    boxes = [box_shape(block) for block in layout.blocks]
+    by_shape = {box: checksum(layout.fill_values(box).values()) for box in set(boxes)}
+    return [by_shape[box] for box in boxes]
 
 
 def _reserve(path: Path, size: int) -> None:
@@ -135,11 +125,8 @@ def _reserve(path: Path, size: int) -> None:
     HDF5 must not meet a full disk: it then kills the process when it closes the file.
     """
     if hasattr(os, "posix_fallocate"):
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
+        with opened(path, os.O_RDWR | os.O_CREAT) as descriptor:
             os.posix_fallocate(descriptor, 0, size)
-        finally:
-            os.close(descriptor)
 
 
 def _describe(file: h5py.File, layout: Layout) -> None:
@@ -173,6 +160,7 @@ def _add_scale(
     unit: str = "1",
     symbol: str = "",
 ) -> None:
+    """Add the coordinate of a dimension."""
     scale = file.create_dataset(name, data=values)
     _about(scale, long_name, unit, symbol)
     scale.make_scale(name)
@@ -183,6 +171,7 @@ def _about(dataset: h5py.Dataset, long_name: str, unit: str, symbol: str) -> Non
 
 
 def _add_variable(file: h5py.File, layout: Layout, name: str, **storage: Any) -> None:
+    """Add a variable of the layout, with the scales of its dimensions."""
     variable = VARIABLES[name]
     dataset = file.create_dataset(name, layout.shape_of(name), variable.dtype, **storage)
     if dataset.shape == ():
@@ -246,13 +235,14 @@ def _spans(dataset: h5py.Dataset) -> list[Span]:
     return runs
 
 
-def _seal(path: Path, descriptor: int, rows: np.ndarray) -> None:
+def _seal(path: Path, rows: np.ndarray) -> None:
     """Write the ledger of a file that is laid out otherwise, and make the file last."""
     with h5py.File(path, "r") as file:
         data = [span for name in VARIABLES if name in file for span in _spans(file[name])]
         (ledger,) = _spans(file[_LEDGER])
-    head = os.pread(descriptor, 1 << 20, 0)
-    seal(descriptor, ledger, rows, data, head.index(_DURATION_MARK.tobytes()))
+    with opened(path, os.O_RDWR) as descriptor:
+        head = os.pread(descriptor, 1 << 20, 0)
+        seal(descriptor, ledger, rows, data, head.index(_DURATION_MARK.tobytes()))
 
 
 def places(file: h5py.File) -> dict[str, int]:
@@ -270,6 +260,7 @@ def places(file: h5py.File) -> dict[str, int]:
 
 
 def _fill(descriptor: int, start: int, count: int, value: np.generic) -> None:
+    """Write a value many times, from a place on."""
     size = count * value.itemsize
     piece = np.full(min(count, (1 << 23) // value.itemsize), value).tobytes()
     for at in range(0, size, len(piece)):

@@ -129,25 +129,22 @@ class Layout:
         """Whether points were added to the grid."""
         return ADDED in self.attributes
 
-    def shape_of(self, name: str) -> tuple[int, ...]:
-        """Return the shape of a variable."""
-        return self._with_record(name, self.shape)
-
-    def _with_record(self, name: str, shape: tuple[int, ...]) -> tuple[int, ...]:
+    def shape_of(self, name: str, box: tuple[int, ...] | None = None) -> tuple[int, ...]:
+        """Return the shape of a variable, in a box of that shape or in the whole file."""
         record = VARIABLES[name].record
-        return (*shape, len(self.records[record])) if record else shape
+        width = (len(self.records[record]),) if record else ()
+        return (self.shape if box is None else box) + width
 
-    def fill_values(self, block: Block) -> dict[str, np.ndarray]:
-        """Return what the file holds of a block that is not computed yet.
+    def fill_values(self, box: tuple[int, ...]) -> dict[str, np.ndarray]:
+        """Return what the file holds of a box that is not computed yet.
 
         Returns
         -------
         dict of str to ndarray
             Of every variable, a read-only array of shape (box..., record).
         """
-        box = tuple(cut.stop - cut.start for cut in block)
         return {
-            name: np.broadcast_to(VARIABLES[name].fill_value, self._with_record(name, box))
+            name: np.broadcast_to(VARIABLES[name].fill_value, self.shape_of(name, box))
             for name in self.variables
         }
 
@@ -166,8 +163,9 @@ class Layout:
             data * 102 // 100 + coordinates + 2 * texts + each_block * len(self.blocks) + (1 << 17)
         )
 
-    def with_points(self, axis: str, values: np.ndarray) -> Self:
+    def with_points(self, values: np.ndarray) -> Self:
         """Return the same with further values of its only axis, counted in an attribute."""
+        (axis,) = self.axes
         all_values = np.union1d(self.axes[axis], values)
         size = max(block_points(block) for block in self.blocks)
         return replace(
@@ -185,6 +183,7 @@ class Layout:
 
 
 def _version(package: str) -> str:
+    """Return the version of an installed package."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

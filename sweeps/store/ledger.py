@@ -17,7 +17,10 @@ import os
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +42,7 @@ _TAIL = 1 << 16
 _CHUNK = 1 << 22
 # Summary and rows start at a multiple of this, so that none lies in two pages or sectors.
 _ALIGNMENT = 32
+_FACTORS = np.array([2654435761, 2246822519, 3266489917, 668265263], np.uint64)
 
 Span = tuple[int, int]
 
@@ -74,24 +78,34 @@ def flat_bytes(array: np.ndarray) -> memoryview:
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
+@contextmanager
+def opened(path: Path, flags: int) -> Iterator[int]:
+    """Open a file for the block, and yield its descriptor."""
+    descriptor = os.open(path, flags, 0o666)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+@dataclass
 class Ledger:
     """The ledger of a file that is open as `descriptor`.
 
     Attributes
     ----------
+    descriptor, start, duration : int
+        Of the file; places of the ledger and of the attribute ``duration`` in it.
     rows : ndarray of dtype ``ROW``, shape (blocks,)
         As they were read last, and what was entered since.
     summary : ndarray of dtype ``SUMMARY``, shape ()
     """
 
-    def __init__(
-        self, descriptor: int, start: int, rows: np.ndarray, summary: np.ndarray, duration: int
-    ) -> None:
-        self._descriptor = descriptor
-        self._start = start
-        self._duration = duration  # the place of the attribute
-        self.rows = rows
-        self.summary = summary
+    descriptor: int
+    start: int
+    duration: int
+    rows: np.ndarray
+    summary: Any
 
     @classmethod
     def read(cls, descriptor: int) -> Ledger | None:
@@ -126,13 +140,9 @@ class Ledger:
         if _checksum_without(descriptor, changing) != rest:
             raise DamageError
         rows, summary = np.zeros(n_rows, ROW), np.zeros((), SUMMARY)
-        ledger = cls(descriptor, start, rows, summary, duration=changing[0][0])
+        ledger = cls(descriptor, start, changing[0][0], rows, summary)
         ledger.reread()
         return ledger
-
-    def of(self, descriptor: int) -> Ledger:
-        """Return the same ledger of the same file, open as another descriptor."""
-        return Ledger(descriptor, self._start, self.rows, self.summary, self._duration)
 
     def reread(self) -> None:
         """Read the summary and the rows, which another process may have changed.
@@ -144,13 +154,13 @@ class Ledger:
         """
         if not (self._summary_read() or self._summary_read()):  # it may just have been written
             raise DamageError
-        data = os.pread(self._descriptor, self.rows.nbytes, self._start + SUMMARY.itemsize)
+        data = os.pread(self.descriptor, self.rows.nbytes, self.start + SUMMARY.itemsize)
         self.rows = np.frombuffer(data, ROW).copy()
 
     def _summary_read(self) -> bool:
         """Read the summary; return whether it and the attribute ``duration`` are as written."""
-        duration = os.pread(self._descriptor, 8, self._duration)
-        data = os.pread(self._descriptor, SUMMARY.itemsize, self._start)
+        duration = os.pread(self.descriptor, 8, self.duration)
+        data = os.pread(self.descriptor, SUMMARY.itemsize, self.start)
         self.summary = np.frombuffer(data, SUMMARY)[0]
         # A loss of power may leave some bytes of the one and some of the other.
         values = self.summary["seconds"].tobytes(), self.summary["before"].tobytes()
@@ -185,8 +195,8 @@ class Ledger:
         """Write the row of a block."""
         self.rows[index] = (state, crc, samples, 0)
         self.rows["check"][index] = _row_check(self.rows[index], np.int64(index))
-        at = self._start + SUMMARY.itemsize + index * ROW.itemsize
-        write_all(self._descriptor, self.rows[index].tobytes(), at)
+        at = self.start + SUMMARY.itemsize + index * ROW.itemsize
+        write_all(self.descriptor, self.rows[index].tobytes(), at)
 
     def summarize(self, state: State, seconds: float) -> None:
         """Write the state of the file and the duration, also as the attribute.
@@ -195,10 +205,10 @@ class Ledger:
         """
         for before in (self.summary["seconds"], seconds):
             self.summary = summary_of((state, 0, seconds, before, 0))
-            write_all(self._descriptor, self.summary.tobytes(), self._start)
-            sync(self._descriptor)
-            write_all(self._descriptor, np.float64(seconds).tobytes(), self._duration)
-            sync(self._descriptor)
+            write_all(self.descriptor, self.summary.tobytes(), self.start)
+            sync(self.descriptor)
+            write_all(self.descriptor, np.float64(seconds).tobytes(), self.duration)
+            sync(self.descriptor)
 
 
 def seal(
@@ -244,13 +254,12 @@ def summary_of(summary: Any) -> Any:
 
 
 def _row_check(rows: Any, index: Any) -> Any:
-    # Odd factors map the integers mod 2^32 one to one, so no change of one field is unseen.
-    fields = (rows["state"], rows["crc"], rows["samples"], index)
-    factors = (2654435761, 2246822519, 3266489917, 668265263)
-    total = np.zeros(np.shape(index), np.uint64)
-    for field, factor in zip(fields, factors, strict=True):
-        total = total + np.asarray(field).astype(np.uint64) * np.uint64(factor)
-    return (total & np.uint64(0xFFFFFFFF)).astype(np.uint32)
+    """Return the check of rows, of which no change of one field is unseen.
+
+    For the odd factors map the integers mod 2^32 one to one.
+    """
+    fields = np.stack([rows["state"], rows["crc"], rows["samples"], index]).astype(np.uint64)
+    return (_FACTORS @ fields).astype(np.uint32)
 
 
 def write_all(descriptor: int, data: bytes | memoryview, start: int) -> None:
@@ -266,19 +275,11 @@ def sync(descriptor: int) -> None:
     getattr(os, "fdatasync", os.fsync)(descriptor)
 
 
-def _checksum_without(descriptor: int, changing: Sequence[Span]) -> int:
-    crc = 0
-    for start, stop in _gaps(changing, os.fstat(descriptor).st_size):
-        for at in range(start, stop, _CHUNK):
-            crc = zlib.crc32(os.pread(descriptor, min(_CHUNK, stop - at), at), crc)
-    return crc
-
-
-def _gaps(changing: Sequence[Span], end: int) -> Iterator[Span]:
-    at = 0
-    for start, size in sorted(map(tuple, changing)):
-        if start > at:
-            yield at, start
+def _checksum_without(descriptor: int, changing: Iterable[Span]) -> int:
+    """Return the CRC-32 of a file without the parts that change."""
+    crc = at = 0
+    for start, size in [*sorted(map(tuple, changing)), (os.fstat(descriptor).st_size, 0)]:
+        for place in range(at, start, _CHUNK):
+            crc = zlib.crc32(os.pread(descriptor, min(_CHUNK, start - place), place), crc)
         at = max(at, start + size)
-    if at < end:
-        yield at, end
+    return crc

@@ -50,8 +50,7 @@ def only_writer(path: Path) -> Iterator[None]:
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
     try:
-        left_behind = _TEXT.fullmatch(os.pread(lock, 100, 0))
-        if not (created or left_behind):
+        if not _TEXT.fullmatch(os.pread(lock, 100, 0)):
             raise StoreError(_taken(name))
         # An empty file may be the user's own.
         ours = created or os.fstat(lock).st_size > 0
@@ -72,17 +71,15 @@ def _locked(name: Path) -> tuple[int, bool]:
     """Open and lock a file; return its descriptor, and whether it was created."""
     while True:
         try:
-            lock, created = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644), True
-        except FileExistsError:
-            try:
-                if not stat.S_ISREG(os.lstat(name).st_mode):
-                    raise StoreError(_taken(name)) from None
-                lock, created = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK), False
-            except FileNotFoundError:
-                continue  # its holder has just removed it
+            created = False
+            if not stat.S_ISREG(os.lstat(name).st_mode):
+                raise StoreError(_taken(name))
+        except FileNotFoundError:
+            created = True
+        lock = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.fstat(lock).st_ino == os.stat(name).st_ino:
+            if os.path.samestat(os.fstat(lock), os.stat(name)):
                 return lock, created
         except FileNotFoundError:
             pass
@@ -93,6 +90,7 @@ def _locked(name: Path) -> tuple[int, bool]:
 
 
 def _taken(name: Path) -> str:
+    """Say that something else has the name of the lock."""
     return (
         f"{name} is needed as a lock, and there is something else of that name; move it, or give "
         "-o another file"
@@ -100,6 +98,7 @@ def _taken(name: Path) -> str:
 
 
 def _holder(name: Path) -> str:
+    """Return the number of the process that holds a lock."""
     try:
         match = _TEXT.fullmatch(name.read_bytes()[:100])
     except OSError:

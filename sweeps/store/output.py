@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from sweeps.messages import StoreError, shown_bytes
 from sweeps.store.layout import FORMAT, FORMAT_VERSION
+from sweeps.store.ledger import DamageError
 
 #: Endings that name another kind of file, which a slip would give to the data.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
@@ -80,12 +81,14 @@ def _exists(path: Path) -> bool:
     if stat.S_ISDIR(mode):
         raise StoreError(f"{path} is a directory; give -o the name of a file")
     if not stat.S_ISREG(mode):
-        raise StoreError(f"{path} is {kind(mode)} and will not be replaced; give -o another")
+        raise StoreError(f"{path} is {_kind(mode)} and will not be replaced; give -o another")
     return True
 
 
-def kind(mode: int) -> str:
-    """Name what is neither a regular file nor a directory."""
+def _kind(mode: int) -> str:
+    """Name what is no regular file."""
+    if stat.S_ISDIR(mode):
+        return "a directory"
     kinds = {
         stat.S_IFIFO: "a FIFO",
         stat.S_IFSOCK: "a socket",
@@ -96,12 +99,7 @@ def kind(mode: int) -> str:
 
 
 def open_regular(path: Path) -> int:
-    """Open a regular file for reading, and wait for nobody.
-
-    Returns
-    -------
-    int
-        The descriptor.
+    """Open a regular file for reading, and wait for nobody; return its descriptor.
 
     Raises
     ------
@@ -116,8 +114,7 @@ def open_regular(path: Path) -> int:
         raise StoreError(f"{path} does not exist") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
-    file_type = "a directory" if stat.S_ISDIR(mode) else kind(mode)
-    raise StoreError(f"{path} is {file_type} and so not the file of a sweep")
+    raise StoreError(f"{path} is {_kind(mode)} and so not the file of a sweep")
 
 
 def _refuse_other_files(path: Path) -> None:
@@ -127,11 +124,11 @@ def _refuse_other_files(path: Path) -> None:
         head, tail = _ends(descriptor)
     finally:
         os.close(descriptor)
-    if not head:
+    if not head or _LEDGERS.search(tail):
         return
-    if not head.startswith(_HDF5) and not _LEDGERS.search(tail):
+    if not head.startswith(_HDF5):
         raise StoreError(f"{path} is not an HDF5 file and will not be replaced; give -o another")
-    if FORMAT.encode() not in head and not _LEDGERS.search(tail):
+    if FORMAT.encode() not in head:
         raise StoreError(
             f"{path} is an HDF5 file that vibroimpact did not write, and will not be replaced; "
             "give -o another"
@@ -146,6 +143,9 @@ def refuse_without_ledger(path: Path, descriptor: int) -> NoReturn:
     Raises
     ------
     StoreError
+        If the file is of another kind, or of another version.
+    DamageError
+        If it is a damaged file of a sweep.
     """
     head, tail = _ends(descriptor)
     if not head.startswith(_HDF5):
@@ -156,20 +156,13 @@ def refuse_without_ledger(path: Path, descriptor: int) -> NoReturn:
         )
     if _LEDGERS.search(tail):
         refuse_version(path, "2")
-    raise StoreError(damaged(path))
+    raise DamageError
 
 
 def _ends(descriptor: int) -> tuple[bytes, bytes]:
+    """Return both ends of a file."""
     size = os.fstat(descriptor).st_size
     return os.pread(descriptor, _ENDS, 0), os.pread(descriptor, _ENDS, max(0, size - _ENDS))
-
-
-def damaged(path: Path) -> str:
-    """Say that a file is damaged where no block is."""
-    return (
-        f"{path} is damaged outside its results, truncated, or changed by another program: "
-        "what is in it cannot be trusted; run its configuration again with --overwrite"
-    )
 
 
 def refuse_version(path: Path, version: object) -> NoReturn:

@@ -16,9 +16,9 @@ import numpy as np
 from sweeps.grid import Block
 from sweeps.interrupts import check
 from sweeps.messages import StoreError
-from sweeps.store.layout import BLOCKS, COORDINATES, FORMAT, FORMAT_VERSION, Layout
+from sweeps.store.layout import BLOCKS, COORDINATES, FORMAT_VERSION, Layout
 from sweeps.store.ledger import DamageError, Ledger, State, checksum
-from sweeps.store.output import damaged, open_regular, reason, refuse_version, refuse_without_ledger
+from sweeps.store.output import open_regular, reason, refuse_version, refuse_without_ledger
 from sweeps.store.variables import VARIABLES
 from vibroimpact.status import Status
 
@@ -58,11 +58,11 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
         with sweep_file(path) as sweep:
             if verify:
                 sweep.refuse_damage()
-            unfinished = [sweep.layout.blocks[i] for i in sweep.unfinished().tolist()]
+            unfinished = np.flatnonzero(sweep.ledger.are(State.WRITING)).tolist()
         dataset = xr.open_dataset(path, engine="h5netcdf")
         if unfinished:  # pending, whatever is in the file
             status = dataset["status"].load()
-            for block in unfinished:
+            for block in [sweep.layout.blocks[i] for i in unfinished]:
                 status[block] = Status.PENDING
         return dataset
     except OSError as error:
@@ -81,10 +81,6 @@ class SweepFile:
     def read(self, block: Block) -> dict[str, np.ndarray]:
         """Return the data of a block, of every variable in the order of the checksum."""
         return {name: self.file[name][block] for name in self.layout.variables}
-
-    def unfinished(self) -> np.ndarray:
-        """Return the numbers of the blocks that are being written, or were when it was killed."""
-        return np.flatnonzero(self.ledger.are(State.WRITING))
 
     def damaged(self) -> np.ndarray:
         """Return which blocks are not as they were written.
@@ -140,12 +136,13 @@ class SweepFile:
             )
 
     def named(self, indices: Iterable[int]) -> str:
-        """Name blocks by their number and the part of the grid that they cover."""
+        """Name blocks by their number and the part of the grid that they cover; "" if none."""
         texts = [f"block {i}{self._covered(self.layout.blocks[i])}" for i in indices]
         more = f" and {len(texts) - 3} more" if len(texts) > 3 else ""
-        return ", ".join(texts[:3]) + f"{more} of {len(self.layout.blocks)}"
+        return f"{', '.join(texts[:3])}{more} of {len(self.layout.blocks)}" if texts else ""
 
     def _covered(self, block: Block) -> str:
+        """Say which part of the grid a block covers, where that is not all."""
         ends = [
             f"{name} {values[cut][0]:g} to {values[cut][-1]:g}"
             for cut, (name, values) in zip(block, self.layout.axes.items(), strict=True)
@@ -168,6 +165,7 @@ def sweep_file(path: Path) -> Iterator[SweepFile]:
 
 
 def _opened(path: Path, stack: ExitStack) -> SweepFile:
+    """Open a file until `stack` ends, and check all of it but the blocks."""
     descriptor = open_regular(path)
     stack.callback(os.close, descriptor)
     try:
@@ -176,10 +174,15 @@ def _opened(path: Path, stack: ExitStack) -> SweepFile:
             refuse_without_ledger(path, descriptor)
         # Not by its name, which a run may give to its final file at this moment.
         file = stack.enter_context(h5py.File(f"/dev/fd/{descriptor}", "r"))
-        _check_format(path, file.attrs)
+        version = file.attrs.get("format_version")
+        if str(version) != str(FORMAT_VERSION):
+            refuse_version(path, version)
         return SweepFile(path, file, ledger, _layout(file))
     except DamageError:
-        raise StoreError(damaged(path)) from None
+        raise StoreError(
+            f"{path} is damaged outside its results, truncated, or changed by another program: "
+            "what is in it cannot be trusted; run its configuration again with --overwrite"
+        ) from None
     except OSError as error:
         raise StoreError(f"{path} cannot be read, it may be truncated: {reason(error)}") from error
 
@@ -201,14 +204,6 @@ def _layout(file: h5py.File) -> Layout:
 
 def _values(scale: h5py.Dataset) -> np.ndarray:
     return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
-
-
-def _check_format(path: Path, attributes: Mapping[str, object]) -> None:
-    if str(attributes.get("format")) != FORMAT:
-        raise StoreError(f"{path} is an HDF5 file, but not one that vibroimpact wrote")
-    version = attributes.get("format_version")
-    if str(version) != str(FORMAT_VERSION):
-        refuse_version(path, version)
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:

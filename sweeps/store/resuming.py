@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -30,9 +30,8 @@ def refuse_other(sweep: SweepFile, layout: Layout) -> None:
     old, new = sweep.layout, layout
     differing: list[str] = []
     for attribute in ("configuration", "computation"):  # the second follows from the first
-        if not differing:
-            was, now = (str(layout.attributes.get(attribute, "{}")) for layout in (old, new))
-            differing = [f"{key} was {a} and is {b}" for key, a, b in _differences(was, now)]
+        was, now = (str(layout.attributes.get(attribute, "{}")) for layout in (old, new))
+        differing = differing or _differences(was, now)
     if old.attributes["numerics"] != new.attributes["numerics"]:
         differing.append("the code that computes is another version")
     if not differing and not _has_grid(old, new):
@@ -44,17 +43,20 @@ def refuse_other(sweep: SweepFile, layout: Layout) -> None:
         )
 
 
-def _differences(old: str, new: str) -> Iterator[tuple[str, object, object]]:
-    """Yield the keys in which two configurations differ, and their values; not the name."""
+def _differences(old: str, new: str) -> list[str]:
+    """Say in which keys two configurations differ, and what these were and are; not the name."""
     if old == new:
-        return
+        return []
     was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
-    for key in sorted({*was, *now} - {"name"}):
-        if was.get(key) != now.get(key):
-            yield key, was.get(key, "not given"), now.get(key, "not given")
+    return [
+        f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
+        for key in sorted({*was, *now} - {"name"})
+        if was.get(key) != now.get(key)
+    ]
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    """Return the leaves of a tree by their dotted keys."""
     leaves: dict[str, object] = {}
     for key, value in tree.items():
         deeper = isinstance(value, dict)

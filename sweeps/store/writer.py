@@ -11,20 +11,20 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
-from sweeps.grid import Block
+from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
 from sweeps.messages import Failed, StoreError
 from sweeps.store.blocks import BlockFile
 from sweeps.store.creation import create, pack
 from sweeps.store.insertion import merged
 from sweeps.store.layout import Layout
-from sweeps.store.ledger import ROW, State, checksum
+from sweeps.store.ledger import State, checksum
 from sweeps.store.output import check_output, reason
 from sweeps.store.reader import sweep_file
 from sweeps.store.replacing import remove_leftovers, replacing
@@ -59,38 +59,34 @@ def sweep_writer(
     Failed
         If it cannot be created. No file is left behind, and an old one is untouched.
     """
-    user_path, path = Path(path), Path(path).resolve()
-    check_output(user_path, overwrite=overwrite, resume=resume)
+    path = Path(path)
+    check_output(path, overwrite=overwrite, resume=resume)
     remove_leftovers(path)
-    damaged = np.zeros(0, int)
-    damage = ""
+    damaged, damage = np.zeros(0, int), ""
     if resume and path.exists() and path.stat().st_size > 0:
-        with sweep_file(user_path) as sweep:
+        with sweep_file(path) as sweep:
             refuse_other(sweep, layout)
             damaged = np.flatnonzero(sweep.damaged())
-            if damaged.size:
-                damage = sweep.named(damaged)
-        if damaged.size and sweep.layout.refined:
+            damage = sweep.named(damaged)
+        if damage and sweep.layout.refined:
             raise StoreError(
-                f"{user_path} is damaged: {damage}; points that were added to its grid cannot be "
+                f"{path} is damaged: {damage}; points that were added to its grid cannot be "
                 "computed again one by one: give --overwrite to begin anew"
             )
     else:
-        with _failure(user_path, "created"), replacing(path) as new:
+        with _failure(path, "created"), replacing(path) as new:
             create(new, layout)
-    with _failure(user_path, "written"):
-        writer = SweepWriter(BlockFile.opened(path), user_path, damage)
+    with _failure(path, "written"):
+        writer = SweepWriter(BlockFile.opened(path), damage)
     try:
         if damaged.size:
             writer.mend(damaged)
         yield writer
-    except StoreError as error:  # the file was accepted, and is not what it was
-        with suppress(Failed):
-            writer.close()
-        raise Failed(str(error)) from error
-    except BaseException:
+    except BaseException as error:
         with suppress(Failed):  # the first failure is the one to tell
             writer.close()
+        if isinstance(error, StoreError):  # the file was accepted, and is not what it was
+            raise Failed(str(error)) from error
         raise
     writer.close()
 
@@ -103,20 +99,18 @@ class SweepWriter:
     Parameters
     ----------
     file : BlockFile
-    user_path : Path
-        The name of the file for messages.
     damage : str
-        The blocks that are damaged, in words.
+        The blocks that were damaged and are pending again, in words; empty if none.
 
-    Attributes
-    ----------
-    damage : str
-        The blocks that were damaged and are pending again; empty if none.
+    Raises
+    ------
+    Failed
+        From every method, if the file cannot be written, say on a full disk, or was removed or
+        changed.
     """
 
-    def __init__(self, file: BlockFile, user_path: Path, damage: str = "") -> None:
+    def __init__(self, file: BlockFile, damage: str) -> None:
         self._file = file
-        self._user_path = user_path
         self.damage = damage
         self._began = time.monotonic()
         self._spent = 0.0 if math.isnan(file.ledger.seconds) else file.ledger.seconds
@@ -140,16 +134,11 @@ class SweepWriter:
         ----------
         damaged : ndarray of int
             The numbers of the blocks.
-
-        Raises
-        ------
-        Failed
-            As from `write`.
         """
         self._complete, self._changed = False, True
-        with _failure(self._user_path, "mended"):
+        with _failure(self._file.path, "mended"):
             if not self._file.places:  # a compressed file has no places to write to
-                self._copy_into(self.layout, without=damaged)
+                self._copy_into(self.layout, without=damaged.tolist())
                 return
             self._file.ledger.summarize(State.PENDING, self._spent)
             for index in damaged.tolist():
@@ -173,20 +162,18 @@ class SweepWriter:
             If a variable of the file is missing, or there is no such block.
         ValueError
             If an array has the wrong shape, or a name is not in ``VARIABLES``.
-        Failed
-            If the file cannot be written, say on a full disk, or was removed or changed.
         """
         index = self._numbers[_corners(block)]
         arrays = self._checked(block, results)
         samples = max((np.shape(a)[-1] for n, a in arrays.items() if _sampled(n)), default=0)
-        with _failure(self._user_path, "written"):
-            self._file.refuse_loss(self._user_path)
+        with _failure(self._file.path, "written"):
+            self._file.refuse_loss()
             self._changed = True
             if samples > self._samples:
                 wider = self.layout.with_samples(max(samples, self._samples * 5 // 4))
                 self._copy_into(wider)
             self._file.write(index, _fitted(arrays, self._samples), samples)
-            self._file.refuse_loss(self._user_path)
+            self._file.refuse_loss()
 
     def finish(self, *, compressed: bool = False) -> None:
         """Give a complete file its final form: trajectories cut to the longest, compression.
@@ -195,71 +182,58 @@ class SweepWriter:
         ----------
         compressed : bool
             Whether to compress it, if it is not.
-
-        Raises
-        ------
-        Failed
-            As from `write`.
         """
-        longest = int(self._file.ledger.rows["samples"].max(initial=0))
+        longest = self._longest()
         if longest < self._samples or (compressed and self._file.places):
-            with _failure(self._user_path, "completed"):
+            with _failure(self._file.path, "completed"):
                 self._copy_into(self.layout.with_samples(longest), compressed=compressed)
         self._changed |= not self._complete
         self._complete = True
 
-    def insert(self, axis: str, points: Mapping[float, Mapping[str, np.ndarray]]) -> None:
+    def insert(self, points: Mapping[float, Mapping[str, np.ndarray]]) -> None:
         """Replace a complete file along one axis by one with further points in it.
 
         Parameters
         ----------
-        axis : str
-            The only axis, with its values in increasing order.
         points : mapping of float to mapping
-            By the value of the axis, the results of one point. They also replace those of a value
-            that is there already.
-
-        Raises
-        ------
-        Failed
-            As from `write`.
+            By the value of the axis, whose values increase, the results of one point. They also
+            replace those of a value that is there already.
         """
-        layout = self.layout.with_points(axis, np.array(list(points)))
-        self._file.refuse_loss(self._user_path, thoroughly=True)
-        with _failure(self._user_path, "refined"), sweep_file(self._file.path) as sweep:
+        layout = self.layout.with_points(np.array(list(points)))
+        (values,) = layout.axes.values()
+        self._file.refuse_loss(thoroughly=True)
+        with _failure(self._file.path, "refined"), sweep_file(self._file.path) as sweep:
             sweep.refuse_damage()
 
             def merged_block(index: int) -> dict[str, np.ndarray]:
                 """Return the results of a block of the new layout."""
-                return merged(sweep, axis, layout.axes[axis][layout.blocks[index][0]], points)
+                return merged(sweep, values[layout.blocks[index]], points)
 
-            longest = int(self._file.ledger.rows["samples"].max(initial=0))
-            samples = dict.fromkeys(range(len(layout.blocks)), longest)
+            samples = dict.fromkeys(range(len(layout.blocks)), self._longest())
             self._replace(lambda new: _copy(new, layout, merged_block, samples))
 
     def close(self) -> None:
-        """Write the duration, if anything else was written, and close the file.
-
-        Raises
-        ------
-        Failed
-            As from `write`.
-        """
+        """Write the duration, if anything else was written, and close the file."""
         try:
-            with _failure(self._user_path, "written"):
-                self._file.refuse_loss(self._user_path)
+            with _failure(self._file.path, "written"):
+                self._file.refuse_loss()
                 if self._changed:
                     state = State.DONE if self._complete else State.PENDING
                     self._file.ledger.summarize(state, self._seconds())
-                    self._file.refuse_loss(self._user_path, thoroughly=True)
+                    self._file.refuse_loss(thoroughly=True)
         finally:
-            os.close(self._file.descriptor)
+            self._file.close()
 
     def _seconds(self) -> float:
         return self._spent + time.monotonic() - self._began
 
+    def _longest(self) -> int:
+        """Return the samples of the longest trajectory so far."""
+        return int(self._file.ledger.rows["samples"].max(initial=0))
+
     @property
     def _samples(self) -> int:
+        """The samples that a trajectory of the file has room for."""
         return len(self.layout.records.get("sample", ()))
 
     def _checked(self, block: Block, results: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -267,61 +241,54 @@ class SweepWriter:
         unknown = sorted(set(results) - set(VARIABLES))
         if unknown:
             raise ValueError(f"the store has no variable {', '.join(unknown)}")
-        box = tuple(cut.stop - cut.start for cut in block)
         arrays = {}
         for name in self.layout.variables:
             shape = np.shape(results[name])
-            record = self.layout.shape_of(name)[len(box) :]
-            expected = (math.prod(box), *(shape[-1:] if _sampled(name) else record))
+            record = shape[-1:] if _sampled(name) else self.layout.shape_of(name, ())
+            expected = (block_points(block), *record)
             if shape != expected:
                 raise ValueError(f"{name} has the shape {shape} instead of {expected}")
             array = np.asarray(results[name], VARIABLES[name].dtype)
-            arrays[name] = array.reshape((*box, *expected[1:]))
+            arrays[name] = array.reshape((*box_shape(block), *record))
         return arrays
 
     def _copy_into(
-        self, layout: Layout, *, compressed: bool = False, without: np.ndarray | None = None
+        self, layout: Layout, *, compressed: bool = False, without: Sequence[int] = ()
     ) -> None:
         """Replace the file by one of another layout with the same blocks in it."""
-        self._file.refuse_loss(self._user_path, thoroughly=True)
-        width = len(layout.records.get("sample", ()))
-        rows = self._file.ledger.rows
-        finished = np.flatnonzero(self._file.ledger.are(State.DONE))
-        finished = np.setdiff1d(finished, [] if without is None else without)
+        self._file.refuse_loss(thoroughly=True)
+        width, ledger = len(layout.records.get("sample", ())), self._file.ledger
         with sweep_file(self._file.path) as sweep:
 
             def undamaged(index: int) -> dict[str, np.ndarray]:
                 """Return the results of a block in the new width."""
                 arrays = sweep.read(layout.blocks[index])
-                if checksum(arrays.values()) != rows["crc"][index]:
-                    raise Failed(f"{self._user_path} was damaged while it was written")
+                if checksum(arrays.values()) != ledger.rows["crc"][index]:
+                    raise Failed(f"{self._file.path} was damaged while it was written")
                 return _fitted(arrays, width)
 
-            if compressed:
-                new_rows = np.zeros(len(rows), ROW)
-                new_rows["state"], new_rows["samples"] = State.DONE, rows["samples"]
-                for index in range(len(rows)):
-                    check()
-                    new_rows["crc"][index] = checksum(undamaged(index).values())
-                self._replace(
-                    lambda new: pack(new, layout, new_rows, lambda name, cut: sweep.file[name][cut])
-                )
-            else:
-                samples = {i: int(rows["samples"][i]) for i in finished.tolist()}
+            if not compressed:
+                kept = np.setdiff1d(np.flatnonzero(ledger.are(State.DONE)), without).tolist()
+                samples = {index: int(ledger.rows["samples"][index]) for index in kept}
                 self._replace(lambda new: _copy(new, layout, undamaged, samples))
+                return
+            rows = ledger.rows.copy()  # of a complete file
+            for index in range(len(rows)):
+                check()
+                rows["crc"][index] = checksum(undamaged(index).values())
+            self._replace(
+                lambda new: pack(new, layout, rows, lambda name, part: sweep.file[name][part])
+            )
 
     def _replace(self, write: Callable[[Path], None]) -> None:
         """Replace the file by another one, which is written into an empty file."""
         with replacing(self._file.path) as new:
             write(new)
-            file = BlockFile.opened(new)
-            try:
+            with closing(BlockFile.opened(new)) as file:
                 file.ledger.summarize(State.PENDING, self._seconds())
                 os.fsync(file.descriptor)
-            finally:
-                os.close(file.descriptor)
-            self._file.refuse_loss(self._user_path)
-        os.close(self._file.descriptor)
+            self._file.refuse_loss()
+        self._file.close()
         self._file = BlockFile.opened(self._file.path)
         self._changed = True
 
@@ -334,13 +301,10 @@ def _copy(
 ) -> None:
     """Create a file with these blocks in it, each with its samples."""
     create(path, layout)
-    file = BlockFile.opened(path)
-    try:
+    with closing(BlockFile.opened(path)) as file:
         for index in samples:
             check()
             file.write(index, read(index), samples[index], lasting=False)
-    finally:
-        os.close(file.descriptor)
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:

@@ -68,14 +68,14 @@ class Base:
         self.torn = torn
         with open(path, "rb") as file:
             ledger = Ledger.read(file.fileno())
-        self.rows, self.rows_at = ledger.rows, ledger._start + SUMMARY.itemsize
+        self.rows, self.rows_at = ledger.rows, ledger.start + SUMMARY.itemsize
         rows_end = self.rows_at + len(self.rows) * ROW.itemsize
         seal_at = self.content.rindex(b"\x89VIBRO3\n") + 8 - _SEAL.size
         self.parts = {
             "superblock": (0, 96),
             "head": (0, 9000),
-            "duration": (ledger._duration, 8),
-            "summary": (ledger._start, SUMMARY.itemsize),
+            "duration": (ledger.duration, 8),
+            "summary": (ledger.start, SUMMARY.itemsize),
             "rows": (self.rows_at, rows_end - self.rows_at),
             "spans": (rows_end, seal_at - rows_end),
             "seal": (seal_at, _SEAL.size),

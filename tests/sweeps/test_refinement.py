@@ -58,7 +58,7 @@ def test_an_orbit_that_motions_leave_is_no_class(tmp_path):
     osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
     config = refined_config(tmp_path, CONFIG, "record.periods=4", "record.transient=0")
     start = on_section(osc)
-    (point,) = Classifier(config, "omega").compute(np.array([2.8]), start)
+    (point,) = Classifier(config).compute(np.array([2.8]), start)
     assert point.label is None or str(point.label) == "chaos"
 
 
@@ -125,7 +125,7 @@ def test_a_motion_that_passes_a_coexisting_orbit_is_not_taken_for_it(tmp_path):
 
 def test_without_a_transient_motions_are_followed_longer_too(tmp_path):
     config = refined_config(tmp_path, CONFIG, "record.transient=0")
-    (point,) = Classifier(config, "omega").compute(np.array([2.64]))
+    (point,) = Classifier(config).compute(np.array([2.64]))
     assert str(point.label) == "1/1"
 
 
@@ -155,7 +155,7 @@ def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tm
         tmp_path, text, "refine.axis=clearance", "oscillator.clearance=[0.0, 0.1]"
     )
     starts = np.array([[0.04, -1.0], [0.0, -1.0], [-0.01, -1.0]])
-    beyond, on, below = Classifier(config, "clearance").compute(np.zeros(3), starts)
+    beyond, on, below = Classifier(config).compute(np.zeros(3), starts)
     assert str(beyond.label) == "chaos"
     assert beyond.results["poincare_x"].tobytes() == on.results["poincare_x"].tobytes()
     assert beyond.results["poincare_x"][0] != below.results["poincare_x"][0]
@@ -180,7 +180,7 @@ def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tm
     osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
     config = refined_config(tmp_path, CONFIG, "record.periods=3")
     start = on_section(osc)
-    (point,) = Classifier(config, "omega").compute(np.array([omega]), start)
+    (point,) = Classifier(config).compute(np.array([omega]), start)
     assert str(point.label) == "2/2"
     assert (point.results["period"], point.results["period_impacts"]) == (2, 2)
 
