@@ -1,9 +1,7 @@
-"""Certified orbits, and the slow implementation next door, for the tests of the physics."""
+"""Certified orbits, for the tests of the physics."""
 
-import importlib.util
 import json
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +13,6 @@ from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 
 TESTS = Path(__file__).parents[1]
-
-# By path: with tests/ on sys.path, tests/vibroimpact would shadow the package.
-_spec = importlib.util.spec_from_file_location("naive", TESTS / "naive.py")
-sys.modules["naive"] = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(sys.modules["naive"])
 
 
 #: Every integrator with every impact rule that takes it.
