@@ -84,21 +84,15 @@ def equation_in(w, e):
 
 
 @jit(inline=True)
-def pair_in(w, a):
-    """Return the two vectors in the rows that begin at `a`, `_ROW` apart."""
-    return w[a], w[a + _ROW], w[a + 2 * _ROW], w[a + 3 * _ROW]
+def pair_in(w, a, distance):
+    """Return two tangent vectors, whose rows begin at `a` and are so far apart."""
+    return w[a], w[a + distance], w[a + 2 * distance], w[a + 3 * distance]
 
 
 @jit(inline=True)
-def tangents_in(w, a):
-    """Return the two tangent vectors of a lane, where its first row begins."""
-    return w[a], w[a + 2 * _ROW], w[a + 4 * _ROW], w[a + 6 * _ROW]
-
-
-@jit(inline=True)
-def put_tangents(w, a, pair):
-    """Set the two tangent vectors of a lane."""
-    w[a], w[a + 2 * _ROW], w[a + 4 * _ROW], w[a + 6 * _ROW] = pair
+def put_pair(w, a, distance, pair):
+    """Set two tangent vectors, as ``pair_in``."""
+    w[a], w[a + distance], w[a + 2 * distance], w[a + 3 * distance] = pair
 
 
 @jit
@@ -109,7 +103,7 @@ def set_start(w, points, s):
         x, v, resting = start(pt, s)
         w[_Y + i], w[_W + i] = enter(x, v, pt)
         w[_RESTING + i], w[_WAKE + i], w[_SLEPT + i] = 1.0 if resting else 0.0, -math.inf, 0.0
-        put_tangents(w, _TANGENTS + i, (1.0, 0.0, 0.0, 1.0 / pt.omega))
+        put_pair(w, _TANGENTS + i, 2 * _ROW, (1.0, 0.0, 0.0, 1.0 / pt.omega))
 
 
 @jit
@@ -163,20 +157,8 @@ def glide_all_tangents(w, n):
     widest_vectors()
     old, new = (n & 1) * _ROW, (~n & 1) * _ROW
     for i in range(LANES):
-        pair = glide_tangents(flow_in(w, i), tangents_in(w, _TANGENTS + old + i))
-        put_tangents(w, _TANGENTS + new + i, pair)
-
-
-@jit(refcounts=False)
-def gather(w, met, listed, n):
-    """Fill the columns with the listed lanes."""
-    old, new = (n & 1) * _ROW, (~n & 1) * _ROW
-    for j in range(listed):
-        i = met[j] & (LANES - 1)  # so that LLVM sees that it is not negative
-        for q in range(8):
-            w[_OF + q * _ROW + j] = w[_EQUATION + q * _ROW + i]
-        w[_Y_0 + j], w[_W_0 + j] = w[_Y + old + i], w[_W + old + i]
-        w[_Y_T + j], w[_W_T + j] = w[_Y + new + i], w[_W + new + i]
+        pair = glide_tangents(flow_in(w, i), pair_in(w, _TANGENTS + old + i, 2 * _ROW))
+        put_pair(w, _TANGENTS + new + i, 2 * _ROW, pair)
 
 
 @jit(refcounts=False)
@@ -195,17 +177,23 @@ def carry_columns(w, wave, step):
     """Carry the tangent vectors of the first columns of `w` through their impacts."""
     widest_vectors()
     for j in range(_COLUMNS):
-        pair, u, w_i = pair_in(w, _PAIR + j), w[_U + j], w[_W_I + j]
+        pair, u, w_i = pair_in(w, _PAIR + j, _ROW), w[_U + j], w[_W_I + j]
         pair = tangents_through_impact(equation_in(w, _OF + j), pair, u, w_i, wave, step)
-        w[_PAIR + j], w[_PAIR + _ROW + j], w[_PAIR + 2 * _ROW + j], w[_PAIR + 3 * _ROW + j] = pair
+        put_pair(w, _PAIR + j, _ROW, pair)
 
 
 @jit(refcounts=False)
 def mend_side_by_side(block, listed, grid, n):
     """Find what impact each of the listed lanes has in step `n`."""
-    w, table = block.w, grid.table
+    w, met, table = block.w, block.met, grid.table
+    old, new = (n & 1) * _ROW, (~n & 1) * _ROW
+    for j in range(listed):
+        i = met[j] & (LANES - 1)  # so that LLVM sees that it is not negative
+        for q in range(8):
+            w[_OF + q * _ROW + j] = w[_EQUATION + q * _ROW + i]
+        w[_Y_0 + j], w[_W_0 + j] = w[_Y + old + i], w[_W + old + i]
+        w[_Y_T + j], w[_W_T + j] = w[_Y + new + i], w[_W + new + i]
     waves = table[SIN, n], table[COS, n], table[SIN, n + 1], table[COS, n + 1]
-    gather(w, block.met, listed, n)
     for lo in range(0, listed, _COLUMNS):
         mend_columns(w[lo:], waves, grid.step)
 
@@ -216,13 +204,14 @@ def mend_tangents(block, listed, grid, n):
     w, met, _ = block
     old, new = (n & 1) * _ROW, (~n & 1) * _ROW
     for j in range(listed):
-        pair = tangents_in(w, _TANGENTS + old + (met[j] & (LANES - 1)))
-        w[_PAIR + j], w[_PAIR + _ROW + j], w[_PAIR + 2 * _ROW + j], w[_PAIR + 3 * _ROW + j] = pair
+        pair = pair_in(w, _TANGENTS + old + (met[j] & (LANES - 1)), 2 * _ROW)
+        put_pair(w, _PAIR + j, _ROW, pair)
     for lo in range(0, listed, _COLUMNS):
         carry_columns(w[lo:], (grid.table[SIN, n], grid.table[COS, n]), grid.step)
     for j in range(listed):
         if w[_PROVED + j] == ONLY:
-            put_tangents(w, _TANGENTS + new + (met[j] & (LANES - 1)), pair_in(w, _PAIR + j))
+            a = _TANGENTS + new + (met[j] & (LANES - 1))
+            put_pair(w, a, 2 * _ROW, pair_in(w, _PAIR + j, _ROW))
 
 
 @jit(refcounts=False)
@@ -261,10 +250,10 @@ def stretch_lanes(w, points, parity, tally):
     """Orthonormalise the tangent vectors that would soon be too short, too long or too parallel."""
     for i in range(points.size):
         a = _TANGENTS + (parity & 1) * _ROW + i
-        ay, aw, by, bw = tangents_in(w, a)
+        ay, aw, by, bw = pair_in(w, a, 2 * _ROW)
         size = ay * ay + aw * aw + by * by + bw * bw
         if abs(ay * bw - aw * by) < 1e-4 * size or not 1e-100 < size < 1e100:
-            put_tangents(w, a, stretch((ay, aw, by, bw), tally.sums[i]))
+            put_pair(w, a, 2 * _ROW, stretch((ay, aw, by, bw), tally.sums[i]))
 
 
 @jit(refcounts=False)
@@ -290,13 +279,13 @@ def take_carefully(block, j, points, grid, n, recording, carrying, tally):
         record_step(scratch.events, n_events, pt.clearance, rested, theta, pt, i, tally)
         sums.near_grazes += grazes
     if carrying:
-        pair = tangents_in(w, _TANGENTS + old + i)
+        pair = pair_in(w, _TANGENTS + old + i, 2 * _ROW)
         if was_resting:
             pair = 0.0, 0.0, 0.0, 0.0
         pair = carry_tangents(
             (eq, flow_in(w, i)), pair, scratch.events, n_events, theta, step, pt.omega
         )
-        put_tangents(w, _TANGENTS + new + i, pair)
+        put_pair(w, _TANGENTS + new + i, 2 * _ROW, pair)
 
 
 @jit(refcounts=False)
@@ -351,12 +340,12 @@ def run_exact(block, points, run, tally):
         if k == 0:
             for i in range(points.size):
                 if w[_RESTING + i] > 0.0:  # nothing is left of its past
-                    put_tangents(w, _TANGENTS + i, (0.0, 0.0, 0.0, 0.0))
+                    put_pair(w, _TANGENTS + i, 2 * _ROW, (0.0, 0.0, 0.0, 0.0))
         advance(block, points, steps, k >= 0, k >= 0 and run.lyapunov, tally)
         if k >= -transient:
             pass_section(w, points, k, steps.step, tally)
     if run.lyapunov:
         for i in range(points.size):
-            ay, aw, by, bw = tangents_in(w, _TANGENTS + i)
+            ay, aw, by, bw = pair_in(w, _TANGENTS + i, 2 * _ROW)
             omega = points[i].omega
             stretch((ay, aw * omega, by, bw * omega), tally.sums[i])

@@ -92,25 +92,15 @@ def record_section(x, v, row, k, tally):
         tally.sums[row].status = _NON_FINITE
 
 
-@jit(inline=True)
-def reverse(ring, lo, hi):
-    """Turn the rows of `ring` from `lo` to before `hi` around."""
-    while hi - lo > 1:  # ends: hi - lo falls by 2
-        hi -= 1
-        for k in range(2):
-            ring[lo, k], ring[hi, k] = ring[hi, k], ring[lo, k]
-        lo += 1
-
-
-@jit(refcounts=False)
+@jit
 def put_in_order(ring, count):
     """Unroll a ring that received `count` impacts into time order."""
     size = ring.shape[0]
     if count > size > 0:
-        oldest = count % size
-        reverse(ring, 0, oldest)
-        reverse(ring, oldest, size)
-        reverse(ring, 0, size)
+        impacts, oldest = ring.copy(), count % size
+        for k in range(size):
+            place = oldest + k if oldest + k < size else oldest + k - size
+            ring[k, 0], ring[k, 1] = impacts[place, 0], impacts[place, 1]
 
 
 @jit(inline=True)
@@ -119,7 +109,7 @@ def rows_of(tally, lo, hi):
     return Tally(tally.sections[lo:hi], tally.impacts[lo:hi], tally.sums[lo:hi])
 
 
-@jit(refcounts=False)
+@jit
 def close_records(tally, given_up):
     """Put the impacts of every point in order; points that were given up are ``PENDING``."""
     for i in range(tally.sums.size):

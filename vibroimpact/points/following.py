@@ -21,7 +21,6 @@ from vibroimpact.status import Status
 #: Points, and whether their starts are states at the section, to results of shape (n, ...).
 Run = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
 
-_ALL = slice(None)
 _FAILED = [int(status) for status in Status if status.failed]
 
 
@@ -55,25 +54,20 @@ def follow(
     dict of str to ndarray
         Arrays of shape (points, ...), one direction after the other, each in C order.
     """
-    # The chains: shape (chains, values of the axis), in C order of the other axes.
-    chains = np.moveaxis(points, along, -1)
-    rest, length = chains.shape[:-1], chains.shape[-1]
-    chains = chains.reshape(-1, length)
-    rising = np.argsort(chains[0][axis], kind="stable")
+    size, flat = points.size, points.ravel()
+    # The places of the points of each chain in `flat`: shape (chains, values of the axis).
+    places = np.moveaxis(np.arange(size).reshape(points.shape), along, -1)
+    chains = places.reshape(-1, points.shape[along])
+    rising = np.argsort(flat[chains[0]][axis], kind="stable")
     orders = [rising if direction == "up" else rising[::-1] for direction in directions]
-    stack = _Stack(len(orders), *chains.shape)
+    collected = _Collected(len(orders) * size)
     before: dict[str, np.ndarray] = {}
     for order in zip(*orders, strict=True):  # one value of the axis for each direction
-        lanes = np.concatenate([chains[:, value] for value in order])
-        before = _next(lanes, before, run, moving_stop=axis == "clearance")
-        stack.put(order, before)
-        advance(len(lanes))
-    return {
-        name: np.moveaxis(
-            values.reshape(len(orders), *rest, length, *values.shape[3:]), 1 + len(rest), 1 + along
-        ).reshape(len(orders) * points.size, *values.shape[3:])
-        for name, values in stack.arrays.items()
-    }
+        rows = np.concatenate([chains[:, value] + i * size for i, value in enumerate(order)])
+        before = _next(flat[rows % size], before, run, moving_stop=axis == "clearance")
+        collected.put(rows, before)
+        advance(len(rows))
+    return collected.arrays
 
 
 def _next(
@@ -93,44 +87,32 @@ def _next(
         lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
     if ended.all():
         return run(lanes, True)
-    stack = _Stack(1, len(lanes), 1)
+    collected = _Collected(len(lanes))
     for chosen, at_section in ((ended, True), (~ended, False)):
         if chosen.any():
-            stack.put((0,), run(lanes[chosen], at_section), np.flatnonzero(chosen))
-    return {name: values[0, :, 0] for name, values in stack.arrays.items()}
+            collected.put(np.flatnonzero(chosen), run(lanes[chosen], at_section))
+    return collected.arrays
 
 
-class _Stack:
-    """Results, as they come, in arrays of shape (directions, chains, values of the axis, ...)."""
+class _Collected:
+    """Results of points, as they come, in arrays of shape (size, ...)."""
 
-    def __init__(self, *shape: int) -> None:
-        self._shape = shape
+    def __init__(self, size: int) -> None:
+        self._size = size
         self.arrays: dict[str, np.ndarray] = {}
 
-    def put(
-        self,
-        order: tuple[int, ...],
-        results: Mapping[str, np.ndarray],
-        chains: slice | np.ndarray = _ALL,
-    ) -> None:
-        """Add the results of one value of the axis for each direction, which are in their order."""
+    def put(self, rows: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
+        """Add the results of the points in `rows`; a trajectory may be longer than all before."""
         for name, values in results.items():
-            values = values.reshape(len(order), len(values) // len(order), *values.shape[1:])
-            stack = self._room(name, values)
-            for way, value in enumerate(order):
-                if values.ndim > 2:
-                    stack[way, chains, value, : values.shape[2]] = values[way]
-                else:
-                    stack[way, chains, value] = values[way]
-
-    def _room(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Return the array of a variable: a trajectory may be longer than all before it."""
-        tail = values.shape[2:]
-        stack = self.arrays.get(name)
-        if stack is None:
-            empty = np.nan if values.dtype.kind == "f" else 0
-            stack = self.arrays[name] = np.full((*self._shape, *tail), empty, values.dtype)
-        elif tail and tail[0] > stack.shape[3]:
-            missing = [(0, 0)] * 3 + [(0, tail[0] - stack.shape[3])]
-            stack = self.arrays[name] = np.pad(stack, missing, constant_values=np.nan)
-        return stack
+            array = self.arrays.get(name)
+            if array is None:
+                empty = np.nan if values.dtype.kind == "f" else 0
+                array = np.full((self._size, *values.shape[1:]), empty, values.dtype)
+            elif values.ndim > 1 and values.shape[1] > array.shape[1]:
+                missing = values.shape[1] - array.shape[1]
+                array = np.pad(array, [(0, 0), (0, missing)], constant_values=np.nan)
+            self.arrays[name] = array
+            if values.ndim > 1:
+                array[rows, : values.shape[1]] = values
+            else:
+                array[rows] = values

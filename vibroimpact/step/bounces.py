@@ -69,10 +69,7 @@ def bounce(eq, launch, E, left, step):
     """
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
-    rest = (
-        w, k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15],
-        k[16], 0.0,
-    )  # fmt: skip
+    rest = (*k[1:], 0.0)
     longest = min(left, 0.5 * step)
     t = -w / k[2]
     bent = 4.0 * t * k[3] / k[2]

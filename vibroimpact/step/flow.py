@@ -42,28 +42,8 @@ from vibroimpact.step.flight import expand, value_and_slope
 #: The guard keeps this share of what a step covers away from the stop.
 SLACK = 1e-8
 
-# 1 / k!, the coefficients of the exponential series.
-(
-    _F2,
-    _F3,
-    _F4,
-    _F5,
-    _F6,
-    _F7,
-    _F8,
-    _F9,
-    _F10,
-    _F11,
-    _F12,
-    _F13,
-    _F14,
-    _F15,
-    _F16,
-    _F17,
-    _F18,
-    _F19,
-) = (1.0 / math.factorial(k) for k in range(2, 20))
-_F20 = 1.0 / math.factorial(20)
+#: 1 / k!, the coefficients of the exponential series.
+INVERSE_FACTORIALS = tuple(1.0 / math.factorial(k) for k in range(21))
 
 
 class Equation(NamedTuple):
@@ -192,31 +172,21 @@ def impulse(of_w, of_y, r):
     exp(-a r / 2) times sin(k r) / k and its derivative, k^2 = b - a^2 / 4 of any sign: by series
     in z = -k^2 r^2, |z| <= 1.72, so that critical damping is not special.
     """
-    h = -0.5 * of_w
+    h, F = -0.5 * of_w, INVERSE_FACTORIALS
     z, x = fma(h, h, of_y) * (r * r), -h * r
-    e = fma(x, _F16, _F15)
-    e = fma(e, x, _F14)
-    e = fma(e, x, _F13)
-    e = fma(e, x, _F12)
-    e = fma(e, x, _F11)
-    e = fma(e, x, _F10)
-    e = fma(e, x, _F9)
-    e = fma(e, x, _F8)
-    e = fma(e, x, _F7)
-    e = fma(e, x, _F6)
-    e = fma(e, x, _F5)
-    e = fma(e, x, _F4)
-    e = fma(e, x, _F3)
-    e = fma(e, x, _F2)
-    e = fma(e, x, 1.0)
-    e = fma(e, x, 1.0)
-    s, c = fma(z, _F19, _F17), fma(z, _F20, _F18)
-    s, c = fma(s, z, _F15), fma(c, z, _F16)
-    s, c = fma(s, z, _F13), fma(c, z, _F14)
-    s, c = fma(s, z, _F11), fma(c, z, _F12)
-    s, c = fma(s, z, _F9), fma(c, z, _F10)
-    s, c = fma(s, z, _F7), fma(c, z, _F8)
-    s, c = fma(s, z, _F5), fma(c, z, _F6)
-    s, c = fma(s, z, _F3), fma(c, z, _F4)
-    s, c = fma(s, z, 1.0) * r, fma(c, z, _F2)
+    e = fma(x, F[16], F[15])
+    e = fma(fma(fma(e, x, F[14]), x, F[13]), x, F[12])
+    e = fma(fma(fma(e, x, F[11]), x, F[10]), x, F[9])
+    e = fma(fma(fma(e, x, F[8]), x, F[7]), x, F[6])
+    e = fma(fma(fma(e, x, F[5]), x, F[4]), x, F[3])
+    e = fma(fma(fma(e, x, F[2]), x, 1.0), x, 1.0)
+    s, c = fma(z, F[19], F[17]), fma(z, F[20], F[18])
+    s, c = fma(s, z, F[15]), fma(c, z, F[16])
+    s, c = fma(s, z, F[13]), fma(c, z, F[14])
+    s, c = fma(s, z, F[11]), fma(c, z, F[12])
+    s, c = fma(s, z, F[9]), fma(c, z, F[10])
+    s, c = fma(s, z, F[7]), fma(c, z, F[8])
+    s, c = fma(s, z, F[5]), fma(c, z, F[6])
+    s, c = fma(s, z, F[3]), fma(c, z, F[4])
+    s, c = fma(s, z, 1.0) * r, fma(c, z, F[2])
     return e * s, e * fma(-h, s, fma(c, z, 1.0))

@@ -19,12 +19,7 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import fma, jit, select
-from vibroimpact.step.flow import bend, impulse
-
-# 1 / k!
-_F2, _F3, _F4, _F5, _F6, _F7, _F8, _F9, _F10, _F11, _F12, _F13, _F14, _F15, _F16 = (
-    1.0 / math.factorial(k) for k in range(2, 17)
-)
+from vibroimpact.step.flow import INVERSE_FACTORIALS, bend, impulse
 
 #: What Newton's method may leave of the time of an impact, as a share of the step, and its last
 #: change, for the speed.
@@ -41,7 +36,7 @@ def series(eq, y, w, s, c):
 
     The derivatives follow from (P): y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
     """
-    a, b, fs, fc = eq.of_w, eq.of_y, eq.of_sin * s, eq.of_sin * c
+    F, a, b, fs, fc = INVERSE_FACTORIALS, eq.of_w, eq.of_y, eq.of_sin * s, eq.of_sin * c
     d2 = fma(a, w, fma(b, y, fs + eq.of_1))
     d3 = fma(a, d2, fma(b, w, fc))
     d4 = fma(a, d3, fma(b, d2, -fs))
@@ -58,9 +53,21 @@ def series(eq, y, w, s, c):
     d15 = fma(a, d14, fma(b, d13, fc))
     d16 = fma(a, d15, fma(b, d14, -fs))
     return (
-        y, w, _F2 * d2, _F3 * d3, _F4 * d4, _F5 * d5, _F6 * d6, _F7 * d7, _F8 * d8, _F9 * d9,
-        _F10 * d10, _F11 * d11, _F12 * d12, _F13 * d13, _F14 * d14, _F15 * d15, _F16 * d16,
+        y, w, F[2] * d2, F[3] * d3, F[4] * d4, F[5] * d5, F[6] * d6, F[7] * d7, F[8] * d8,
+        F[9] * d9, F[10] * d10, F[11] * d11, F[12] * d12, F[13] * d13, F[14] * d14, F[15] * d15,
+        F[16] * d16,
     )  # fmt: skip
+
+
+@jit(forced_inline=True)
+def lower_terms(k, t, y, d, e):
+    """Go on with Horner's scheme from the term in t^5 to the constant, see ``first_terms``."""
+    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[5])
+    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[4])
+    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[3])
+    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[2])
+    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[1])
+    return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
 
 
 @jit(forced_inline=True)
@@ -68,12 +75,7 @@ def first_terms(k, t):
     """Return value, slope and half the second derivative of the terms of a series up to t^8."""
     d, y = k[8], fma(k[8], t, k[7])
     e, d, y = d, fma(d, t, y), fma(y, t, k[6])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[5])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[4])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[3])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[2])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[1])
-    return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
+    return lower_terms(k, t, y, d, e)
 
 
 @jit(forced_inline=True)
@@ -89,12 +91,7 @@ def all_terms(k, t):
     e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[8])
     e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[7])
     e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[6])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[5])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[4])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[3])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[2])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[1])
-    return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
+    return lower_terms(k, t, y, d, e)
 
 
 @jit(forced_inline=True)
