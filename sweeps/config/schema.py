@@ -44,9 +44,8 @@ from vibroimpact.step.rules import IMPACT_RULES
 #: What can be computed of each point beside what is always recorded.
 DIAGNOSTICS = ("period", "lyapunov")
 
-#: The two ways along an axis that is followed, and what may be asked for.
-BOTH = ("up", "down")
-DIRECTIONS = (*BOTH, "both")
+#: The ways along an axis that is followed.
+DIRECTIONS = ("up", "down", "both")
 
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
 _MOST_PERIODS = 1_000_000_000
@@ -247,11 +246,6 @@ class FollowConfig(Group):
         DIRECTIONS,
         "up",
     )
-
-    @property
-    def directions(self) -> tuple[str, ...]:
-        """Each way in which the axis is followed: up, down, or both."""
-        return BOTH if self.direction == "both" else (self.direction,)
 
 
 def _unit(quantity: str) -> Any:

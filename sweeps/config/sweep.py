@@ -248,7 +248,9 @@ class SweepConfig(Group):
     @property
     def directions(self) -> tuple[str, ...]:
         """Each way in which an axis is followed; none where none is."""
-        return self.follow.directions if self.follow else ()
+        if self.follow is None:
+            return ()
+        return ("up", "down") if self.follow.direction == "both" else (self.follow.direction,)
 
     @property
     def size(self) -> int:

@@ -17,15 +17,17 @@ this was measured to cost.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import queue
 import threading
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from copy import copy
 from importlib import metadata
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -60,12 +62,6 @@ _BLOCKS_PER_CORE = 20
 _ALONE = threading.Lock()
 
 
-class OtherNumericsError(Exception):
-    """A worker computes with another version of the code."""
-
-
-#: What all blocks have in common: the configuration, and the numerics of this process.
-_Job = tuple[SweepConfig, str]
 Results = dict[str, np.ndarray]
 
 
@@ -134,49 +130,43 @@ class Cluster:
         with self._scheduler_needed(), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
             # A task, not data: it is made again where the worker that had it is lost.
-            job = self._client.submit(_job, config, _own_numerics(), pure=False)
+            shared = self._client.submit(copy, config, pure=False)
         try:
-            yield from in_background(self._results(job, iter(blocks), futures), join=False)
+            yield from in_background(self._results(shared, iter(blocks), futures), join=False)
         finally:
             with suppress(Exception):  # where the scheduler is gone
-                self._client.cancel([job, *list(futures)])  # the other thread may add to them
+                self._client.cancel([shared, *list(futures)])  # the other thread may add to them
 
     def _results(
-        self, job: Future, blocks: Iterator[Block], futures: dict[Future, Block]
+        self, config: Future, blocks: Iterator[Block], futures: dict[Future, Block]
     ) -> Iterator[tuple[Block, Results]]:
         """Yield finished blocks; `futures` holds those that are out, with their tasks."""
         ready: queue.SimpleQueue[Future] = queue.SimpleQueue()
+        numerics = _own_numerics()
+
+        def refill() -> bool:
+            """Hand out blocks until every worker has enough; return whether any are out."""
+            check_given_up()
+            if time.monotonic() - self._asked > _COUNT:
+                self._count()
+            room = _PER_WORKER * max(1, len(self._workers)) - len(futures)
+            for block in itertools.islice(blocks, max(0, room)):
+                check_given_up()
+                future = self._client.submit(_compute, config, block, numerics, pure=False)
+                futures[future] = block
+                future.add_done_callback(ready.put)
+            return bool(futures)
+
         with self._scheduler_needed():
-            while self._refill(job, blocks, futures, ready):
+            while refill():
                 try:
                     future = ready.get(timeout=_WAIT)
                 except queue.Empty:
                     continue
                 results = self._gathered(future)
                 block = futures.pop(future)
-                self._refill(job, blocks, futures, ready)
+                refill()
                 yield block, results
-
-    def _refill(
-        self,
-        job: Future,
-        blocks: Iterator[Block],
-        futures: dict[Future, Block],
-        ready: queue.SimpleQueue[Future],
-    ) -> bool:
-        """Hand out blocks until every worker has enough; return whether any are out."""
-        check_given_up()
-        if time.monotonic() - self._asked > _COUNT:
-            self._count()
-        while len(futures) < _PER_WORKER * max(1, len(self._workers)):
-            check_given_up()
-            block = next(blocks, None)
-            if block is None:
-                break
-            future = self._client.submit(_compute, job, block, pure=False)
-            futures[future] = block
-            future.add_done_callback(ready.put)
-        return bool(futures)
 
     def _count(self) -> None:
         """Ask the scheduler for its workers."""
@@ -193,17 +183,14 @@ class Cluster:
             for address in list(self._workers)[:1]:
                 self._direct = self._client.sync(_reaches, address, self._client)
         if future.status == "error":
-            self._fail(future.exception())
+            error = future.exception()
+            if isinstance(error, Failed):
+                raise error
+            text = f"{type(error).__name__}: {error}"
+            raise Failed(f"a worker of {self._address} failed with {text}") from error
         results: Results = self._client.gather(future, direct=self._direct)
         future.release()  # so that the worker forgets the results
         return results
-
-    def _fail(self, error: BaseException | None) -> NoReturn:
-        """Tell what a task ended with."""
-        if isinstance(error, OtherNumericsError):
-            raise Failed(str(error)) from error
-        text = f"{type(error).__name__}: {error}"
-        raise Failed(f"a worker of {self._address} failed with {text}") from error
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
@@ -224,10 +211,18 @@ class Cluster:
 
     def _refuse_others(self) -> None:
         """Refuse workers that compute with another version of the code."""
-        versions = self._client.run(_asking(), on_error="return")
-        for address, numerics in versions.items():
-            if numerics != _own_numerics():
-                raise Refused(_difference(address, str(numerics), _own_numerics()))
+
+        def numerics() -> str:  # which also a worker without this package can be sent
+            try:
+                from sweeps.engine.cluster import _own_numerics
+            except ImportError as error:
+                return f"none ({error})"
+            return _own_numerics()
+
+        versions = self._client.run(numerics, on_error="return")
+        for address, version in versions.items():
+            if version != _own_numerics():
+                raise Refused(_difference(address, str(version), _own_numerics()))
 
 
 def _own_numerics() -> str:
@@ -246,19 +241,6 @@ def _difference(address: str, there: str, here: str) -> str:
     )
 
 
-def _asking() -> Callable[[], str]:
-    """Return a function that also a worker without this package can be sent."""
-
-    def numerics() -> str:
-        try:
-            from sweeps.engine.cluster import _own_numerics
-        except ImportError as error:
-            return f"none ({error})"
-        return _own_numerics()
-
-    return numerics
-
-
 async def _reaches(address: str, client: Client) -> bool:
     """Whether this process can connect to a worker."""
     from distributed.comm import connect
@@ -272,21 +254,16 @@ async def _reaches(address: str, client: Client) -> bool:
     return True
 
 
-def _job(config: SweepConfig, numerics: str) -> _Job:
-    """Return what every block's task depends on: as the result of a task."""
-    return config, numerics
-
-
-def _compute(job: _Job, block: Block) -> Results:
+def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:
     """Compute a block on a worker, with all threads that the worker has.
 
     It is alone in the kernel there: the other threads of the worker wait, and lend it their cores.
     """
     from distributed import get_worker
 
-    worker, (config, numerics) = get_worker(), job
+    worker = get_worker()
     if numerics != _own_numerics():
-        raise OtherNumericsError(_difference(worker.address, _own_numerics(), numerics))
+        raise Failed(_difference(worker.address, _own_numerics(), numerics))
     with _ALONE:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         results = compute_block(config, block, min(worker.state.nthreads, available))

@@ -85,19 +85,20 @@ def run_sweep(
     StoreError
         If the output is refused, is being written by another process or belongs to another
         sweep, or if there is too little disk or memory.
-    Failed
-        If the output cannot be written.
     Refused
         If a worker has another version of the numerics.
     Failed
-        If the scheduler is lost, or a block fails on a worker. What is done is kept.
+        If the output cannot be written, the scheduler is lost, or a block fails on a worker. What
+        is done is kept.
     """
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     if not isinstance(config, SweepConfig):
         config = load_config(config)
     path = Path(output) if output is not None else config.output
-    console = Console(stderr=True, quiet=not progress, soft_wrap=True, highlight=False)
+    console = Console(
+        stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
+    )
     with raised_by_check(), only_writer(path):
         check_output(path, overwrite=overwrite, resume=resume)
         computer = computer_for(client, threads)
@@ -106,14 +107,14 @@ def run_sweep(
             if config.method.accuracy is not None:
                 pilot = run_in_background(choose, config, threads)
                 config = config.with_method(pilot.method)
-                console.print(pilot.summary, markup=False)
+                console.print(pilot.summary)
             cost = run_in_background(estimate, config, computer.threads, computer.cores)
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
-        console.print(printable(plan(config, path, cost)), markup=False)
+        console.print(printable(plan(config, path, cost)))
         layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
             if writer.damage:
-                console.print(f"damaged, and computed again: {writer.damage}", markup=False)
+                console.print(f"damaged, and computed again: {writer.damage}")
             display = _Display(config, writer, console, computer)
             computed = computer.computed(config, writer.pending(), display.computed)
             with display.bar, closing(computed):
@@ -145,7 +146,7 @@ def _refine(
     text = f"refined: {added:,} points added beside the changes of class"
     if refinement.left_out:
         text += f"; {refinement.left_out:,} changes were too many to follow further"
-    console.print(text, markup=False)
+    console.print(text)
 
 
 def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
