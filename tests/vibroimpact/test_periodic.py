@@ -186,12 +186,12 @@ def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
 
 def root_near(osc, phases, speeds):
     """Return the root of the impact equations near a guess, and the objection to it."""
-    from vibroimpact.orbits import newton
+    from vibroimpact.orbits import linear_system, newton
     from vibroimpact.orbits import periodic as module
     from vibroimpact.orbits.flights import values_of
 
     X = np.column_stack([phases, speeds]).ravel()
-    system = newton.System(
+    system = linear_system.System(
         values_of(osc), np.empty(0, np.int64), np.empty(0), 1, len(phases), 1.0, 0, 0
     )
     if newton.correct(system, X, np.empty((0, 0)), 60) < 0 or (X[1::2] < 0.0).any():

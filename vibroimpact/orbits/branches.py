@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits.continuation import Axis, End, Orbits, Track, both_directions, walk
+from vibroimpact.orbits.continuation import End, Track, both_directions, walk
+from vibroimpact.orbits.family import Axis, Orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
 from vibroimpact.orbits.periodic import OrbitError, solved
 from vibroimpact.orbits.special_points import bifurcations, ending, halving

@@ -17,16 +17,8 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.branches import branch
-from vibroimpact.orbits.continuation import (
-    Axis,
-    End,
-    Objection,
-    Orbits,
-    Segment,
-    Track,
-    both_directions,
-    walk,
-)
+from vibroimpact.orbits.continuation import End, Segment, Track, both_directions, walk
+from vibroimpact.orbits.family import Axis, Objection, Orbits
 from vibroimpact.orbits.flights import state_after, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError

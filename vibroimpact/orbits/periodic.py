@@ -13,6 +13,7 @@ import numpy as np
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import null_vector
 from vibroimpact.orbits.flights import first_pass, values_of
+from vibroimpact.orbits.linear_system import System
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_orbit,
@@ -151,7 +152,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
         return free_orbit(osc)
     speed = unit_of_speed(osc, speeds)
     X = np.column_stack([phases, speeds / speed]).ravel()
-    system = newton.System(values_of(osc), _NO_AXES, _NO_SPANS, m, q, speed, newton.NONE, 0)
+    system = System(values_of(osc), _NO_AXES, _NO_SPANS, m, q, speed, newton.NONE, 0)
     converged = newton.correct(system, X, _NO_PLANES, _MOST_ITERATIONS) >= 0
     orbit = orbit_of(osc, m, X[::2], X[1::2] * speed)
     # Twice around an orbit at its flip, the iteration ends in rounding.

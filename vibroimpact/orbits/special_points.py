@@ -14,9 +14,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vibroimpact.orbits import newton
-from vibroimpact.orbits.continuation import End, Objection, Orbits, Segment
+from vibroimpact.orbits.continuation import End, Segment
 from vibroimpact.orbits.elimination import null_vector
+from vibroimpact.orbits.family import Objection, Orbits
 from vibroimpact.orbits.flights import state_after
+from vibroimpact.orbits.linear_system import parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
 #: A bifurcation is that of a walk if it is this near to it, in scaled unknowns.
@@ -98,7 +100,7 @@ def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
 
 def with_touch(orbits: Orbits, X: np.ndarray, objection: Objection) -> tuple[Orbits, np.ndarray]:
     """Return a point with one impact of speed zero more, where a flight that passes is highest."""
-    at, values = objection.at, newton.parameters_at(orbits.system, X)
+    at, values = objection.at, parameters_at(orbits.system, X)
     omega, theta, v = orbits.oscillator(X).omega, X[2 * at], X[2 * at + 1] * orbits.speed
     tau = (objection.where - theta) / omega
     for _ in range(20):

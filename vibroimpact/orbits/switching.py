@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from vibroimpact.orbits.branches import Branch, branch_beyond, free_branch
-from vibroimpact.orbits.continuation import Axis, Orbits
+from vibroimpact.orbits.family import Axis, Orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit
 from vibroimpact.orbits.periodic import OrbitError, least
 from vibroimpact.orbits.special_points import NEARBY_DISTANCE, doubling

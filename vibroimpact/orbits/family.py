@@ -1,0 +1,205 @@
+"""A family of orbits over free parameters, as the points that a continuation walks on.
+
+A point is a vector X of phases and scaled speeds in turn, then of parameters over their spans
+(``linear_system.py``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from vibroimpact.orbits import newton
+from vibroimpact.orbits.elimination import characteristic
+from vibroimpact.orbits.flights import first_pass, values_of
+from vibroimpact.orbits.linear_system import System, inner, linearised, parameters_at
+from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
+from vibroimpact.oscillator import Oscillator
+
+_NAMES = [field.name for field in fields(Oscillator)]
+#: Iterations of the corrector.
+_MOST_ITERATIONS = 8
+#: A speed below this, in units of the largest, counts as zero: a graze.
+_ZERO_SPEED = 1e-12
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A free parameter and its range."""
+
+    name: str
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, osc: Oscillator, name: str, low: float, high: float) -> Axis:
+        """Check a range.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such parameter, an end is not valid, or `low` is not below `high`.
+        """
+        if name not in _NAMES:
+            raise ValueError(f"parameter must be one of {', '.join(_NAMES)}, not {name!r}")
+        for value in (low, high):
+            replace(osc, **{name: value})
+        if not low < high:
+            raise ValueError(f"the range of {name} must increase, not {low!r} to {high!r}")
+        return cls(name, float(low), float(high))
+
+    @property
+    def span(self) -> float:
+        """Its length."""
+        return self.high - self.low
+
+    @property
+    def slack(self) -> float:
+        """Rounding of its values."""
+        return 1e-14 * max(abs(self.low), abs(self.high))
+
+
+@dataclass(frozen=True)
+class Objection:
+    """Why a point of a walk is no orbit.
+
+    Attributes
+    ----------
+    kind : str
+        ``edge``, ``speed`` (an impact has left the stop), ``pass`` (a flight meets the stop before
+        its end), ``rest`` (the mass cannot leave the stop).
+    at : int
+        Number of the axis, the impact or the flight.
+    where : float
+        The edge's value; the phase where a flight meets the stop.
+    """
+
+    kind: str
+    at: int
+    where: float = math.nan
+
+
+class Orbits:
+    """The orbits of m forcing periods and q impacts over one or two free parameters.
+
+    A point is a vector X of phases and scaled speeds in turn, then of parameters over their spans.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        One of them, with q >= 1; gives the other parameters and the unit of speed.
+    axes : sequence of Axis
+    condition, index : int
+        The bifurcation of a curve (``newton.py``); `index` is the impact that grazes.
+    speed : float, optional
+        The unit of speed, by default that of the orbit.
+    """
+
+    def __init__(
+        self,
+        orbit: PeriodicOrbit,
+        axes: Sequence[Axis],
+        condition: int = 0,
+        index: int = 0,
+        speed: float | None = None,
+    ) -> None:
+        self.osc, self.m, self.q, self.axes = orbit.oscillator, orbit.m, orbit.q, tuple(axes)
+        self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
+        free = np.array([_NAMES.index(axis.name) for axis in axes])
+        self.spans = np.array([axis.span for axis in axes])
+        self.system = System(
+            values_of(self.osc), free, self.spans, self.m, self.q, self.speed, condition, index
+        )
+        at = [getattr(self.osc, axis.name) / axis.span for axis in axes]
+        z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
+        self.start = np.concatenate([z.ravel(), at])
+
+    def values(self, X: np.ndarray) -> np.ndarray:
+        """Return the free parameters at a point."""
+        return X[2 * self.q :] * self.spans
+
+    def kept(self, X: np.ndarray) -> np.ndarray:
+        """Return the free parameters at points; an edge that rounding misses is met."""
+        values = X[..., 2 * self.q :] * self.spans
+        for j, axis in enumerate(self.axes):
+            for edge in (axis.low, axis.high):
+                values[..., j][np.abs(values[..., j] - edge) <= axis.slack] = edge
+        return values
+
+    def oscillator(self, X: np.ndarray) -> Oscillator:
+        """Return the oscillator at a point, its parameters kept to their ranges."""
+        names = [axis.name for axis in self.axes]
+        return replace(self.osc, **dict(zip(names, self.kept(X).tolist(), strict=True)))
+
+    def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return phases and speeds at points; a speed below 0, by rounding, is 0."""
+        z = X[..., : 2 * self.q]
+        return z[..., ::2], np.maximum(z[..., 1::2], 0.0) * self.speed
+
+    def orbit(self, X: np.ndarray) -> PeriodicOrbit:
+        """Return the orbit at a point; a speed that is zero to rounding is zero."""
+        phases, speeds = self.impacts(X)
+        speeds = np.where(speeds < _ZERO_SPEED * self.speed, 0.0, speeds)
+        return orbit_of(self.oscillator(X), self.m, phases, speeds)
+
+    def corrected(
+        self, X: np.ndarray, planes: np.ndarray, condition: int | None = None, index: int = 0
+    ) -> np.ndarray | None:
+        """Return the point of the branch or curve in planes through X; None if none is found."""
+        system = self.system
+        if condition is not None:
+            system = system._replace(condition=condition, graze=index)
+        X = X.copy()
+        if newton.correct(system, X, planes, _MOST_ITERATIONS) < 0:
+            return None
+        if system.condition == newton.GRAZE and len(planes) < len(self.axes):
+            X[2 * system.graze + 1] = 0.0  # it is, to rounding
+        return X
+
+    def at(self, X: np.ndarray, value: float, axis: int = 0) -> np.ndarray | None:
+        """Return the point near X at a value of an axis; None if none is found."""
+        X, plane, at = X.copy(), np.zeros((1, X.size)), 2 * self.q + axis
+        X[at], plane[0, at] = value / self.spans[axis], 1.0
+        return self.corrected(X, plane)
+
+    def tangent(self, X: np.ndarray) -> np.ndarray:
+        """Return the direction of the branch or curve."""
+        return newton.tangent(self.system, X)
+
+    def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
+        """Return the inner product of the walk."""
+        return float(inner(X, Y, self.q))
+
+    def polynomial(self, X: np.ndarray) -> tuple[float, float, float]:
+        """Return c0, c1, c2, zero at the multipliers (``elimination.py``)."""
+        return characteristic(*self.derivatives(X))
+
+    def derivatives(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return A and B of the flights (``flights.residuals``)."""
+        _, A, B = linearised(self.system, X)
+        return A, B
+
+    def stable(self, X: np.ndarray, polynomial: tuple[float, float, float]) -> bool:
+        """Whether both multipliers are inside the unit circle (Jury)."""
+        _, c1, c2 = polynomial
+        h, R, omega, *_ = parameters_at(self.system, X)
+        det = determinant(h, R, omega, self.m, self.q)
+        return det < 1.0 and abs(c1) < (1.0 + det) * abs(c2)
+
+    def objection(self, X: np.ndarray) -> Objection | None:
+        """Say why a point is no orbit within the ranges; None if it is one."""
+        for j, (axis, value) in enumerate(zip(self.axes, self.values(X).tolist(), strict=True)):
+            if not axis.low - axis.slack <= value <= axis.high + axis.slack:
+                return Objection("edge", j, axis.low if value < axis.low else axis.high)
+        speeds = X[1 : 2 * self.q : 2]
+        slowest = int(np.argmin(speeds))
+        if speeds[slowest] < 0.0:
+            return Objection("speed", slowest)
+        flight, phase = first_pass(parameters_at(self.system, X), self.m, self.speed, X, self.q)
+        if flight < 0:
+            return None
+        kind = "rest" if phase == X[2 * flight] else "pass"
+        return Objection(kind, int(flight), float(phase))
