@@ -26,14 +26,14 @@ from vibroimpact.step.single_impact import all_terms, series
 from vibroimpact.step.stop import pressing, time_to_release
 from vibroimpact.step.trigonometry import sin_cos
 
-#: The tail of a chatter is summed where eta times the rates of the system is below this: the
+# The tail of a chatter is summed where eta times the rates of the system is below this: the
 #: third-order term left out, relative to the first, is its square.
-SHORTEST_TAIL = 1e-5
-#: Above this R a chatter takes too many bounces to follow, or does not end at all. Bounces whose
-#: epsilon times the rates of the system is below ``SHORTEST_BOUNCE`` are then taken for rest, and
+_SHORTEST_TAIL = 1e-5
+# Above this R a chatter takes too many bounces to follow, or does not end at all. Bounces whose
+#: epsilon times the rates of the system is below ``_SHORTEST_BOUNCE`` are then taken for rest, and
 #: the point is not certified: Status.SETTLED.
-ENDLESS = 0.999
-SHORTEST_BOUNCE = 1e-3
+_ENDLESS = 0.999
+_SHORTEST_BOUNCE = 1e-3
 #: A bounce is short where its length times the rates of the system is below this: of its series
 #: six terms are enough. Below ``_SHORTEST`` those of its reversion are.
 _SHORT, _SHORTEST = 0.03, 1e-3
@@ -92,7 +92,7 @@ def bounce(eq, launch, E, left, step):
 
 
 @jit(refcounts=False)
-def short_bounce(eq, launch, rates):
+def short_bounce(eq, launch):
     """Find the end of a short rebound, by the reversion of the series of its flight.
 
     Returns
@@ -101,6 +101,7 @@ def short_bounce(eq, launch, rates):
         Its length, and w at its end; -1 and 0 where it is not short.
     """
     w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
+    rates = eq.root - eq.of_w + 1.0
     a, b = eq.of_w, eq.of_y
     d2 = fma(a, w, fs + eq.of_1)
     d3 = fma(a, d2, fma(b, w, fc))
@@ -161,11 +162,23 @@ def time_to_rest(v, theta, s, c, left, pt):
     # The rates of the system, a'' / a = f omega^2 sin(omega t) / a among them.
     rates = abs(beta) + pt.h + pt.p + pt.omega * (1.0 + math.sqrt(pt.f / a))
     shortness = rates * v / a
-    if pt.R > ENDLESS and shortness < SHORTEST_BOUNCE:
+    if pt.R > _ENDLESS and shortness < _SHORTEST_BOUNCE:
         return 0.0, _SETTLED
-    if not shortness < SHORTEST_TAIL * (1.0 - pt.R):
+    if not shortness < _SHORTEST_TAIL * (1.0 - pt.R):
         return math.inf, _CERTIFIED
     eta = v / a / (1.0 - pt.R)
     tail = 2.0 * eta - 4.0 / 3.0 * (beta + pt.h) * eta * eta
     complete = tail <= min(left, time_to_release(theta, pt))
     return tail if complete else math.inf, _CERTIFIED
+
+
+@jit(inline=True)
+def phase_to_rest(eq, launch, theta, left, pt):
+    """As ``time_to_rest``, in the units of ``flow.py``, and asked only where it can say more."""
+    press = fma(eq.of_sin, launch.s, eq.of_1)
+    slow = -launch.w * (eq.root - eq.of_w + 1.0) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
+    if not (slow or pt.R > _ENDLESS):
+        return math.inf, _CERTIFIED
+    speed, per_time = -launch.w * pt.omega, 1.0 / pt.omega
+    wait, status = time_to_rest(speed, theta, launch.s, launch.c, left * per_time, pt)
+    return wait * pt.omega, status

@@ -21,16 +21,14 @@ import math
 
 import numpy as np
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import jit
 from vibroimpact.status import Status
 from vibroimpact.step.bounces import (
-    ENDLESS,
-    SHORTEST_TAIL,
     Launch,
     bounce,
     is_first,
+    phase_to_rest,
     short_bounce,
-    time_to_rest,
     wave_after,
 )
 from vibroimpact.step.flight import (
@@ -127,14 +125,23 @@ def is_near_graze(flight, turn):
 
 
 @jit(inline=True)
-def end_of_step(y, w, m, dt):
-    """The state at the end of a step with `m` and `dt` from ``fly``, `dt` not >= 0."""
+def polished(eq, start, end, impact, at, step):
+    """Look again for an impact that is not proved, most often a slow one; as ``single_impact``."""
+    if not (start[0] < 0.0 < end[0] and impact[4] < FIRST):
+        return impact
+    s_T, c_T = sin_cos(at[0] + step)
+    return single_impact(eq, start, end, (at[1], at[2], s_T, c_T), step, _POLISH)
+
+
+@jit(inline=True)
+def end_of_step(end, m, dt):
+    """Return the state at the `end` of a step with `m` and `dt` from ``fly``, `dt` not >= 0."""
     if m == 4:
         return 0.0, 0.0
     if math.isnan(dt):
         return math.nan, math.nan
     # The end of the step may lie beyond the stop by the rounding of its own map.
-    return min(y, 0.0), w
+    return min(end[0], 0.0), end[1]
 
 
 @jit(inline=True)
@@ -159,7 +166,7 @@ def fly(eq, launch, released, E, left, step, flight):
     """
     launched = launch.y == 0.0 and launch.w < 0.0
     if launched:
-        dt, w_i = short_bounce(eq, launch, eq.root - eq.of_w + 1.0)
+        dt, w_i = short_bounce(eq, launch)
         if not dt >= 0.0:
             dt, w_i = bounce(eq, launch, E, left, step)
         if 0.0 < dt < left and is_first(launch.w, w_i, dt, E, step):
@@ -220,13 +227,10 @@ def exact_step(eq, pt, start, end, impact, at, step, scratch):
     (y, w, resting), (theta, s, c) = start, at
     stop, per_time = pt.clearance, 1.0 / pt.omega
     t, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
-    E, rates = bend(eq, y, w), eq.root - eq.of_w + 1.0
     undisturbed = True  # no impact yet, so that `end` is the end of the step
-    if y < 0.0 < end[0] and impact[4] < FIRST:  # most often a slow impact
-        s_T, c_T = sin_cos(theta + step)
-        impact = single_impact(eq, (y, w), end, (s, c, s_T, c_T), step, _POLISH)
-        if impact[4] == ONLY:
-            return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
+    E, impact = bend(eq, y, w), polished(eq, (y, w), end, impact, at, step)
+    if impact[4] == ONLY:
+        return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
     dt, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]
     for _ in range(MAX_FLIGHTS):  # whatever the times are: t need not rise
         released = resting
@@ -248,11 +252,10 @@ def exact_step(eq, pt, start, end, impact, at, step, scratch):
                 n = log_event(events, n, REST, t * per_time, 0.0, stop)
                 continue
             if not dt >= 0.0:
-                y, w = end
                 if not undisturbed:
-                    y, w = value_and_slope(flight, 0, left / step)
-                    w /= step
-                y, w = end_of_step(y, w, m, dt)
+                    y, slope = value_and_slope(flight, 0, left / step)
+                    end = y, slope / step
+                y, w = end_of_step(end, m, dt)
                 return y, w, False, n, rested, status, grazes
         t += dt
         left -= dt
@@ -260,14 +263,11 @@ def exact_step(eq, pt, start, end, impact, at, step, scratch):
         y, w, undisturbed = 0.0, -pt.R * w_i, False
         s, c = wave_after(s, c, dt, theta + t)
         dt = -1.0
-        # Only so near to rest, or to R = 1, can ``time_to_rest`` say more.
-        press = fma(eq.of_sin, s, eq.of_1)
-        if pt.R > ENDLESS or -w * rates <= SHORTEST_TAIL * (1.0 - pt.R) * press:
-            wait, outcome = time_to_rest(-w * pt.omega, theta + t, s, c, left * per_time, pt)
-            status = max(status, outcome)
-            if wait < math.inf:
-                t += wait * pt.omega
-                resting = True
-                n = log_event(events, n, REST, t * per_time, 0.0, stop)
+        wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), theta + t, left, pt)
+        status = max(status, outcome)
+        if wait < math.inf:
+            t += wait
+            resting = True
+            n = log_event(events, n, REST, t * per_time, 0.0, stop)
     n = log_event(events, n, REST, t * per_time, 0.0, stop) - resting  # once only
     return 0.0, 0.0, True, n, rested + (step - t), _SETTLED, grazes
