@@ -33,6 +33,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 def _numerics() -> str:
+    """Return the digest of every source file of the package, and of numba's version."""
     digest = hashlib.sha256(numba.__version__.encode())
     package = Path(__file__).parents[1]
     for source in sorted(package.rglob("*.py")):
@@ -41,7 +42,7 @@ def _numerics() -> str:
     return digest.hexdigest()[:16]
 
 
-#: Names the code that computes: made of every source file of the package, and of numba's version.
+#: Names the code that computes.
 NUMERICS = _numerics()
 
 

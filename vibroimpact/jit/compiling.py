@@ -110,6 +110,7 @@ def jit(
 
 
 def _compile(function: Any, signature: tuple[Any, ...]) -> None:
+    """Compile a function for arguments of these types."""
     collecting = gc.isenabled()
     gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
     try:
@@ -126,7 +127,7 @@ _compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
 
 
 def compiled(function: Any, *arguments: Any) -> Any:
-    """Return a function compiled for arguments of these types, sooner than a call would be."""
+    """Return a function compiled for such arguments, which takes less time than its first call."""
     signature = tuple(map(numba.typeof, arguments))
     if signature not in function.overloads:
         _compile(function, signature)

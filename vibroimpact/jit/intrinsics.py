@@ -1,4 +1,4 @@
-"""Operations that Python lacks, as single instructions of LLVM."""
+"""Operations that Python lacks, as instructions of LLVM: each ``generate`` emits them."""
 
 from __future__ import annotations
 

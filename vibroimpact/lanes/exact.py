@@ -43,8 +43,8 @@ _EQUATION = _FLOW + 12 * _ROW
 _RESTING, _WAKE, _SLEPT = range(_EQUATION + 8 * _ROW, _EQUATION + 11 * _ROW, _ROW)
 # Of the columns: the equation, the states at both ends of the step, the tangent vectors, the
 # impact, and what is proved of it.
-_OF = _SLEPT + _ROW
-_Y_0, _W_0, _Y_T, _W_T, _PAIR = range(_OF + 8 * _ROW, _OF + 13 * _ROW, _ROW)
+_COLUMN = _SLEPT + _ROW
+_Y_0, _W_0, _Y_T, _W_T, _PAIR = range(_COLUMN + 8 * _ROW, _COLUMN + 13 * _ROW, _ROW)
 _U, _W_I, _PROVED = range(_PAIR + 4 * _ROW, _PAIR + 7 * _ROW, _ROW)
 _SIZE = _PROVED + _ROW
 
@@ -168,7 +168,7 @@ def mend_columns(w, waves, step):
     for j in range(_COLUMNS):
         begin, end = (w[_Y_0 + j], w[_W_0 + j]), (w[_Y_T + j], w[_W_T + j])
         w[_Y_T + j], w[_W_T + j], w[_U + j], w[_W_I + j], w[_PROVED + j] = single_impact(
-            equation_in(w, _OF + j), begin, end, waves, step, 1
+            equation_in(w, _COLUMN + j), begin, end, waves, step, 1
         )
 
 
@@ -178,7 +178,7 @@ def carry_columns(w, wave, step):
     widest_vectors()
     for j in range(_COLUMNS):
         pair, u, w_i = pair_in(w, _PAIR + j, _ROW), w[_U + j], w[_W_I + j]
-        pair = tangents_through_impact(equation_in(w, _OF + j), pair, u, w_i, wave, step)
+        pair = tangents_through_impact(equation_in(w, _COLUMN + j), pair, u, w_i, wave, step)
         put_pair(w, _PAIR + j, _ROW, pair)
 
 
@@ -190,7 +190,7 @@ def mend_side_by_side(block, listed, grid, n):
     for j in range(listed):
         i = met[j] & (LANES - 1)  # so that LLVM sees that it is not negative
         for q in range(8):
-            w[_OF + q * _ROW + j] = w[_EQUATION + q * _ROW + i]
+            w[_COLUMN + q * _ROW + j] = w[_EQUATION + q * _ROW + i]
         w[_Y_0 + j], w[_W_0 + j] = w[_Y + old + i], w[_W + old + i]
         w[_Y_T + j], w[_W_T + j] = w[_Y + new + i], w[_W + new + i]
     waves = table[SIN, n], table[COS, n], table[SIN, n + 1], table[COS, n + 1]

@@ -114,30 +114,33 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     pending = sums["status"] == Status.PENDING
     if pending.any():
         sections[pending], tally.impacts[pending] = np.nan, np.nan
-    with np.errstate(over="ignore", invalid="ignore"):  # omega below the smallest normal number
-        duration = periods * 2.0 * np.pi / points["omega"]
-        share = np.minimum(sums["rested"] / duration, 1.0)
     sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
     failed = (sums["status"] >= Status.UNRESOLVED) | pending
-    no_impact = sums["impacts"] == 0
-    R = points["R"]
-    with np.errstate(over="ignore"):  # of a motion that is finite, but not its energy
+    no_impact, R = sums["impacts"] == 0, points["R"]
+    # The energy of a finite motion may overflow, and so does the period where omega is below the
+    # smallest normal number.
+    with np.errstate(over="ignore", invalid="ignore"):
+        duration = periods * 2.0 * np.pi / points["omega"]
+        share = np.minimum(sums["rested"] / duration, 1.0)
         squares = np.where(R < 1.0, sums["squared_speeds"], 0.0)
         lost = 0.5 * (1.0 - R) * (1.0 + R) * squares
         impulse = (1.0 + R) * sums["speeds"] / periods
     growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
+    numbers = {
+        "impacts_per_period": sums["impacts"] / periods,
+        "slowest_impact": np.where(no_impact, np.nan, sums["slowest_impact"]),
+        "fastest_impact": np.where(no_impact, np.nan, sums["fastest_impact"]),
+        "impulse": impulse,
+        "energy_lost": lost / periods,
+        "max_penetration": sums["max_penetration"],
+        "rest_fraction": share,
+    }
     return {
         "poincare_x": sections[:, :, 0],
         "poincare_v": sections[:, :, 1],
         "impact_phase": tally.impacts[:, :, 0],
         "impact_v": tally.impacts[:, :, 1],
-        "impacts_per_period": np.where(failed, np.nan, sums["impacts"] / periods),
-        "slowest_impact": np.where(failed | no_impact, np.nan, sums["slowest_impact"]),
-        "fastest_impact": np.where(failed | no_impact, np.nan, sums["fastest_impact"]),
-        "impulse": np.where(failed, np.nan, impulse),
-        "energy_lost": np.where(failed, np.nan, lost / periods),
-        "max_penetration": np.where(failed, np.nan, sums["max_penetration"]),
-        "rest_fraction": np.where(failed, np.nan, share),
+        **{name: np.where(failed, np.nan, values) for name, values in numbers.items()},
         "chatters": np.where(failed, 0, sums["chatters"]),
         "near_grazes": np.where(failed, 0, sums["near_grazes"]),
         "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),

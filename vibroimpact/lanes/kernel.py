@@ -114,8 +114,8 @@ def finish(block, i, steps, begin, end, recording):
             if recording:
                 sums.rested += step / pt.omega
             continue
-        at = theta, table[SIN, k], table[COS, k]
-        x, v, resting, n, rested, status = take_step(method, rows, state, at, step, pt, scratch)
+        phase = theta, table[SIN, k], table[COS, k]
+        x, v, resting, n, rested, status = take_step(method, rows, state, phase, step, pt, scratch)
         state = x, v, resting
         w[WAKE + i] = -math.inf
         if resting:

@@ -12,7 +12,6 @@ from vibroimpact.lanes.tally import list_impact
 from vibroimpact.lanes.workspace import (
     C_0,
     C_TR,
-    LEFT,
     MET,
     OF_CLEARANCE,
     OF_F,
@@ -20,9 +19,10 @@ from vibroimpact.lanes.workspace import (
     OF_OMEGA,
     OF_P,
     OF_R,
-    ONCE,
+    REMAINDER,
     S_0,
     S_TR,
+    SINGLE,
     STEP,
     STRIDE,
     T_R,
@@ -89,21 +89,21 @@ def shorten_steps(w, columns, step):
         T_r, w[V_TR + j], w[S_TR + j], w[C_TR + j], sure = single_impact(
             w[X_0 + j], w[V_0 + j], w[X_T + j], w[V_T + j], w[THETA_0 + j], T, pt
         )
-        w[T_R + j], w[LEFT + j], w[ONCE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
+        w[T_R + j], w[REMAINDER + j], w[SINGLE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
 
 
 @jit(inline=True)
 def launch(w, j):
     """Return what an integrator needs to take the remainder of the step of column `j`."""
     pt = parameters_of(w, j)
-    return pt.clearance, -pt.R * w[V_TR + j], w[S_TR + j], w[C_TR + j], w[LEFT + j], pt
+    return pt.clearance, -pt.R * w[V_TR + j], w[S_TR + j], w[C_TR + j], w[REMAINDER + j], pt
 
 
 @jit(inline=True)
 def land(w, j, x, v):
     """Put the end of the step into column `j`."""
     w[X_T + j], w[V_T + j] = x, v
-    w[ONCE + j] = select(x < w[OF_CLEARANCE + j], w[ONCE + j], 0.0)
+    w[SINGLE + j] = select(x < w[OF_CLEARANCE + j], w[SINGLE + j], 0.0)
 
 
 @jit(refcounts=False)
@@ -145,12 +145,13 @@ def mend_side_by_side(w, met, points, integrator, grid, n, recording, tally):
     left = 0
     for j in range(met):
         i = int(w[MET + j])
-        x, v, once = w[X_T + j], w[V_T + j], w[ONCE + j] > 0.0
+        x, v, single = w[X_T + j], w[V_T + j], w[SINGLE + j] > 0.0
         for q in range(n + 1, n + STRIDE):
             x_T, v_T, safe = glide(w, i, x, v, grid.table[SIN, q], grid.table[COS, q])
             later = q > w[STEP + j]
-            x, v, once = select(later, x_T, x), select(later, v_T, v), once & (safe | (not later))
-        if once:
+            x, v = select(later, x_T, x), select(later, v_T, v)
+            single &= safe | (not later)
+        if single:
             w[X + i], w[V + i] = x, v
             if recording:
                 phase = w[THETA_0 + j] + points[i].omega * w[T_R + j]

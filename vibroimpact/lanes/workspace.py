@@ -38,7 +38,7 @@ STRIDE = 4
     # With the rule ``reduced-step``, of each of these: the parameters of eq. (1); the step in which
     # it meets the stop, its ends, the impact in it, what is left of it, and whether that is all.
     OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
-    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T, T_R, V_TR, S_TR, C_TR, LEFT, ONCE,
+    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T, T_R, V_TR, S_TR, C_TR, REMAINDER, SINGLE,
     # With the rule ``plain``: the speeds of the impacts of a stride.
     SPEEDS,
 ) = range(0, 40 * LANES, LANES)  # fmt: skip

@@ -141,6 +141,7 @@ def _run(
     at_section: bool,
     interrupt: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
+    """Compute points as they are: no scaling, no following and no period class."""
     c = computation
     results = integrate(
         points,

@@ -125,12 +125,12 @@ def is_near_graze(flight, turn):
 
 
 @jit(inline=True)
-def polished(eq, start, end, impact, at, step):
+def polished(eq, start, end, impact, phase, step):
     """Look again for an impact that is not proved, most often a slow one; as ``single_impact``."""
     if not (start[0] < 0.0 < end[0] and impact[4] < FIRST):
         return impact
-    s_T, c_T = sin_cos(at[0] + step)
-    return single_impact(eq, start, end, (at[1], at[2], s_T, c_T), step, _POLISH)
+    s_T, c_T = sin_cos(phase[0] + step)
+    return single_impact(eq, start, end, (phase[1], phase[2], s_T, c_T), step, _POLISH)
 
 
 @jit(inline=True)
@@ -191,7 +191,7 @@ def log_impact(events, impact, pt):
 
 
 @jit(refcounts=False)
-def exact_step(eq, pt, start, end, impact, at, step, scratch):
+def exact_step(eq, pt, start, end, impact, phase, step, scratch):
     """One step with every impact in it.
 
     Parameters
@@ -204,7 +204,7 @@ def exact_step(eq, pt, start, end, impact, at, step, scratch):
         Its undisturbed end.
     impact : 5 floats
         What ``single_impact`` says of the step, less than ``ONLY`` being proved.
-    at : (float, float, float)
+    phase : (float, float, float)
         Phase at the start, its sine and its cosine.
     step : float
     scratch : Scratch
@@ -224,11 +224,11 @@ def exact_step(eq, pt, start, end, impact, at, step, scratch):
         Number of near grazes.
     """
     events, flight = scratch
-    (y, w, resting), (theta, s, c) = start, at
+    (y, w, resting), (theta, s, c) = start, phase
     stop, per_time = pt.clearance, 1.0 / pt.omega
     t, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
     undisturbed = True  # no impact yet, so that `end` is the end of the step
-    E, impact = bend(eq, y, w), polished(eq, (y, w), end, impact, at, step)
+    E, impact = bend(eq, y, w), polished(eq, (y, w), end, impact, phase, step)
     if impact[4] == ONLY:
         return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
     dt, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]

@@ -34,7 +34,6 @@ _NARROWEST = 2.0**-17
 # Intervals that are passed are wider than half of that, but for the last one: 2^18 fill a step. The
 # others are halved, which undoes the doubling after a passed one, or is one of the first 18.
 _MOST_INTERVALS = 2**19 + 20
-_NO_TURN = -math.inf
 
 
 @jit(refcounts=False)
@@ -175,8 +174,7 @@ def first_crossing(c, m, end):
         Greatest x - stop among the turning points seen on the way; -inf if there was none.
     """
     jerk = _greatest_third_derivative(c, m)
-    turn = _NO_TURN
-    a, width = 0.0, end
+    turn, a, width = -math.inf, 0.0, end
     value_a, slope_a = c[m], c[m + 1]
     if not jerk < math.inf:
         return math.nan, turn

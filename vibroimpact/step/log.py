@@ -49,27 +49,6 @@ def _put_start(log, t, pt, resting):
 
 
 @jit
-def _approach(stepping, transient, pt, scratch, interrupt):
-    """Run from the start to the start of the record: the state there, and the status."""
-    method, lead, grid = stepping
-    rule, integrator = method
-    x, v, resting = start(pt, sine_at_start(lead, grid))
-    state, status = to_state(rule, x, v, resting and rule != PLAIN, pt), 0
-    for k in range(-1, transient):
-        if is_set(interrupt):
-            break
-        phases = lead if k < 0 else grid
-        prepared = prepare(integrator, phases, pt)
-        for n in range(phases.size):
-            state, _, outcome = advance(method, prepared, state, phases, n, pt, scratch)
-            status = max(status, outcome)
-        if k >= 0:
-            x, v = from_state(rule, state, pt)
-            state = to_state(rule, x, v, state[2], pt)
-    return state, status
-
-
-@jit
 def _trace(pt, stepping, periods, transient, every, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
@@ -83,28 +62,34 @@ def _trace(pt, stepping, periods, transient, every, log, interrupt):
     """
     scratch, (method, lead, grid) = new_scratch(), stepping
     rule, integrator = method
-    state, status = _approach(stepping, transient, pt, scratch, interrupt)
+    x, v, resting = start(pt, sine_at_start(lead, grid))
+    state, status = to_state(rule, x, v, resting and rule != PLAIN, pt), 0
     size, T = grid.size, grid.step / pt.omega
-    prepared = prepare(integrator, grid, pt)
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
-    if transient == 0 and lead.size == 0:
-        rows = _put_start(log, t, pt, state[2])
-    else:
-        x, v = from_state(rule, state, pt)
-        rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
-    for k in range(transient, transient + periods):
+    rows = 0
+    for k in range(-transient - 1, periods):
         if is_set(interrupt):
             return 0, _PENDING
-        for n in range(size):
-            last = n + 1 == size
-            t_T = (2.0 * math.pi * k + grid.table[THETA, n + 1]) / pt.omega
-            state, n_events, outcome = advance(method, prepared, state, grid, n, pt, scratch)
-            status = max(status, outcome)
-            rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
+        steps = lead if k < -transient else grid
+        if k <= -transient:
+            prepared = prepare(integrator, steps, pt)
+        if k == 0 and transient == 0 and lead.size == 0:
+            rows = _put_start(log, t, pt, state[2])
+        elif k == 0:
             x, v = from_state(rule, state, pt)
-            if last:
+            rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
+        for n in range(steps.size):
+            state, n_events, outcome = advance(method, prepared, state, steps, n, pt, scratch)
+            status = max(status, outcome)
+            x, v = from_state(rule, state, pt)
+            last = n + 1 == size
+            if k >= -transient and last:
                 state = to_state(rule, x, v, state[2], pt)
-            if ((k - transient) * size + n + 1) % every == 0:
+            if k < 0:
+                continue
+            t_T = (2.0 * math.pi * (transient + k) + grid.table[THETA, n + 1]) / pt.omega
+            rows = _put_events(log, rows, scratch.events, n_events, t, t_T, T, pt)
+            if (k * size + n + 1) % every == 0:
                 in_log = 0 < rows <= log.shape[0]
                 if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
                     rows -= 1  # an impact at the end of the step left this state already

@@ -70,7 +70,7 @@ def from_state(rule, state, pt):
 
 
 @jit(inline=True)
-def take_step(method, rows, state, at, step, pt, scratch):
+def take_step(method, rows, state, phase, step, pt, scratch):
     """Advance a state by its affine map, and mend the step where it met the stop.
 
     Parameters
@@ -80,7 +80,7 @@ def take_step(method, rows, state, at, step, pt, scratch):
     rows : two tuples of 4 floats
         The rows of the map.
     state : (float, float, bool)
-    at : (float, float, float)
+    phase : (float, float, float)
         Phase at the start of the step, its sine and its cosine.
     step : float
         omega T.
@@ -89,23 +89,23 @@ def take_step(method, rows, state, at, step, pt, scratch):
     -------
     As from ``reduced_step``.
     """
-    (x, v, resting), (_, s, c), (to_x, to_v) = state, at, rows
+    (x, v, resting), (_, s, c), (to_x, to_v) = state, phase, rows
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
     if resting or not x_T < pt.clearance:
         if method[0] != PLAIN:
-            return reduced_step(method, state, (x_T, v_T), at, step / pt.omega, pt, scratch)
+            return reduced_step(method, state, (x_T, v_T), phase, step / pt.omega, pt, scratch)
         x, v, n = plain(x_T, v_T, step / pt.omega, pt, scratch)
         return x, v, False, n, 0.0, _COMPUTED
     return x_T, v_T, False, 0, 0.0, _COMPUTED
 
 
 @jit
-def take_exact_step(eq, flow, state, at, end_wave, step, pt, scratch):
+def take_exact_step(eq, flow, state, phase, end_wave, step, pt, scratch):
     """Take a step with the rule ``exact``, as ``lanes/exact.py`` does with many side by side.
 
     Parameters
     ----------
-    at : (float, float, float)
+    phase : (float, float, float)
         Phase at the start of the step, its sine and its cosine.
     end_wave : (float, float)
         Sine and cosine of the phase at its end.
@@ -114,7 +114,7 @@ def take_exact_step(eq, flow, state, at, end_wave, step, pt, scratch):
     -------
     As from ``exact.exact_step``.
     """
-    (y, w, _), (_, s, c) = state, at
+    (y, w, _), (_, s, c) = state, phase
     y_T, w_T, high = glide(flow, y, w, s, c, step / 3.0)
     if high < 0.0:
         return y_T, w_T, False, 0, 0.0, 0, 0
@@ -123,7 +123,7 @@ def take_exact_step(eq, flow, state, at, end_wave, step, pt, scratch):
     if impact[4] == ONLY:
         n = log_impact(scratch.events, impact, pt)
         return impact[0], impact[1], False, n, 0.0, 0, 0
-    return exact_step(eq, pt, state, (y_T, w_T), impact, at, step, scratch)
+    return exact_step(eq, pt, state, (y_T, w_T), impact, phase, step, scratch)
 
 
 @jit
@@ -138,13 +138,15 @@ def advance(method, prepared, state, steps, n, pt, scratch):
     status : int
     """
     table = steps.table
-    at = table[THETA, n], table[SIN, n], table[COS, n]
+    phase = table[THETA, n], table[SIN, n], table[COS, n]
     if method[0] == EXACT:
         end_wave = table[SIN, n + 1], table[COS, n + 1]
         y, w, resting, n_events, _, status, _ = take_exact_step(
-            prepared.eq, prepared.flow, state, at, end_wave, steps.step, pt, scratch
+            prepared.eq, prepared.flow, state, phase, end_wave, steps.step, pt, scratch
         )
         return (y, w, resting), n_events, status
     rows = prepared.to_x, prepared.to_v
-    x, v, resting, n_events, _, status = take_step(method, rows, state, at, steps.step, pt, scratch)
+    x, v, resting, n_events, _, status = take_step(
+        method, rows, state, phase, steps.step, pt, scratch
+    )
     return (x, v, resting), n_events, status

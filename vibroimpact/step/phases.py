@@ -33,6 +33,7 @@ class Phases(NamedTuple):
 
 
 def _phases(start: float, span: float, count: int) -> Phases:
+    """Return `count` equal steps over a span of phases."""
     theta = start + span * np.arange(count + 1) / max(count, 1)
     table = np.stack([theta, np.sin(theta), np.cos(theta)])
     return Phases(table, span / max(count, 1), count)

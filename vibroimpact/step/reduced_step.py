@@ -207,7 +207,7 @@ def time_to_rest(v, theta, s, left, T, pt):
 
 
 @jit(refcounts=False)
-def reduced_step(method, start, end, at, T, pt, scratch):
+def reduced_step(method, start, end, phase, T, pt, scratch):
     """One step of length `T`, shortened at every impact in it.
 
     Parameters
@@ -218,7 +218,7 @@ def reduced_step(method, start, end, at, T, pt, scratch):
         x, v at the start of the step, and whether the mass is at rest on the stop there.
     end : (float, float)
         x, v at its undisturbed end.
-    at : (float, float, float)
+    phase : (float, float, float)
         Phase at the start of the step, its sine and its cosine.
     scratch : Scratch
         Receives the events.
@@ -236,7 +236,7 @@ def reduced_step(method, start, end, at, T, pt, scratch):
     status : int
     """
     events, coefficients = scratch
-    (_, integrator), (x, v, resting), (x_T, v_T), (theta, s, c) = method, start, end, at
+    (_, integrator), (x, v, resting), (x_T, v_T), (theta, s, c) = method, start, end, phase
     tau = 0.0
     n = 0
     rested = 0.0

@@ -1,6 +1,9 @@
 """The impact rules by name.
 
-``plain``, ``reduced-step`` and ``cubic`` are in ``reduced_step.py``, ``exact`` is in ``exact.py``.
+- ``plain``: eqs (2)-(5) at the end of the step, in ``reduced_step.py``.
+- ``reduced-step``: eqs (6)-(9), then the remainder of the step, in ``reduced_step.py``.
+- ``cubic``: the root of the cubic Hermite interpolant of the step, in ``reduced_step.py``.
+- ``exact``: the first root of the closed-form flow, in ``exact.py``.
 """
 
 from __future__ import annotations
@@ -23,18 +26,15 @@ class ImpactRule:
     order : int or None
         Order of accuracy through impacts, with an integrator of at least that order; None: exact
         to rounding.
-    source : str
-        Its equations.
     """
 
     code: int
     order: int | None
-    source: str
 
 
 IMPACT_RULES: Mapping[str, ImpactRule] = {
-    "plain": ImpactRule(PLAIN, 1, "eqs (2)-(5), at the end of the step"),
-    "reduced-step": ImpactRule(REDUCED_STEP, 2, "eqs (6)-(10), then the remainder of the step"),
-    "cubic": ImpactRule(CUBIC, 4, "root of the cubic Hermite interpolant of the step"),
-    "exact": ImpactRule(EXACT, None, "first root of the closed-form flow after the launch"),
+    "plain": ImpactRule(PLAIN, 1),
+    "reduced-step": ImpactRule(REDUCED_STEP, 2),
+    "cubic": ImpactRule(CUBIC, 4),
+    "exact": ImpactRule(EXACT, None),
 }

@@ -40,6 +40,7 @@ def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
 
 @jit
 def _fill_maps(maps: np.ndarray, integrator: int, steps: np.ndarray, zeta: np.ndarray) -> None:
+    """Fill `maps` with the matrices M of steps of free motion."""
     for i in range(steps.size):
         pt = Parameters(h=zeta[i], R=1.0, omega=1.0, f=0.0, p=1.0, clearance=0.0)
         xx, xv, _, _, vx, vv, _, _ = affine_map(integrator, steps[i], pt)
