@@ -19,7 +19,7 @@ attractors, according to its kind of motion (`sweeps.analysis.motion`):
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -84,163 +84,112 @@ def attractors(
     points = PointNumbers.of(dataset)
     ends = outcomes(dataset, points, extensions)
     groups = group_periodic(dataset, points, ends.period, ends.cycles, tolerance)
-    return _as_dataset(dataset, points, _numbered(dataset, points, ends, groups), ends)
+    heads, of_point = _members(points, ends.motion, groups.representative)
+    motion, parameter = ends.motion[heads], points.parameter[heads]
+    members = np.bincount(of_point[of_point >= 0], minlength=len(heads))
+    fraction = members / np.bincount(parameter, members, points.count)[parameter]
+    m, number = _tracked(dataset, points, motion, heads, fraction, groups)
+    shown = _settled_members(of_point, heads, ends)
+    x, v = groups.last[shown].T
+    columns: dict[str, tuple[np.ndarray, str]] = {
+        "number": (number, "number of the attractor"),
+        "fraction": (fraction, "fraction of the starts"),
+        "motion": (motion, "kind of motion"),
+        "m": (m, "forcing periods per repetition, 0: not periodic"),
+        "q": (_impacts(of_point, m, ends), "impacts per repetition, 0: not periodic"),
+        "settled": (~ends.followed[shown], "whether its record shows it"),
+        "section_x": (x, "displacement at the section"),
+        "section_v": (v, "velocity at the section"),
+        "representative": (points.start[shown], "number of the start that stands for it"),
+    }
+    order = np.lexsort((number, -members, parameter))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order)) - np.searchsorted(parameter[order], parameter[order])
+    data: dict[str, Any] = {}
+    for name, (values, meaning) in columns.items():
+        missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
+        grid = np.full((points.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
+        grid[parameter, rank] = values
+        shaped = grid.reshape(*points.shape, -1)
+        data[name] = ((*points.parameters, "coexisting"), shaped, {"long_name": meaning})
+    data["motion"][2]["flag_values"] = np.array(list(Motion))
+    data["motion"][2]["flag_meanings"] = " ".join(motion.name.lower() for motion in Motion)
+    counted = np.bincount(parameter[np.isin(motion, COUNTED_MOTIONS)], minlength=points.count)
+    for name, array, meaning in (
+        ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
+        ("followed", ends.followed, "whether the motion was followed on, since it had not settled"),
+    ):
+        status = dataset["status"]
+        data[name] = (status.dims, array.reshape(status.shape), {"long_name": meaning})
+    about = {"long_name": "distinct attractors found"}
+    data["attractors"] = (points.parameters, counted.reshape(points.shape), about)
+    return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
 
 
-class _Attractors(NamedTuple):
-    """The attractors of all parameter points, in the order of these, the most frequent first.
+def _members(
+    points: PointNumbers, motion: np.ndarray, representative: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a point on each attractor, and the attractor of each point, -1 for none.
 
-    Attributes
-    ----------
-    of_point : ndarray of int, shape (points of the file,)
-        The index of the attractor that each point is on; -1 for none.
-    representative : ndarray of int, shape (n,)
-        A point of the file on each attractor.
-    motion, m, number, members : ndarray of int, shape (n,)
-        `members` is the number of points on the attractor.
-    section : ndarray, shape (n, 2)
-        The last state of the representative.
+    The `representative` points are those of the periodic motions; the others of a kind are one.
     """
-
-    of_point: np.ndarray
-    representative: np.ndarray
-    motion: np.ndarray
-    m: np.ndarray
-    number: np.ndarray
-    members: np.ndarray
-    section: np.ndarray
-
-
-def _numbered(
-    dataset: xr.Dataset, points: PointNumbers, ends: Outcomes, groups: Groups
-) -> _Attractors:
-    """Number the attractors, those that are not periodic among them."""
-    motion = ends.motion
-    representative = groups.representative.copy()
-    not_periodic = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
-    if len(not_periodic):
-        kinds = points.parameter[not_periodic] * len(Motion) + motion[not_periodic]
-        _, first, inverse = np.unique(kinds, return_index=True, return_inverse=True)
-        representative[not_periodic] = not_periodic[first][inverse]
-    at, of_point = np.unique(representative, return_inverse=True)
-    of_point = of_point - int(len(at) > 0 and at[0] < 0)
-    at = at[at >= 0]
-    members = np.bincount(of_point[of_point >= 0], minlength=len(at))
-    total = np.bincount(points.parameter[at], members, points.count)
-    share = members / total[points.parameter[at]]
-    m, number = _tracked(dataset, points, motion, at, share, groups)
-    order = np.lexsort((number, -members, points.parameter[at]))
-    at = at[order]
-    if len(at):
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        of_point = np.where(of_point < 0, -1, place[of_point])
-    at = _settled_members(of_point, at, ends)
-    return _Attractors(
-        of_point, at, motion[at], m[order], number[order], members[order], groups.last[at]
-    )
+    representative = representative.copy()
+    others = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
+    kinds = points.parameter[others] * len(Motion) + motion[others]
+    _, first, inverse = np.unique(kinds, return_index=True, return_inverse=True)
+    representative[others] = others[first][inverse]
+    heads = np.unique(representative[representative >= 0])
+    return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
 
 
-def _settled_members(of_point: np.ndarray, at: np.ndarray, ends: Outcomes) -> np.ndarray:
+def _settled_members(of_point: np.ndarray, heads: np.ndarray, ends: Outcomes) -> np.ndarray:
     """Return a point on each attractor, one whose record shows it where there is one."""
     shown = np.flatnonzero((of_point >= 0) & ~ends.followed)
     attractor, first = np.unique(of_point[shown], return_index=True)
-    at = at.copy()
-    replaced = ends.followed[at[attractor]]
-    at[attractor[replaced]] = shown[first[replaced]]
-    return at
+    replaced = ends.followed[heads[attractor]]
+    heads = heads.copy()
+    heads[attractor[replaced]] = shown[first[replaced]]
+    return heads
 
 
 def _tracked(
     dataset: xr.Dataset,
     points: PointNumbers,
     motion: np.ndarray,
-    at: np.ndarray,
-    share: np.ndarray,
+    heads: np.ndarray,
+    fraction: np.ndarray,
     groups: Groups,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return m and the number of each attractor: the periodic by their share, the rest last."""
-    lengths, places = np.zeros(motion.size, np.int64), np.zeros(motion.size, np.int64)
-    for length, heads in groups.by_period.items():
-        lengths[heads], places[heads] = length, np.arange(len(heads))
-    number = np.empty(len(at), np.int64)
-    periodic = np.flatnonzero(motion[at] == Motion.PERIODIC)
-    periodic = periodic[np.argsort(points.parameter[at[periodic]], kind="stable")]
-    heads = at[periodic]
+    lengths, places = np.zeros((2, len(groups.representative)), np.int64)
+    for length, at in groups.by_period.items():
+        lengths[at], places[at] = length, np.arange(len(at))
+    periodic = np.flatnonzero(motion == Motion.PERIODIC)
+    periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
+    at = heads[periodic]
     links = None
     if points.shape and Setting.of(dataset).method.get("impact") == "exact":
         axis = points.parameters[int(np.argmax(points.shape))]
-        links = ExactLinks(dataset, axis, heads, groups.last[heads], lengths[heads])
-    chains = track(
-        points.shape,
-        PeriodicAttractors(points.parameter[heads], lengths[heads], places[heads], groups.cycles),
-        links,
-    )
-    _, chain = np.unique(chains, return_inverse=True)
-    shares = np.bincount(chain, share[periodic])
-    ranks = np.empty(len(shares), np.int64)
-    ranks[np.argsort(-shares, kind="stable")] = np.arange(len(shares))
-    number[periodic] = ranks[chain]
-    not_periodic = np.flatnonzero(motion[at] != Motion.PERIODIC)
-    _, kinds = np.unique(motion[at[not_periodic]], return_inverse=True)
-    number[not_periodic] = len(shares) + kinds
-    return lengths[at], number
+        links = ExactLinks(dataset, axis, at, groups.last[at], lengths[at])
+    tracked = PeriodicAttractors(points.parameter[at], lengths[at], places[at], groups.cycles)
+    _, chain = np.unique(track(points.shape, tracked, links), return_inverse=True)
+    shares = np.bincount(chain, fraction[periodic])
+    number = np.empty(len(heads), np.int64)
+    number[periodic] = np.argsort(np.argsort(-shares, kind="stable"))[chain]
+    others = np.flatnonzero(motion != Motion.PERIODIC)
+    number[others] = len(shares) + np.unique(motion[others], return_inverse=True)[1]
+    return lengths[heads], number
 
 
-def _as_dataset(
-    dataset: xr.Dataset, points: PointNumbers, table: _Attractors, ends: Outcomes
-) -> xr.Dataset:
-    """Put the attractors into the shape of the grid."""
-    parameter = points.parameter[table.representative]
-    rank = np.arange(len(parameter)) - np.searchsorted(parameter, parameter)
-    width = int(rank.max(initial=0)) + 1
-    results = np.bincount(parameter, table.members, points.count)
-    x, v = table.section.T
-    columns: dict[str, tuple[np.ndarray, str]] = {
-        "number": (table.number, "number of the attractor"),
-        "fraction": (table.members / results[parameter], "fraction of the starts"),
-        "motion": (table.motion, "kind of motion"),
-        "m": (table.m, "forcing periods per repetition, 0: not periodic"),
-        "q": (_impacts(ends, table), "impacts per repetition, 0: not periodic"),
-        "settled": (~ends.followed[table.representative], "whether its record shows it"),
-        "section_x": (x, "displacement at the section"),
-        "section_v": (v, "velocity at the section"),
-        "representative": (
-            points.start[table.representative], "number of the start that stands for it"
-        ),
-    }  # fmt: skip
-    data: dict[str, Any] = {}
-    for name, (values, meaning) in columns.items():
-        missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
-        grid = np.full((points.count, width), missing, values.dtype)
-        grid[parameter, rank] = values
-        shaped = grid.reshape(*points.shape, width)
-        about: dict[str, Any] = {"long_name": meaning}
-        if name == "motion":
-            about["flag_values"] = np.array(list(Motion))
-            about["flag_meanings"] = " ".join(motion.name.lower() for motion in Motion)
-        data[name] = ((*points.parameters, "coexisting"), shaped, about)
-    of_point = table.of_point
-    number = np.where(of_point < 0, -1, table.number[of_point]) if len(parameter) else of_point
-    counted = np.bincount(parameter[np.isin(table.motion, COUNTED_MOTIONS)], minlength=points.count)
-    about = {"long_name": "number of the attractor, -1: none"}
-    data["attractor"] = (dataset["status"].dims, number.reshape(dataset["status"].shape), about)
-    about = {"long_name": "whether the motion was followed on, since it had not settled"}
-    followed = ends.followed.reshape(dataset["status"].shape)
-    data["followed"] = (dataset["status"].dims, followed, about)
-    about = {"long_name": "distinct attractors found"}
-    data["attractors"] = (points.parameters, counted.reshape(points.shape), about)
-    return xr.Dataset(data, {name: dataset[name] for name in dataset["status"].coords})
-
-
-def _impacts(ends: Outcomes, table: _Attractors) -> np.ndarray:
+def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:
     """Return the impacts per repetition that most points on an attractor have."""
-    on = np.flatnonzero(table.of_point >= 0)
-    attractor = table.of_point[on]
-    repetitions = np.maximum(ends.period[on], 1)
-    counted = np.rint(ends.impacts[on] * table.m[attractor] / repetitions).astype(np.int64)
-    pairs, times = np.unique(np.stack([attractor, counted]), axis=1, return_counts=True)
-    most = np.zeros(len(table.representative), np.int64)
+    on = np.flatnonzero(of_point >= 0)
+    attractor = of_point[on]
+    counted = np.rint(ends.impacts[on] * m[attractor] / np.maximum(ends.period[on], 1))
+    pairs, times = np.unique(
+        np.stack([attractor, counted.astype(np.int64)]), axis=1, return_counts=True
+    )
+    most = np.zeros(len(m), np.int64)
     order = np.argsort(times, kind="stable")
     most[pairs[0, order]] = pairs[1, order]  # the last, most frequent one stays
     return most
