@@ -71,20 +71,13 @@ def labels(line: xr.Dataset) -> list[Label | None]:
     line : Dataset
         A cut through an opened sweep with one swept axis left, with ``period``.
     """
-    counts = zip(
-        line["period"].values.tolist(), line["period_impacts"].values.tolist(), strict=True
-    )
+    motions = classify(line)
+    periodic = motions == Motion.PERIODIC
+    m, q = (np.where(periodic, line[name].values, 0) for name in ("period", "period_impacts"))
     return [
-        label_of(Motion(motion), *mq)
-        for motion, mq in zip(classify(line).tolist(), counts, strict=True)
+        Label(Motion(kind), *mq) if kind in _CLASSIFIED else None
+        for kind, *mq in zip(motions.tolist(), m.tolist(), q.tolist(), strict=True)
     ]
-
-
-def label_of(motion: Motion, m: int, q: int) -> Label | None:
-    """Return the class of one motion; None where it is not known."""
-    if motion not in _CLASSIFIED:
-        return None
-    return Label(motion, m, q) if motion is Motion.PERIODIC else Label(motion)
 
 
 def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
@@ -96,10 +89,9 @@ def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Cha
     classes : sequence of Label or None, length n
         Of the motions there, as from `labels`.
     """
-    classified = [i for i, label in enumerate(classes) if label is not None]
-    for i, j in pairwise(classified):
-        before, after = classes[i], classes[j]
-        if before is not None and after is not None and before != after:
+    classified = [(i, label) for i, label in enumerate(classes) if label is not None]
+    for (i, before), (j, after) in pairwise(classified):
+        if before != after:
             yield Change(float(values[i]), float(values[j]), before, after, j - i - 1)
 
 

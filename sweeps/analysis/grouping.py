@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -28,8 +29,8 @@ class PointNumbers:
     ----------
     shape : tuple of int
         Of the grid of parameter points, which is that of the file without its ``STARTS``.
-    parameters, starts : tuple of str
-        Its axes, and the others.
+    parameters : tuple of str
+        Its axes.
     parameter, start : ndarray of int, shape (n,)
         The number of the parameter point and of the start, each in C order.
     values : mapping of str to ndarray, shape (n,)
@@ -38,7 +39,6 @@ class PointNumbers:
 
     shape: tuple[int, ...]
     parameters: tuple[str, ...]
-    starts: tuple[str, ...]
     parameter: np.ndarray
     start: np.ndarray
     values: Mapping[str, np.ndarray]
@@ -46,30 +46,27 @@ class PointNumbers:
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
         """Number the points of an opened sweep, or of a cut through one."""
-        axes = tuple(map(str, dataset["status"].dims))
-        parameters = tuple(name for name in axes if name not in STARTS)
-        starts = tuple(name for name in axes if name in STARTS)
-        shape = tuple(dataset.sizes[name] for name in axes)
+        sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
+        parameters = {name: size for name, size in sizes.items() if name not in STARTS}
 
-        def numbers(kept: tuple[str, ...]) -> np.ndarray:
+        def numbers(kept: Collection[str]) -> np.ndarray:
             """Count the points along the axes kept; points that differ along others are one."""
-            sizes = [dataset.sizes[name] if name in kept else 1 for name in axes]
-            counted = np.arange(np.prod(sizes, dtype=np.int64)).reshape(sizes)
-            return np.broadcast_to(counted, shape).ravel()
+            counted = [size if name in kept else 1 for name, size in sizes.items()]
+            grid = np.arange(math.prod(counted)).reshape(counted)
+            return np.broadcast_to(grid, tuple(sizes.values())).ravel()
 
         return cls(
-            tuple(dataset.sizes[name] for name in parameters),
-            parameters,
-            starts,
+            tuple(parameters.values()),
+            tuple(parameters),
             numbers(parameters),
-            numbers(starts),
+            numbers(STARTS),
             {name: parameter_at_points(dataset, name) for name in ("omega", "clearance", "R")},
         )
 
     @property
     def count(self) -> int:
         """Number of parameter points."""
-        return int(np.prod(self.shape, dtype=np.int64))
+        return math.prod(self.shape)
 
     def cycles(self, at: np.ndarray, states: np.ndarray) -> Cycles:
         """Return section states (x, v) of points, shape (k, m, 2), in the unit of x."""
@@ -127,10 +124,6 @@ def group_periodic(
         Section states of the points whose record does not show their motion.
     tolerance : float
         As for `vibroimpact.orbits.cycles.representatives`.
-
-    Returns
-    -------
-    Groups
     """
     first, last = np.full(period.size, -1), np.empty((period.size, 2))
     parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
@@ -160,11 +153,7 @@ def group_periodic(
 def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Read the last sections of the points, as many as one of them needs, a part at a time.
 
-    Yields
-    ------
-    at : ndarray of int, shape (k,)
-        The points.
-    states : ndarray, shape (k, longest period among them, 2)
+    Yield numbers of points, (k,), and their states, (k, longest period among them, 2).
     """
     for block, at in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
         longest = max(1, int(period[at].max(initial=1)))
@@ -189,15 +178,7 @@ def _represent(
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
-    """Read a record at some points, a part of the file at a time.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep.
-    name : str
-    at : ndarray of int, shape (k,)
-        The points, counted in C order over the file.
+    """Read a record at points `at`, counted in C order over the file, a part of it at a time.
 
     Returns
     -------

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,10 +31,8 @@ class Row(NamedTuple):
     ----------
     parameters : mapping of str to float
         Of the parameter point.
-    number, m, q : int
-    motion : Motion
-    fraction : float
-        Of the starts with a result.
+    number, m, q, motion, fraction
+        As in the dataset of `sweeps.analysis.distinct_attractors.attractors`.
     speeds : ndarray, shape (q,)
         Before each impact of a repetition, increasing [length/time]; empty where not recorded.
     point : int
@@ -91,47 +91,36 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
         An opened sweep, or a cut through one.
     result : Dataset
         From `sweeps.analysis.distinct_attractors.attractors` of it.
-
-    Returns
-    -------
-    list of Row
     """
+    axes = [str(name) for name in result["attractors"].dims]
+    columns = result[[name for name in result if "coexisting" in result[name].dims]]
+    frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
+    listed = frame["number"].values >= 0
+    frame = frame[listed]
     points = PointNumbers.of(dataset)
     file = np.empty((points.count, len(points.start) // points.count), np.int64)
     file[points.parameter, points.start] = np.arange(len(points.start))
-    width = result.sizes["coexisting"]
-    at, rank = np.nonzero(result["number"].values.reshape(points.count, width) >= 0)
-    column = {
-        str(name): values.values.reshape(points.count, width)[at, rank]
-        for name, values in result.items()
-        if "coexisting" in values.dims
-    }
-    place = file[at, column["representative"]]
-    speeds = _speeds(dataset, place, column["q"])
-    hidden = np.flatnonzero(~column["settled"] & (column["q"] > 0))
-    states = np.stack([column["section_x"], column["section_v"]], axis=1)
-    computed = orbit_speeds(
-        dataset, place[hidden], states[hidden], column["m"][hidden], column["q"][hidden]
-    )
+    parameter = np.flatnonzero(listed) // result.sizes["coexisting"]
+    place = file[parameter, frame["representative"]]
+    speeds = _speeds(dataset, place, frame["q"].values)
+    hidden = np.flatnonzero(~frame["settled"] & (frame["q"] > 0))
+    orbits = frame.iloc[hidden]
+    states, (m, q) = orbits[["section_x", "section_v"]].values, orbits[["m", "q"]].values.T
+    computed = orbit_speeds(dataset, place[hidden], states, m, q)
     for i, values in zip(hidden.tolist(), computed, strict=True):
         speeds[i] = values
-    indices = np.unravel_index(at, points.shape) if points.shape else ()
-    coordinates = [
-        dataset[name].values[index].tolist()
-        for name, index in zip(points.parameters, indices, strict=True)
-    ]
     return [
         Row(
-            {name: values[i] for name, values in zip(points.parameters, coordinates, strict=True)},
-            int(column["number"][i]),
-            Motion(int(column["motion"][i])),
-            int(column["m"][i]),
-            int(column["q"][i]),
-            float(column["fraction"][i]),
+            dict(zip(axes, row.Index[:-1] if axes else (), strict=True)),
+            row.number,
+            Motion(row.motion),
+            row.m,
+            row.q,
+            row.fraction,
             speeds[i],
             int(place[i]),
         )
-        for i in range(len(at))
+        for i, row in enumerate(frame.itertuples())
     ]
 
 
@@ -154,13 +143,7 @@ def shown_speeds(row: Row) -> str:
 
 
 def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
-    """Write the attractors as a table: those of one parameter point, or each over the sweep.
-
-    Parameters
-    ----------
-    dataset, result : Dataset
-        As of `rows`.
-    """
+    """Write the attractors of `rows` as a table: of one parameter point, or over the sweep."""
     write = _over_parameters if result["attractors"].ndim else _at_point
     lines = write(dataset, result)
     missing = int((result["attractor"] < 0).sum())
@@ -189,20 +172,14 @@ def _at_point(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
 def _over_parameters(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
     axes, counted = parameter_axes(dataset), result["attractors"]
     head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
-    by_number = _by_number(rows(dataset, result))
-    lines = [table([head, *(_summary(appearances, axes) for appearances in by_number.values())])]
+    number = attrgetter("number")
+    by_number = groupby(sorted(rows(dataset, result), key=number), number)
+    lines = [table([head, *(_summary(list(appearances), axes) for _, appearances in by_number)])]
     starts = result["attractor"].size // counted.size
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
-        noun = "attractor" if count == 1 else "attractors"
-        lines.append(f"{count} {noun} at {times:,} of {counted.size:,} parameter points")
+        found = shown_count(count, "attractor")
+        lines.append(f"{found} at {times:,} of {counted.size:,} parameter points")
     return [*lines, f"{shown_count(starts, 'start')} at each"]
-
-
-def _by_number(attractors: Sequence[Row]) -> dict[int, list[Row]]:
-    by_number: dict[int, list[Row]] = {}
-    for row in attractors:
-        by_number.setdefault(row.number, []).append(row)
-    return dict(sorted(by_number.items()))
 
 
 def classes(appearances: Sequence[Row], most: int = 3) -> str:
@@ -220,13 +197,7 @@ def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
 
 
 def write_csv(path: Path, attractors: Sequence[Row]) -> None:
-    """Write every row, with the impact speeds separated by spaces.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write every row to a file, with the impact speeds separated by spaces."""
     axes = list(attractors[0].parameters) if attractors else []
     with path.open("w", newline="") as file:
         writer = csv.writer(file)

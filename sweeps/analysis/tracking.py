@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,10 +30,11 @@ MOST_BRANCHES = 1000
 MAX_GAP = 1 / 32
 
 
+@dataclass(frozen=True)
 class PeriodicAttractors:
     """Periodic attractors, in the order of their parameter points.
 
-    Parameters
+    Attributes
     ----------
     point : ndarray of int, shape (n,)
         The number of the parameter point, increasing.
@@ -43,14 +45,10 @@ class PeriodicAttractors:
     cycles : mapping of int to Cycles
     """
 
-    def __init__(
-        self,
-        point: np.ndarray,
-        m: np.ndarray,
-        place: np.ndarray,
-        cycles: Mapping[int, Cycles],
-    ) -> None:
-        self.point, self.m, self.place, self.cycles = point, m, place, cycles
+    point: np.ndarray
+    m: np.ndarray
+    place: np.ndarray
+    cycles: Mapping[int, Cycles]
 
     def distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return how far pairs are apart; inf where neither can be the flip of the other."""
@@ -67,25 +65,11 @@ class PeriodicAttractors:
         return apart
 
     def links(self, a: np.ndarray, b: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Pair attractors with those that continue them `step` points further.
+        """Pair attractors of `a` with those of `b` that continue them `step` points further.
 
-        Parameters
-        ----------
-        a, b : ndarray of int
-            Attractors in increasing order, to be paired and to pair with.
-        step : int
-
-        Returns
-        -------
-        tuple of ndarray of int
-            Pairs, no attractor of `a` or `b` in two.
+        Both are in increasing order, and none of them is in two pairs.
         """
-        low = np.searchsorted(self.point[b], self.point[a] + step, side="left")
-        high = np.searchsorted(self.point[b], self.point[a] + step, side="right")
-        count = high - low
-        first = np.repeat(a, count)
-        within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
-        second = b[np.repeat(low, count) + within]
+        first, second = self._pairs(a, b, step)
         apart = self.distances(first, second)
         matched = apart <= MAX_DISTANCE
         first, second, apart = first[matched], second[matched], apart[matched]
@@ -98,17 +82,24 @@ class PeriodicAttractors:
         """Pair attractors as `links` does, but those that are on one branch, at any distance."""
         pairs: dict[int, int] = {}
         tried = 0
-        for i in a.tolist():
-            low, high = np.searchsorted(self.point[b], self.point[i] + step + np.array([0, 1]))
-            for j in b[low:high].tolist():
-                flip = sorted((self.m[i], self.m[j]))
-                if j in pairs.values() or not (flip[0] == flip[1] or 2 * flip[0] == flip[1]):
-                    continue
-                tried += 1
-                if tried <= MOST_BRANCHES and on_one_branch(i, j):
-                    pairs[i] = j
-                    break
+        for i, j in zip(*(ends.tolist() for ends in self._pairs(a, b, step)), strict=True):
+            shorter, longer = sorted((self.m[i], self.m[j]))
+            if i in pairs or j in pairs.values() or longer not in (shorter, 2 * shorter):
+                continue
+            tried += 1
+            if tried <= MOST_BRANCHES and on_one_branch(i, j):
+                pairs[i] = j
         return np.array([*pairs], np.int64), np.array([*pairs.values()], np.int64)
+
+    def _pairs(self, a: np.ndarray, b: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return every pair of `a` and `b` of which the second is `step` points further."""
+        low, high = (
+            np.searchsorted(self.point[b], self.point[a] + step, side) for side in ("left", "right")
+        )
+        count = high - low
+        first = np.repeat(a, count)
+        within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+        return first, b[np.repeat(low, count) + within]
 
 
 def _is_least(key: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -124,7 +115,7 @@ def track(
     attractors: PeriodicAttractors,
     on_one_branch: Callable[[int, int], bool] | None = None,
 ) -> np.ndarray:
-    """Return a number for each attractor, the same for those that continue each other.
+    """Return a number for each attractor, shape (n,), the same for those that continue each other.
 
     Parameters
     ----------
@@ -133,10 +124,6 @@ def track(
     attractors : PeriodicAttractors
     on_one_branch : callable, optional
         Whether one attractor goes on as another one, which is beside it on the longest axis.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
     """
     alone = np.arange(len(attractors.point))
     if not shape or not len(alone):

@@ -74,10 +74,6 @@ def outcomes(dataset: xr.Dataset, points: PointNumbers, extensions: int = EXTENS
     extensions : int
         How often a motion that has not settled is followed four times as long; 0: the records
         alone decide.
-
-    Returns
-    -------
-    Outcomes
     """
     motion = classify(dataset).ravel()
     periodic = motion == Motion.PERIODIC

@@ -11,16 +11,20 @@ from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
 
 from sweeps.messages import Refused
 from sweeps.plotting.style import user_style
 
 #: Height of a line of a title or a legend beyond those that a picture has room for [inch].
 _LINE_HEIGHT = 0.15
+#: What the handle of an entry of a legend takes, and the gap to the next column [inch].
+_HANDLE_WIDTH = 0.5
 
 
 @dataclass(frozen=True)
@@ -136,7 +140,7 @@ def add_legend(
     width = figure.letters("legend.fontsize")
     labels = [str(handle.get_label()) for handle in handles]
     labels = [text if "$" in text else fill(text, width - 6) for text in labels]
-    columns, rows = _columns(labels, width)
+    columns, rows = _columns(labels, figure.get_figwidth())
     if title is not None:
         title = "\n".join(fill(line, width) for line in title.split("\n"))
         rows += 1 + title.count("\n")
@@ -148,24 +152,21 @@ def add_legend(
     legend.get_title().set_multialignment("center")
 
 
-def _columns(labels: Sequence[str], width: int) -> tuple[int, int]:
+def _columns(labels: Sequence[str], width: float) -> tuple[int, int]:
     """Return how many columns fit beside each other, each filled from the top, and their rows."""
-    lengths = [max(map(printed_length, text.split("\n"))) for text in labels]
+    lengths = [max(map(_legend_width, text.split("\n"))) for text in labels]
     for columns in range(min(4, len(labels)), 0, -1):
-        rows = math.ceil(len(lengths) / columns)
-        widths = [max(lengths[i : i + rows]) + 8 for i in range(0, len(lengths), rows)]
-        if sum(widths) <= width:
+        if sum(map(max, np.array_split(lengths, columns))) <= width:  # as matplotlib splits them
             break
-    return columns, rows + sum(text.count("\n") for text in labels)
+    return columns, math.ceil(len(labels) / columns) + sum(text.count("\n") for text in labels)
 
 
-def printed_length(text: str) -> int:
-    """Return about how many letters a text with formulas takes as printed."""
-    printed, command = 0, False
-    for letter in text:
-        if letter == "\\":
-            printed, command = printed + 1, True
-        elif not (command and letter.isalpha()):
-            command = False
-            printed += letter not in "$_^{}"
-    return printed
+def _legend_width(text: str) -> float:
+    """Return the width that an entry of a legend takes with its handle [inch]."""
+    return printed_width(text, "legend.fontsize") + _HANDLE_WIDTH
+
+
+def printed_width(text: str, setting: Any) -> float:
+    """Return how wide a text with formulas is printed, in the size of a setting [inch]."""
+    font = FontProperties(size=mpl.rcParams[setting])
+    return float(text_to_path.get_text_width_height_descent(text, font, True)[0]) / 72.0

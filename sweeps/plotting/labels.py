@@ -12,7 +12,7 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
-from sweeps.plotting.canvas import Page, Picture, figure_of, printed_length
+from sweeps.plotting.canvas import Page, Picture, figure_of, printed_width
 from sweeps.plotting.words import label
 from sweeps.store import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
@@ -20,6 +20,8 @@ from vibroimpact.status import Status
 
 #: Letters of a line of the label beside a colour bar.
 _BAR_LABEL = 36
+#: What a title leaves free of the width of a figure [inch].
+_TITLE_MARGIN = 0.1
 #: In a narrower figure an ordinate has its label in two lines [inch].
 _NARROW = 4.2
 
@@ -83,27 +85,30 @@ def add_title(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = N
     if page.title is not None:
         text = "\n".join(fill(line, width) for line in page.title.split("\n"))
     else:
-        text = _title(Setting.of(drawn), drawn, record, width)
+        text = _title(Setting.of(drawn), drawn, record, figure)
     if text:
         figure.make_room(text.count("\n") - 2)
         figure.suptitle(text)
 
 
-def _title(setting: Setting, drawn: xr.Dataset, record: str | None, width: int) -> str:
-    """Write the title of a cut through a sweep, in lines of about `width` letters."""
+def _title(setting: Setting, drawn: xr.Dataset, record: str | None, figure: Picture) -> str:
+    """Write the title of a cut through a sweep, in lines that fit a figure."""
+    width = figure.letters("figure.titlesize")
     parameters = [
         f"${PARAMETERS[name].symbol} = {mathtext(setting.value(name, drawn))}$"
         for name in PARAMETERS
         if name not in drawn.dims
     ]
+    if not {"x0", "v0"} & set(drawn.dims):
+        parameters[-2:] = [", ".join(parameters[-2:])]  # a start is not torn apart
     if setting.follow:
         parameters.append(_followed(setting, drawn))
     if record is None:
         transient, periods = (setting.record.get(name, 0) for name in ("transient", "periods"))
         record = f"phase {setting.phase:.6g} rad, "
         record += f"transient {transient:,}, record {periods:,} periods"
-    lines = [fill(setting.name, width).replace("$", r"\$"), _joined(parameters, width)]
-    lines.append(fill(record, width))
+    name = fill(setting.name, width).replace("$", r"\$")
+    lines = [name, _joined(parameters, figure.get_figwidth()), fill(record, width)]
     if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
         lines.append(fill(status.meaning, width))
     return "\n".join(lines)
@@ -116,18 +121,16 @@ def _followed(setting: Setting, drawn: xr.Dataset) -> str:
     return f"followed {' and '.join(np.atleast_1d(names))} along ${symbol}$"
 
 
-def _joined(formulas: list[str], width: int) -> str:
-    """Join formulas into lines of about `width` letters as printed."""
-    lines: list[list[str]] = [[]]
-    used = 0
+def _joined(formulas: list[str], width: float) -> str:
+    """Join formulas into lines that are printed within a width [inch]."""
+    lines = [""]
     for formula in formulas:
-        printed = printed_length(formula) + 2
-        if used + printed > width:
-            lines.append([])
-            used = 0
-        lines[-1].append(formula)
-        used += printed
-    return "\n".join(", ".join(line) for line in lines)
+        longer = f"{lines[-1]}, {formula}" if lines[-1] else formula
+        if printed_width(longer, "figure.titlesize") <= width - _TITLE_MARGIN:
+            lines[-1] = longer
+        else:
+            lines.append(formula)
+    return "\n".join(lines)
 
 
 def mathtext(value: float) -> str:
