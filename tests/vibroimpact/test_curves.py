@@ -10,6 +10,7 @@ from scipy.interpolate import BarycentricInterpolator
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.oscillator import Oscillator
@@ -99,6 +100,33 @@ def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
         places.append(edge - MEETING)
         slopes.append((at_edge.values[0] - free_graze(edge)) / places[-1])
     assert BarycentricInterpolator(places, slopes)(0.0) == pytest.approx(0.0, abs=2e-11)
+
+
+@pytest.mark.parametrize(
+    ("m", "q", "omega", "f", "away"),
+    [
+        (4, 2, 0.8056302521008403, 0.353109243697479, 2e-8),
+        (4, 2, 0.8199159663865546, 0.3372268907563025, 2e-8),
+        (20, 12, 0.826218487394958, 0.3349579831932773, 1e-6),
+    ],
+)
+def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega, f, away):
+    """All speeds vanish there, and the multipliers change the faster the nearer it is."""
+    osc = replace(SCENE, omega=omega, f=f)
+    run = simulate(osc, 600)
+    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1], m)
+    flips = [p for p in branch(start, "f", 0.31, 0.4).special if p.kind == "flip"]
+    flip = min((p for p in flips if p.orbit.q == q), key=lambda p: abs(p.value - f))
+    assert (flip.orbit.m, flip.orbit.q) == (m, q)
+    found = bifurcation_curve(flip.orbit, "flip", ("f", 0.31, 0.4), ("omega", 0.78, 0.83))
+    (end,) = [p for p in found.special if p.kind == "graze" and p.values[0] > 0.35]
+    assert end.values == pytest.approx([free_graze(MEETING), MEETING], abs=away)
+    assert {p.kind for p in found.special} <= {"graze", "edge"}
+    assert len(found.values) < 60
+    for (f, omega), phases, speeds in zip(found.values, found.phases, found.speeds, strict=True):
+        if speeds.min() > 0.01:
+            orbit = PeriodicOrbit(replace(SCENE, f=f, omega=omega), m, phases, speeds)
+            assert np.abs(orbit.multipliers + 1.0).min() < 1e-10
 
 
 def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():

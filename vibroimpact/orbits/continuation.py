@@ -157,21 +157,25 @@ def _returns(segment: Segment, begin: np.ndarray, tangent: np.ndarray) -> bool:
 
 def _last(segment: Segment, objection: Objection) -> tuple[np.ndarray, Objection]:
     """Return the last point of a step that is an orbit, and what objects just after it."""
-    low, high, last, Y = 0.0, segment.length, segment.X, segment.Y
+    orbits, last, Y = segment.orbits, segment.X, segment.Y
+    low, high, far = 0.0, segment.length, segment.length
     for _ in range(_HALVINGS):
         if objection.kind == "edge":
             edge = _edge(segment, objection, last, Y)
             if edge is not None:
                 return edge, objection
         middle = 0.5 * (low + high)
-        X = segment.at(middle)
-        if X is None or middle in (low, high):
+        if middle in (low, high):
             break
-        beyond = segment.orbits.objection(X)
-        if beyond is None:
+        guess = last + (middle - low) / (far - low) * (Y - last)
+        X = orbits.corrected(guess, segment.tangent[None, :])
+        beyond = None if X is None else orbits.objection(X)
+        if X is None:  # as beside a point of codimension two, where the orbits end
+            high = middle
+        elif beyond is None:
             low, last = middle, X
         else:
-            high, objection, Y = middle, beyond, X
+            high, far, objection, Y = middle, middle, beyond, X
     return last, objection
 
 

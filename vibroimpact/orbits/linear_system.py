@@ -24,7 +24,7 @@ from vibroimpact.orbits.elimination import condense, expand_solution
 from vibroimpact.orbits.flights import residuals
 
 #: Step of the central differences, that of the least error.
-DIFFERENCE = 6e-6
+_DIFFERENCE = 6e-6
 #: Rank is lost where so small a share of a row is left.
 _RANK = 1e-14
 
@@ -104,7 +104,7 @@ def _right_hand_sides(system, X, F):
     for j in range(system.free.size):
         at, span = system.free[j], system.spans[j]
         value = values[at]
-        step = DIFFERENCE * min(span, max(abs(value), 0.1 * span))
+        step = _DIFFERENCE * min(span, max(abs(value), 0.1 * span))
         values[at] = value + step
         up, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value - step

@@ -16,17 +16,14 @@ import numpy as np
 
 from vibroimpact.jit import jit
 from vibroimpact.orbits.elimination import characteristic
-from vibroimpact.orbits.linear_system import (
-    DIFFERENCE,
-    inner,
-    largest,
-    linearised,
-    solution_space,
-)
+from vibroimpact.orbits.linear_system import inner, largest, linearised, solution_space
 
 # Conditions.
 NONE, FLIP, FOLD, GRAZE = range(4)
 
+#: Step of the central differences of a condition: it varies over far less than an orbit does where
+#: all impacts of a long orbit are slow.
+_DIFFERENCE = 1e-9
 #: The iteration ends after a step below the first, or one below the second that is no smaller than
 #: half the one before it.
 _CONVERGED, _STALLED = 1e-12, 1e-7
@@ -53,11 +50,11 @@ def _gradient(system, X, along):
         return along[2 * system.graze + 1]
     Y = np.empty(X.size)
     for i in range(X.size):
-        Y[i] = X[i] + DIFFERENCE * along[i]
+        Y[i] = X[i] + _DIFFERENCE * along[i]
     above = condition_value(system, Y)
     for i in range(X.size):
-        Y[i] = X[i] - DIFFERENCE * along[i]
-    return (above - condition_value(system, Y)) / (2.0 * DIFFERENCE)
+        Y[i] = X[i] - _DIFFERENCE * along[i]
+    return (above - condition_value(system, Y)) / (2.0 * _DIFFERENCE)
 
 
 @jit
