@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, listed, select
+from sweeps.analysis.selection import Cut, Setting, directions, listed, select
 from sweeps.messages import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.period_class import period_class
@@ -23,6 +22,7 @@ from vibroimpact.orbits.trees import Tree
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 
+_NAMES = [field.name for field in fields(Oscillator)]
 #: Longer orbits are neither seeds nor followed, nor more branches than this.
 MOST_PERIODS, MOST_BRANCHES = 8, 60
 
@@ -55,18 +55,11 @@ class Line:
         Raises
         ------
         Refused
-            If the orbits do not depend on `axis`.
+            If the orbits do not depend on `axis`, or it has a single value.
         """
-        names = [field.name for field in fields(Oscillator)]
-        if axis not in names:
-            raise Refused(f"the exact orbits do not depend on {axis}; draw it without them")
-        setting, first = Setting.of(dataset), dataset.isel({axis: 0})
-        oscillator = Oscillator(**{name: setting.value(name, first) for name in names})
-        return cls(dataset, axis, oscillator, setting.phase)
-
-    def at(self, value: float) -> Oscillator:
-        """Return the oscillator at a value of the axis."""
-        return replace(self.oscillator, **{self.axis: value})
+        check_axis(dataset, axis, "it")
+        setting = Setting.of(dataset)
+        return cls(dataset, axis, setting.oscillator(dataset.isel({axis: 0})), setting.phase)
 
 
 @dataclass(frozen=True)
@@ -131,19 +124,10 @@ def grow(lines: Sequence[Line], check: Callable[[], object] | None = None) -> Tr
         motions = Motions.of(line)
         for i in motions.seeds():
             x, v = motions.states[i].tolist()
-            seeds.append(Seed(float(motions.values[i]), int(motions.m[i]), x, v))
+            seeds.append((float(motions.values[i]), int(motions.m[i]), x, v))
     first = lines[0]
     low, high = float(values.min()), float(values.max())
     return _grown(first.oscillator, first.axis, low, high, first.phase, tuple(seeds), check)
-
-
-class Seed(NamedTuple):
-    """A periodic motion: the value of the axis, its forcing periods, and its state."""
-
-    value: float
-    m: int
-    x: float
-    v: float
 
 
 @lru_cache(maxsize=8)
@@ -153,18 +137,17 @@ def _grown(
     low: float,
     high: float,
     phase: float,
-    seeds: tuple[Seed, ...],
+    seeds: tuple[tuple[float, int, float, float], ...],
     check: Callable[[], object] | None,
 ) -> Tree:
-    """Grow a tree from all seeds, once for all that is shown of it."""
+    """Grow a tree from all seeds, each a value, m, x and v; once for all that is shown of it."""
     tree = Tree(axis, low, high, MOST_BRANCHES, MOST_PERIODS, check)
-    for seed in seeds:
-        if seed.m > MOST_PERIODS:
+    for value, m, x, v in seeds:
+        if m > MOST_PERIODS:
             tree.given_up[f"motions of more than {MOST_PERIODS} periods"] += 1
             continue
-        at = replace(osc, **{axis: seed.value})
         try:
-            orbit = periodic_orbit(at, seed.x, seed.v, seed.m, phase)
+            orbit = periodic_orbit(replace(osc, **{axis: value}), x, v, m, phase)
         except OrbitError as error:
             tree.given_up[f"motions of which {error}"] += 1
             continue
@@ -286,40 +269,10 @@ def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
     return float(apart.max(axis=1, initial=0.0).min())
 
 
-def branches(dataset: xr.Dataset, axis: str | None = None, at: Cut | None = None) -> xr.Dataset:
-    """Follow the orbits of all periodic motions of a sweep along one axis.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    axis : str, optional
-        A swept parameter of the oscillator, by default the longest axis.
-    at : mapping of str to float, optional
-        Values of the other swept axes; by default the first.
-
-    Returns
-    -------
-    Dataset
-        Along ``point``, branch after branch: the axis, ``branch`` (its number), ``stable``, and
-        ``impact_phase`` and ``impact_v`` (``point``, ``impact``), NaN beyond q. Along ``branch``:
-        ``m`` and ``q``. Along ``special``: ``kind``, ``special_value``, ``special_branch``,
-        ``special_m`` and ``special_q`` of the flips, folds, grazes and ends.
-        The attribute ``given_up`` says what was not followed.
-
-    Raises
-    ------
-    Refused
-        If there is no such axis, or the orbits do not depend on it.
-    """
-    (axis,) = chosen_axes(dataset, [axis] if axis else [], 1, "branch")
-    from sweeps.analysis.exact_tables import as_dataset
-
-    return as_dataset(grow(lines_of(dataset, axis, at)))
-
-
-def check_range(dataset: xr.Dataset, axis: str) -> None:
-    """Refuse an axis of a single value."""
+def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
+    """Refuse an axis that the orbits do not depend on, or of a single value."""
+    if axis not in _NAMES:
+        raise Refused(f"the exact orbits do not depend on {axis}; draw {picture} without them")
     if dataset.sizes[axis] == 1:
         value = dataset[axis].item()
         raise Refused(
@@ -329,7 +282,6 @@ def check_range(dataset: xr.Dataset, axis: str) -> None:
 
 def lines_of(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> list[Line]:
     """Return a line of a sweep, once for each direction in which it was followed."""
-    check_range(dataset, axis)
     line = select(dataset, at, free=[axis, DIRECTION])
     ways = [line.sel({DIRECTION: way}) for way in directions(line)] or [line]
     return [Line.of(way, axis) for way in ways]

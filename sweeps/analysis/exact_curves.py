@@ -9,17 +9,15 @@ classes passes within one cell; each of the others gets a reason.
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import check_range
+from sweeps.analysis.exact_branches import check_axis
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.messages import Refused
@@ -27,7 +25,6 @@ from vibroimpact.orbits.branches import Branch, Special, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, Curve, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
-from vibroimpact.oscillator import Oscillator
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -116,16 +113,12 @@ def find_curves(
         If there are no such axes, or the orbits do not depend on one.
     """
     across, up = map_axes(dataset, axes)
-    names = [item.name for item in fields(Oscillator)]
     for axis in (across, up):
-        if axis not in names:
-            raise Refused(f"the exact orbits do not depend on {axis}; draw the map without them")
+        check_axis(dataset, axis, "the map")
     if "period" not in dataset:
         raise Refused(
             "the file has no period: run the sweep again with record.diagnostics: [period]"
         )
-    for axis in (across, up):
-        check_range(dataset, axis)
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
     return _Search(cut, (across, up)).run()
 
@@ -144,9 +137,8 @@ class _Search:
     def __init__(self, cut: xr.Dataset, axes: tuple[str, str]) -> None:
         self._axes = axes
         self._values = [cut[axis].values for axis in axes]
-        setting, first = Setting.of(cut), cut.isel(dict.fromkeys(axes, 0))
-        names = [item.name for item in fields(Oscillator)]
-        self._first = Oscillator(**{name: setting.value(name, first) for name in names})
+        setting = Setting.of(cut)
+        self._first = setting.oscillator(cut.isel(dict.fromkeys(axes, 0)))
         self._phase = setting.phase
         last = [cut[name].isel(section=-1).values for name in ("poincare_x", "poincare_v")]
         self._states = np.stack(last, axis=2)
@@ -319,62 +311,3 @@ class _Search:
         along = np.concatenate([[0], np.cumsum(np.maximum(steps, 1))])
         whole = np.arange(along[-1] + 1)
         return cKDTree(np.stack([np.interp(whole, along, column) for column in line.T], axis=1))
-
-
-def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
-    """Follow the bifurcations between the periodic motions of a map; arguments as `find_curves`.
-
-    One axis alone is refused: a curve has two parameters.
-
-    Returns
-    -------
-    Dataset
-        Along ``point``, curve after curve: the two axes and ``curve`` (its number). Along
-        ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``: ``special_kind``,
-        ``special_curve`` and ``special_values`` (``special``, 2). The attributes ``changes`` and
-        ``explained`` count the changes between periodic classes, and those with a curve within one
-        cell; ``summary`` says why the others have none.
-    """
-    chosen = [axes] if isinstance(axes, str) else axes
-    map_axes(dataset, chosen)
-    if len(chosen) == 1:
-        raise Refused(f"curves are over two swept axes, not {chosen[0]} alone")
-    return as_dataset(find_curves(dataset, chosen, at))
-
-
-def as_dataset(search: CurveSearch) -> xr.Dataset:
-    """Return what was found as `curves` does."""
-    curves = search.curves
-    sizes = [len(curve.values) for curve in curves]
-    special = [(number, point) for number, curve in enumerate(curves) for point in curve.special]
-    values = np.concatenate([curve.values for curve in curves] or [np.empty((0, 2))])
-    data = {
-        "curve": ("point", np.repeat(np.arange(len(curves)), sizes)),
-        "kind": ("number", np.array([curve.kind for curve in curves], "U11")),
-        "m": ("number", np.array([curve.m for curve in curves], int)),
-        "q": ("number", np.array([curve.q for curve in curves], int)),
-        "special_kind": ("special", np.array([point.kind for _, point in special], "U11")),
-        "special_curve": ("special", np.array([number for number, _ in special], int)),
-        "special_values": (
-            ("special", "parameter"),
-            np.array([point.values for _, point in special]).reshape(-1, 2),
-        ),
-    }
-    coordinates = {axis: ("point", values[:, i]) for i, axis in enumerate(search.axes)}
-    attributes = {
-        "changes": search.changes,
-        "explained": search.explained,
-        "summary": "\n".join(search.summary()),
-    }
-    return xr.Dataset(data, coordinates, attributes)
-
-
-def write_curves(path: Path, search: CurveSearch) -> None:
-    """Write the points of curves, and then of each its special points, to a CSV file."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["curve", "kind", "m", "q", *search.axes, "special"])
-        for number, curve in enumerate(search.curves):
-            head = [number, curve.kind, curve.m, curve.q]
-            writer.writerows([*head, *values, ""] for values in curve.values.tolist())
-            writer.writerows([*head, *p.values.tolist(), p.kind] for p in curve.special)

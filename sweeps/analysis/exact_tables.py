@@ -1,48 +1,83 @@
-"""Exact branches as a dataset, as rows of a CSV file, and as a list of their bifurcations."""
+"""Exact branches and curves as datasets, as rows of CSV files, and as a list of bifurcations."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_branches import grow, lines_of, summary
-from sweeps.analysis.selection import Cut, swept_axes
-from sweeps.messages import table
+from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
+from sweeps.analysis.selection import Cut, chosen_axes, swept_axes
+from sweeps.messages import Refused, table
 from vibroimpact.orbits.trees import Tree
 
 
-def as_dataset(tree: Tree) -> xr.Dataset:
+def branches(dataset: xr.Dataset, axis: str | None = None, at: Cut | None = None) -> xr.Dataset:
+    """Follow the orbits of all periodic motions of a sweep along one axis.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axis : str, optional
+        A swept parameter of the oscillator, by default the longest axis.
+    at : mapping of str to float, optional
+        Values of the other swept axes; by default the first.
+
+    Returns
+    -------
+    Dataset
+        Along ``point``, branch after branch: the axis, ``branch`` (its number), ``stable``, and
+        ``impact_phase`` and ``impact_v`` (``point``, ``impact``), NaN beyond q. Along ``number``:
+        ``m`` and ``q``. Along ``special``: ``kind``, ``special_value``, ``special_branch``,
+        ``special_m`` and ``special_q`` of the flips, folds, grazes and ends.
+        The attribute ``given_up`` says what was not followed.
+
+    Raises
+    ------
+    Refused
+        If there is no such axis, or the orbits do not depend on it.
+    """
+    (axis,) = chosen_axes(dataset, [axis] if axis else [], 1, "branch")
+    return _branches_dataset(grow(lines_of(dataset, axis, at)))
+
+
+def _branches_dataset(tree: Tree) -> xr.Dataset:
     """Return a tree as `branches` does."""
-    all_ = tree.branches
-    sizes = [len(branch.values) for branch in all_]
-    width = max((branch.q for branch in all_), default=0)
-    special = [(number, point) for number, branch in enumerate(all_) for point in branch.special]
-    parameter = tree.parameter
+    width = max((branch.q for branch in tree.branches), default=0)
+    phases = _padded([branch.phases for branch in tree.branches], width)
+    speeds = _padded([branch.speeds for branch in tree.branches], width)
+    stable = [branch.stable for branch in tree.branches]
+    numbers, m, q, special = _numbered(tree.branches)
     data = {
-        "branch": ("point", np.repeat(np.arange(len(all_)), sizes)),
-        "stable": (
-            "point",
-            np.concatenate([branch.stable for branch in all_] or [np.empty(0, bool)]),
-        ),
-        "impact_phase": (("point", "impact"), _padded([branch.phases for branch in all_], width)),
-        "impact_v": (("point", "impact"), _padded([branch.speeds for branch in all_], width)),
-        "m": ("number", np.array([branch.m for branch in all_], int)),
-        "q": ("number", np.array([branch.q for branch in all_], int)),
+        "branch": numbers,
+        "stable": ("point", np.concatenate([np.empty(0, bool), *stable])),
+        "impact_phase": (("point", "impact"), phases),
+        "impact_v": (("point", "impact"), speeds),
+        "m": m,
+        "q": q,
         "kind": ("special", np.array([point.kind for _, point in special], "U11")),
         "special_value": ("special", np.array([point.value for _, point in special], float)),
         "special_branch": ("special", np.array([number for number, _ in special], int)),
         "special_m": ("special", np.array([point.orbit.m for _, point in special], int)),
         "special_q": ("special", np.array([point.orbit.q for _, point in special], int)),
     }
-    values = np.concatenate([branch.values for branch in all_] or [np.empty(0)])
-    return xr.Dataset(
-        data, {parameter: ("point", values)}, {"given_up": "; ".join(summary(tree)[1:])}
-    )
+    values = np.concatenate([np.empty(0), *(branch.values for branch in tree.branches)])
+    given_up = "; ".join(summary(tree)[1:])
+    return xr.Dataset(data, {tree.parameter: ("point", values)}, {"given_up": given_up})
+
+
+def _numbered(items: Sequence[Any]) -> tuple[Any, Any, Any, list[Any]]:
+    """Return the number of each point's branch or curve, all m and q, and the special points."""
+    numbers = np.repeat(np.arange(len(items)), [len(item.values) for item in items])
+    m, q = (np.array([getattr(item, name) for item in items], int) for name in ("m", "q"))
+    special = [(number, point) for number, item in enumerate(items) for point in item.special]
+    return ("point", numbers), ("number", m), ("number", q), special
 
 
 def _padded(columns: Sequence[np.ndarray], width: int) -> np.ndarray:
@@ -105,14 +140,14 @@ def describe(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> str:
     return "\n".join(["", *summary(tree), *([table(rows)] if rows else [])])
 
 
-def write_csv(path: Path, dataset: xr.Dataset) -> None:
+def write_branches(path: Path, dataset: xr.Dataset) -> None:
     """Write the points of branches, and then their special points, which have a kind.
 
     Parameters
     ----------
     path : Path
     dataset : Dataset
-        From `as_dataset`. Speeds and phases of the impacts are separated by spaces.
+        From `branches`. Speeds and phases of the impacts are separated by spaces.
     """
     (parameter,) = dataset.coords
     m, q = dataset["m"].values.tolist(), dataset["q"].values.tolist()
@@ -130,3 +165,58 @@ def write_csv(path: Path, dataset: xr.Dataset) -> None:
         special = [dataset[f"special_{name}"].values.tolist() for name in names]
         for *row, kind in zip(*special, dataset["kind"].values.tolist(), strict=True):
             writer.writerow([*row, "", kind, "", ""])
+
+
+def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
+    """Follow the bifurcations between the periodic motions of a map; arguments as `find_curves`.
+
+    One axis alone is refused: a curve has two parameters.
+
+    Returns
+    -------
+    Dataset
+        Along ``point``, curve after curve: the two axes and ``curve`` (its number). Along
+        ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``: ``special_kind``,
+        ``special_curve`` and ``special_values`` (``special``, 2). The attributes ``changes`` and
+        ``explained`` count the changes between periodic classes, and those with a curve within one
+        cell; ``summary`` says why the others have none.
+    """
+    chosen = [axes] if isinstance(axes, str) else axes
+    map_axes(dataset, chosen)
+    if len(chosen) == 1:
+        raise Refused(f"curves are over two swept axes, not {chosen[0]} alone")
+    return _curves_dataset(find_curves(dataset, chosen, at))
+
+
+def _curves_dataset(search: CurveSearch) -> xr.Dataset:
+    """Return what was found as `curves` does."""
+    numbers, m, q, special = _numbered(search.curves)
+    values = np.concatenate([np.empty((0, 2)), *(curve.values for curve in search.curves)])
+    at = np.array([point.values for _, point in special]).reshape(-1, 2)
+    data = {
+        "curve": numbers,
+        "kind": ("number", np.array([curve.kind for curve in search.curves], "U11")),
+        "m": m,
+        "q": q,
+        "special_kind": ("special", np.array([point.kind for _, point in special], "U11")),
+        "special_curve": ("special", np.array([number for number, _ in special], int)),
+        "special_values": (("special", "parameter"), at),
+    }
+    coordinates = {axis: ("point", values[:, i]) for i, axis in enumerate(search.axes)}
+    attributes = {
+        "changes": search.changes,
+        "explained": search.explained,
+        "summary": "\n".join(search.summary()),
+    }
+    return xr.Dataset(data, coordinates, attributes)
+
+
+def write_curves(path: Path, search: CurveSearch) -> None:
+    """Write the points of curves, and then of each its special points, to a CSV file."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["curve", "kind", "m", "q", *search.axes, "special"])
+        for number, curve in enumerate(search.curves):
+            head = [number, curve.kind, curve.m, curve.q]
+            writer.writerows([*head, *values, ""] for values in curve.values.tolist())
+            writer.writerows([*head, *p.values.tolist(), p.kind] for p in curve.special)

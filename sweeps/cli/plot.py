@@ -197,13 +197,18 @@ def _exact(
     dataset: xr.Dataset, kind: str, cut: Cut, options: dict[str, Any]
 ) -> tuple[list[str], Callable[[Path], None]]:
     """Find the exact branches, or the curves of a map; return what to say, and to write a CSV."""
+    from sweeps.analysis import exact_tables
+
     axes = options.get("axes", ())
     if kind == "map":
-        from sweeps.analysis.exact_curves import find_curves, write_curves
+        from sweeps.analysis.exact_curves import find_curves
 
         search = options["exact"] = find_curves(dataset, axes, cut)
-        return search.summary(), lambda path: write_curves(path, search)
-    from sweeps.plotting.exact_branches import compare, write_exact
+        return search.summary(), lambda path: exact_tables.write_curves(path, search)
+    from sweeps.plotting.exact_branches import compare
 
     texts = compare(dataset, axes, cut, options.get("coordinate"))
-    return texts, lambda path: write_exact(path, dataset, axes, cut)
+    axis = axes[0] if axes else None
+    return texts, lambda path: exact_tables.write_branches(
+        path, exact_tables.branches(dataset, axis, cut)
+    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,7 @@ from sweeps.analysis.exact_branches import (
     lines_of,
     summary,
 )
-from sweeps.analysis.exact_tables import as_dataset, write_csv
-from sweeps.analysis.selection import Cut, chosen_axes
+from sweeps.analysis.selection import Cut
 from sweeps.plotting.lines import select_line
 from sweeps.plotting.palette import VERMILION
 from sweeps.store import DIRECTION
@@ -75,14 +73,6 @@ def compare(
         followed = [deviation.summary(axis) for deviation in deviations(line, tree, coordinate)]
         texts += [start + text for text in followed or ["no point follows a stable exact branch"]]
     return texts + summary(tree)
-
-
-def write_exact(
-    path: Path, dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None
-) -> None:
-    """Write the exact branches of a diagram to a CSV file; arguments as of `compare`."""
-    (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
-    write_csv(path, as_dataset(grow(lines_of(dataset, axis, at))))
 
 
 def draw_branches(

@@ -7,8 +7,8 @@ import pytest
 from sweep_files import run_in
 from sweeps import open_sweep
 from sweeps.analysis import exact_branches
-from sweeps.analysis.exact_branches import Line, _distance, branches, grow
-from sweeps.analysis.exact_tables import write_csv
+from sweeps.analysis.exact_branches import Line, _distance, grow
+from sweeps.analysis.exact_tables import branches, write_branches
 from sweeps.analysis.selection import select
 from sweeps.messages import Refused
 from sweeps.plotting import bifurcation, plot
@@ -183,7 +183,7 @@ def test_the_branches_are_a_dataset_and_a_table(exact, tmp_path):
     for flip in FLIPS.values():
         assert np.abs(flips - flip).min() < 1e-13
     path = tmp_path / "branches.csv"
-    write_csv(path, found)
+    write_branches(path, found)
     with path.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == found.sizes["point"] + found.sizes["special"]
