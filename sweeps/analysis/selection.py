@@ -128,6 +128,7 @@ def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
 
 
 def _direction(dataset: xr.Dataset, name: str) -> str:
+    """Return the name of a direction of the sweep; refuse another."""
     valid = directions(dataset)
     if not valid:
         raise Refused("direction cannot be fixed here; the sweep was not followed in both")

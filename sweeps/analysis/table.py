@@ -161,6 +161,7 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
 
 
 def _at_point(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
+    """Write the attractors of one parameter point."""
     head = ["attractor", "class", "speeds before the impacts", "fraction of the starts"]
     body = [
         [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
@@ -170,6 +171,7 @@ def _at_point(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
 
 
 def _over_parameters(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
+    """Write each attractor once, with where it is found and by how many starts."""
     axes, counted = parameter_axes(dataset), result["attractors"]
     head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
     number = attrgetter("number")
@@ -190,6 +192,7 @@ def classes(appearances: Sequence[Row], most: int = 3) -> str:
 
 
 def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
+    """Write one attractor over all parameter points at which it is found."""
     ranges = [shown_range([row.parameters[name] for row in appearances]) for name in axes]
     mean = float(np.mean([row.fraction for row in appearances]))
     number = appearances[0].shown_number

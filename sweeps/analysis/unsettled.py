@@ -195,12 +195,7 @@ def orbit_speeds(
     states : ndarray, shape (n, 2)
         x and v at a section of each motion [length, length/time].
     m, q : ndarray of int, shape (n,)
-        Forcing periods and impacts per repetition.
-
-    Returns
-    -------
-    list of ndarray, shape (q,)
-        Increasing [length/time].
+        Forcing periods and impacts per repetition: so many speeds are returned, increasing.
     """
     setting = Setting.of(dataset)
     points = _at_states(dataset, at, *states.T)

@@ -95,6 +95,7 @@ def info(
 
 
 def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Path | None) -> None:
+    """Show the bifurcations along an axis, and write them to a CSV file."""
     from sweeps.analysis import bifurcations, exact_tables
     from sweeps.analysis.selection import on_grid
 

@@ -76,6 +76,7 @@ class Branches:
         return [Step("branches", key, compute, partial(self._paint, _depends_on(view)))]
 
     def _paint(self, depends_on: Any, parts: Parts, seconds: float) -> None:
+        """Show the parts of the branches, and which there are."""
         self._drawn = depends_on
         for item, (name, source) in zip(self._items, self.sources.items(), strict=True):
             x, y = parts[name]

@@ -88,6 +88,7 @@ class Controls:
         return callback
 
     def _choice(self, title: str, options: list[tuple[str, str]]) -> Select:
+        """Return a choice with its title."""
         return Select(
             options=options, name=title, title=title, width=_WIDTH, margin=(1, 0, 1, 0),
             stylesheets=[_COMPACT],
@@ -113,6 +114,7 @@ class Controls:
         return row(label, field, slider, spacing=2)
 
     def _record(self, name: str) -> LayoutDOM:
+        """Return the field of a number of the record."""
         title, whole, tip = _RECORD[name]
         field = NumericInput(
             mode="int" if whole else "float", name=name, title=title, width=72, margin=(2, 0, 2, 0)

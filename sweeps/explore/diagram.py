@@ -165,6 +165,7 @@ class Diagram(PixelFigure):
         return shown
 
     def _paint(self, shown: Shown, seconds: float) -> None:
+        """Show a picture, the window that fits it, and the points that failed."""
         self.sent += 1
         edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
         self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent])

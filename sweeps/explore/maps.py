@@ -114,6 +114,7 @@ class Map(PixelFigure):
         return view.tiles(self._tab, *_SIZES[-1])
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
+        """Show a map and its legend."""
         axes = tiles.config.grid.axes
         names = [name for name, _ in view.plane(self._tab)]
         x, y = (outer_edges(axes[name], name in view.log) for name in names)

@@ -21,20 +21,12 @@ from sweeps.explore.view import View
 from sweeps.explore.words import axis_label, symbol
 from sweeps.explore.worker import Step
 from sweeps.messages import Refused
-from sweeps.plotting.palette import BLUE, ORANGE
+from sweeps.plotting.palette import BLUE, MOTIONS, ORANGE
 from vibroimpact.status import Status
 
 #: Forcing periods that are drawn: of a periodic motion two repetitions, within these limits.
 _FEWEST, _MOST = 4, 32
 _UNREPEATED = 12
-
-_WORDS = {
-    Motion.UNBOUNDED: "unbounded",
-    Motion.REST: "with rest on the stop",
-    Motion.CHAOTIC: "chaotic",
-    Motion.NEUTRAL: "quasi-periodic or unsettled",
-    Motion.UNDECIDED: "no repetition found",
-}
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,10 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
             shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
         text = f"periodic, class {orbit.m}/{orbit.q}; Floquet multipliers {shown}"
         return orbit.m, text
-    text = f"periodic, class {m}/{q}" if motion is Motion.PERIODIC else _WORDS[motion]
+    if motion is Motion.PERIODIC:
+        text = f"periodic, class {m}/{q}"
+    else:
+        text = MOTIONS[motion][0].split(",")[0]
     if motion is Motion.REST:
         text += f", {100.0 * float(point['rest_fraction']):.3g} % of the time"
     elif "lyapunov" in point:
@@ -138,6 +133,7 @@ class MotionPanel:
         return [Step("motion", view.point(), compute, show)]
 
     def _paint(self, view: View, drawn: Drawn, seconds: float) -> None:
+        """Show a motion, the stop and what is known of both."""
         for source, rows in ((self.line, drawn.line), (self.impacts, drawn.impacts)):
             source.data = dict(zip("txv", rows, strict=True))
         for stop in self._stops:

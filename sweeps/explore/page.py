@@ -134,6 +134,7 @@ class Page:
         self.controls.error.text = text
 
     def _show(self) -> None:
+        """Set all parts of the page to the view, and ask for its pictures."""
         parts = (self.controls, self.diagram, self.branches, self.motion, self.map, self.basins)
         for part in parts:
             part.show(self.view)
@@ -174,6 +175,7 @@ class Page:
             self.document.add_timeout_callback(self._read_ranges, _GATHER)
 
     def _read_ranges(self) -> None:
+        """Show the view of the windows that the browser has."""
         self._reading = False
         if self._as_zoomed(self.view) != self.view:
             self.change(lambda view: view)
@@ -234,6 +236,7 @@ class Page:
         self._report_rate(shown.config, shown.seconds, seconds)
 
     def _report_rate(self, config: SweepConfig, computing: float, seconds: float) -> None:
+        """Say what was computed, and how fast."""
         points = config.grid.size
         periods = points * (config.record.transient + config.record.periods)
         self._rate = self.controls.status.text = (
@@ -256,6 +259,7 @@ class Page:
             self.controls.status.text = self._rate
 
     def _save(self) -> None:
+        """Write the configuration of what is seen, and say where."""
         try:
             path = write_yaml(self.view, self._configuration(), self.folder)
         except Failed as error:

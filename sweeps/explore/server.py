@@ -95,6 +95,7 @@ class Explorer:
         return f"http://{HOST}:{self._port}/?bokeh-session-id={session}"
 
     def _serve(self, started: threading.Event) -> None:
+        """Run the server until its loop is stopped."""
         asyncio.set_event_loop(asyncio.new_event_loop())
         self._loop = IOLoop.current()
         application = _Application(

@@ -90,6 +90,7 @@ class Worker:
         self._thread.join(2.0)
 
     def _run(self) -> None:
+        """Take the steps of each request, until a newer one comes."""
         while True:
             with self._changed:
                 self._working = False

@@ -16,9 +16,9 @@ from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_ax
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.unsettled import EXTENSIONS
 from sweeps.messages import Refused
-from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_panel
+from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
-from sweeps.plotting.labels import add_title, label_ordinate, set_scale
+from sweeps.plotting.labels import label_ordinate, set_scale, titled
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
@@ -54,8 +54,7 @@ def basins(
     title_end = ",\nspeed before each impact; share of the starts"
     draw_map(panel, starts, cells, title_end)
     page.set_limits(panel)
-    add_title(panel, page, starts)
-    return figure_of(panel)
+    return titled(panel, page, starts)
 
 
 def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
@@ -121,8 +120,7 @@ def attractor_diagram(
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     starts = "1 start" if status.shape[1] == 1 else f"{status.shape[1]:,} starts"
     add_legend(panel, title=f"{CLASSES_TITLE}\n{starts} at each value", handlelength=1.0)
-    add_title(panel, page, line)
-    return figure_of(panel)
+    return titled(panel, page, line)
 
 
 def _draw_rows(
@@ -155,6 +153,7 @@ def _draw_rows(
 
 
 def _colour(row: Row) -> str:
+    """Return the colour of an attractor, or of its kind of motion."""
     if row.motion is not Motion.PERIODIC:
         return MOTIONS[row.motion][1]
     return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS

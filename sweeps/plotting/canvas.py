@@ -64,6 +64,7 @@ class Picture(Figure):
     """
 
     def _repr_png_(self) -> bytes:
+        """Draw the figure for Jupyter."""
         buffer = io.BytesIO()
         with mpl.rc_context(user_style()):
             self.savefig(buffer, format="png", dpi=150)
@@ -91,6 +92,7 @@ def in_style(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     @functools.wraps(draw)
     def _styled(*arguments: Any, **options: Any) -> Figure:
+        """Draw in the style, unless the panel is one of another figure."""
         style = user_style() if options.get("ax") is None else {}
         with mpl.rc_context(style):
             return draw(*arguments, **options)

@@ -20,7 +20,7 @@ from sweeps.plotting.bifurcation_diagram import bifurcation
 from sweeps.plotting.canvas import PAGE, Page
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.point import impacts, section
-from sweeps.plotting.saving import Description, check_picture, save
+from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.style import user_style
 from sweeps.plotting.trajectory_picture import trajectory
 from sweeps.store import DIRECTION
@@ -112,7 +112,7 @@ def plot(
             raise Refused(f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}")
     with mpl.rc_context(user_style()):
         figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
-        save(figure, output, Description.of(dataset, command))
+        save(figure, output, description(dataset, command))
     return output
 
 

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colorbar import Colorbar
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
@@ -62,8 +63,8 @@ def tick_in_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def add_title(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> None:
-    """Put the sweep's name, the fixed parameters and what was recorded above a `Picture`.
+def titled(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> Figure:
+    """Put name, fixed parameters and record of the sweep above a `Picture`; return the figure.
 
     A panel of another figure has no title, unless the page has one.
 
@@ -80,7 +81,7 @@ def add_title(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = N
     if not isinstance(figure, Picture):
         if page.title is not None:
             panel.set_title(page.title)
-        return
+        return figure
     width = figure.letters("figure.titlesize")
     if page.title is not None:
         text = "\n".join(fill(line, width) for line in page.title.split("\n"))
@@ -89,6 +90,7 @@ def add_title(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = N
     if text:
         figure.make_room(text.count("\n") - 2)
         figure.suptitle(text)
+    return figure
 
 
 def _title(setting: Setting, drawn: xr.Dataset, record: str | None, figure: Picture) -> str:

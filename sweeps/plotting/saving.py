@@ -7,7 +7,6 @@ import warnings
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib as mpl
 import xarray as xr
@@ -27,30 +26,25 @@ _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 FORMATS = tuple(_FIELDS)
 
 
-class Description(NamedTuple):
-    """What the file of a picture says of it, beside what is seen."""
+def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
+    """Return title, program and text for the metadata of a picture of an opened sweep.
 
-    title: str
-    program: str
-    text: str
-
-    @classmethod
-    def of(cls, dataset: xr.Dataset, command: str) -> Description:
-        """Describe a picture of an opened sweep that a command draws, or no command: ``""``."""
-        try:
-            version = metadata.version("vibroimpact")
-        except metadata.PackageNotFoundError:
-            version = "from a checkout"
-        about = {
-            name.removesuffix("_version"): value
-            for name, value in dataset.attrs.items()
-            if name.endswith("_version") or name == "numerics"
-        }
-        text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
-        text += f"\ncommand: {command}" if command else ""
-        text += f"\nconfiguration:\n{dataset.attrs['configuration']}"
-        program = f"vibroimpact {version}, matplotlib {mpl.__version__}"
-        return cls(str(dataset.attrs["name"]), program, text)
+    The command is that which draws it, ``""`` where it is none.
+    """
+    try:
+        version = metadata.version("vibroimpact")
+    except metadata.PackageNotFoundError:
+        version = "from a checkout"
+    about = {
+        name.removesuffix("_version"): value
+        for name, value in dataset.attrs.items()
+        if name.endswith("_version") or name == "numerics"
+    }
+    text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
+    text += f"\ncommand: {command}" if command else ""
+    text += f"\nconfiguration:\n{dataset.attrs['configuration']}"
+    program = f"vibroimpact {version}, matplotlib {mpl.__version__}"
+    return str(dataset.attrs["name"]), program, text
 
 
 def check_picture(output: Path) -> None:
@@ -69,8 +63,8 @@ def check_picture(output: Path) -> None:
         raise Refused(f"{output} is a directory; give -o the name of a file")
 
 
-def save(figure: Figure, output: Path, description: Description | None = None) -> None:
-    """Write a figure, with its description as metadata, to a draft that then replaces `output`.
+def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> None:
+    """Write a figure, with its `description` as metadata, to a draft that then replaces `output`.
 
     Raises
     ------
@@ -80,7 +74,7 @@ def save(figure: Figure, output: Path, description: Description | None = None) -
     target = Path(os.path.realpath(output))  # resolve() raises where links make a loop
     draft = target.with_name(f".picture-{os.getpid()}{output.suffix}")
     kind = output.suffix.lower().lstrip(".")
-    about = dict(zip(_FIELDS[kind], description or (), strict=False))
+    about = dict(zip(_FIELDS[kind], description, strict=False))
     try:
         with warnings.catch_warnings():
             # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.

@@ -16,8 +16,8 @@ from sweeps.analysis.trajectories import (
     continued_motion,
     recorded_motion,
 )
-from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, in_style, new_picture
-from sweeps.plotting.labels import add_title, mathtext
+from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_picture
+from sweeps.plotting.labels import mathtext, titled
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
 from sweeps.plotting.words import label, quantity
@@ -81,8 +81,7 @@ def trajectory(
     period = 2.0 * np.pi / motion.oscillator.omega
     start = motion.rows[0, 0] + motion.turns * period
     record = f"$t_0 = {mathtext(start)}$, after {start / period:.6g} forcing periods"
-    add_title(over_time, page, motion.point, record)
-    return figure_of(over_time)
+    return titled(over_time, page, motion.point, record)
 
 
 def _new_panels(page: Page) -> list[Axes]:
@@ -126,6 +125,7 @@ def _draw(panels: Sequence[Axes], motion: PointMotion) -> None:
 
 
 def _depth_text(depth: np.ndarray) -> str:
+    """Write how far the deepest sample is beyond the stop."""
     if depth.max() <= 0.0:
         return "no sample beyond the stop"
     mantissa, exponent = f"{depth.max():.1e}".split("e")
