@@ -31,7 +31,7 @@ from vibroimpact.step.tangents import (
 LANES = 256
 # Lanes that one integer has a bit for; columns that are mended at a time; steps between two looks
 # at the tangent vectors.
-_WORD, _COLUMNS, _STRIDE = 64, 8, 4
+WORD, _COLUMNS, _STRIDE = 64, 8, 4
 # The distance of rows; not a power of two, which would put them all into one set of the cache.
 _ROW = LANES + 24
 
@@ -130,14 +130,14 @@ def glide_lanes(w, met, size, grid, n):
     old, new, third = (n & 1) * _ROW, (~n & 1) * _ROW, grid.step / 3.0
     s, c, theta = grid.table[SIN, n], grid.table[COS, n], grid.table[THETA, n] + grid.step
     listed = 0
-    for q in range((size + _WORD - 1) // _WORD):
-        first = _WORD * q
+    for q in range((size + WORD - 1) // WORD):
+        first = WORD * q
         bits = 0
-        for i in range(first, first + _WORD):
+        for i in range(first, first + WORD):
             y, v, high = glide(flow_in(w, i), w[_Y + old + i], w[_W + old + i], s, c, third)
             w[_Y + new + i], w[_W + new + i] = y, v
             bits |= bit(not high < 0.0, i - first)
-        if first + _WORD > size:
+        if first + WORD > size:
             bits &= (1 << (size - first)) - 1
         while bits != 0:  # ends: one bit less each time
             i = first + lowest_bit(bits)

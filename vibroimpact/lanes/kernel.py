@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import claim, compiled, is_set, jit, widest_vectors
-from vibroimpact.lanes import exact
-from vibroimpact.lanes.exact import new_block, run_exact
-from vibroimpact.lanes.plain import advance_plain, sum_up_plain
+from vibroimpact.lanes.exact import LANES as EXACT_LANES
+from vibroimpact.lanes.exact import WORD, new_block, run_exact
+from vibroimpact.lanes.plain import advance_plain, clear_sums, sum_up_plain
 from vibroimpact.lanes.reduced_step import mend_side_by_side
 from vibroimpact.lanes.tally import Tally, close_records, record_section, record_step, rows_of
 from vibroimpact.lanes.workspace import (
@@ -45,9 +45,6 @@ from vibroimpact.step.one_step import take_step
 from vibroimpact.step.phases import COS, SIN, THETA, sine_at_start
 from vibroimpact.step.rules import EXACT, PLAIN, REDUCED_STEP
 from vibroimpact.step.stop import Scratch, new_scratch, time_to_release
-
-# Lanes in a block with the rule ``exact`` are a multiple of this.
-_WORD = 64
 
 
 class Run(NamedTuple):
@@ -86,7 +83,7 @@ def lanes_per_block(rule: int, points: int, threads: int) -> int:
     if rule != EXACT:
         return LANES
     share = -(-points // threads)
-    return min(exact.LANES, max(1, -(-share // _WORD)) * _WORD)
+    return min(EXACT_LANES, max(1, -(-share // WORD)) * WORD)
 
 
 class Lanes(NamedTuple):
@@ -155,6 +152,8 @@ def run_block(block, plain, run):
     w, points, tally = block.w, block.points, block.tally
     transient, (method, lead, grid) = run.transient, run.stepping
     set_start(w, points, method[0], sine_at_start(lead, grid))
+    if plain:
+        clear_sums(w)
     for k in range(-transient - 1, run.periods):
         if is_set(run.interrupt):
             break

@@ -5,25 +5,23 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import jit, widest_vectors
-from vibroimpact.lanes.workspace import (
-    CLEARANCE,
-    HIGHEST,
-    IMPACTS,
-    LANES,
-    LISTED,
-    RESTITUTION,
-    SLOWEST,
-    SPEEDS,
-    STRIDE,
-    V,
-    X,
-    map_of,
-)
+from vibroimpact.lanes.workspace import CLEARANCE, LANES, OWN, RESTITUTION, STRIDE, V, X, map_of
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import apply_map
 from vibroimpact.step.phases import COS, SIN, THETA
 
+# Rows of the workspace: the impacts, how many of them are listed, the lowest speed, the highest
+# displacement, and the speeds of the impacts of a stride.
+IMPACTS, LISTED, SLOWEST, HIGHEST, SPEEDS = range(OWN, OWN + 5 * LANES, LANES)
 _NON_FINITE = int(Status.NON_FINITE)
+
+
+@jit(inline=True)
+def clear_sums(w):
+    """Begin the sums of every lane."""
+    for i in range(LANES):
+        w[IMPACTS + i] = w[LISTED + i] = 0.0
+        w[SLOWEST + i], w[HIGHEST + i] = math.inf, w[CLEARANCE + i]
 
 
 @jit(refcounts=False)

@@ -9,33 +9,7 @@ from __future__ import annotations
 
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.lanes.tally import list_impact
-from vibroimpact.lanes.workspace import (
-    C_0,
-    C_TR,
-    MET,
-    OF_CLEARANCE,
-    OF_F,
-    OF_H,
-    OF_OMEGA,
-    OF_P,
-    OF_R,
-    REMAINDER,
-    S_0,
-    S_TR,
-    SINGLE,
-    STEP,
-    STRIDE,
-    T_R,
-    THETA_0,
-    V_0,
-    V_T,
-    V_TR,
-    X_0,
-    X_T,
-    V,
-    X,
-    glide,
-)
+from vibroimpact.lanes.workspace import LANES, MET, OWN, STRIDE, V, X, glide
 from vibroimpact.step.integrators import (
     NEWMARK,
     RK4,
@@ -51,6 +25,15 @@ from vibroimpact.step.reduced_step import single_impact
 
 # Columns of a vector of 512 bits.
 _VECTOR = 8
+# Rows of the workspace; row + j belongs to column j.
+(
+    # The parameters of eq. (1).
+    OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
+    # The step in which the lane meets the stop, and its two ends.
+    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T,
+    # The impact, the time that remains of the step, and whether the impact is the only one.
+    T_R, V_TR, S_TR, C_TR, REMAINDER, SINGLE,
+) = range(OWN, OWN + 20 * LANES, LANES)  # fmt: skip
 
 
 @jit(inline=True)

@@ -31,18 +31,12 @@ STRIDE = 4
     X, V, XX, XV, XS, XC, VX, VV, VS, VC, LEVEL, CLEARANCE, RESTITUTION,
     # The phase before which a lane at rest is not released.
     WAKE,
-    # With the rule ``plain``: what is summed up.
-    IMPACTS, LISTED, SLOWEST, HIGHEST,
     # Which lanes may meet their stops in a stride, side by side.
     MET,
-    # With the rule ``reduced-step``, of each of these: the parameters of eq. (1); the step in which
-    # it meets the stop, its ends, the impact in it, what is left of it, and whether that is all.
-    OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
-    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T, T_R, V_TR, S_TR, C_TR, REMAINDER, SINGLE,
-    # With the rule ``plain``: the speeds of the impacts of a stride.
-    SPEEDS,
-) = range(0, 40 * LANES, LANES)  # fmt: skip
-SIZE = SPEEDS + STRIDE * LANES
+    # The rows that the rule has for itself begin here.
+    OWN,
+) = range(0, 16 * LANES, LANES)  # fmt: skip
+SIZE = OWN + 20 * LANES
 
 
 @jit
@@ -67,8 +61,6 @@ def set_start(w, points, rule, s):
         w[LEVEL + i] = -math.inf if resting and rule != PLAIN else pt.clearance
         w[CLEARANCE + i], w[RESTITUTION + i] = pt.clearance, pt.R
         w[WAKE + i] = -math.inf
-        w[IMPACTS + i] = w[LISTED + i] = 0.0
-        w[SLOWEST + i], w[HIGHEST + i] = math.inf, pt.clearance
 
 
 @jit(inline=True)
