@@ -63,28 +63,17 @@ class Grid:
         tuple of slice
             One slice per axis. Together the boxes cover every point once.
         """
-        if whole is not None:
-            at, n = list(self.axes).index(whole), len(self.axes[whole])
-            other_axes = {name: values for name, values in self.axes.items() if name != whole}
-            for block in Grid(other_axes, self.fixed).blocks(max(1, size // n)):
-                yield (*block[:at], slice(0, n), *block[at:])
-            return
-        trailing = 1
-        split = len(self.shape)
-        while split > 0 and trailing * self.shape[split - 1] <= size:
-            split -= 1
-            trailing *= self.shape[split]
-        inner = tuple(slice(0, n) for n in self.shape[split:])
-        if split == 0:
-            yield inner
-            return
-        n = self.shape[split - 1]
-        parts = math.ceil(n / (size // trailing))
-        edges = [n * i // parts for i in range(parts + 1)]
-        for outer in np.ndindex(self.shape[: split - 1]):
-            lead = tuple(slice(i, i + 1) for i in outer)
-            for start, stop in itertools.pairwise(edges):
-                yield (*lead, slice(start, stop), *inner)
+        room = max(1, size // (1 if whole is None else len(self.axes[whole])))
+        cuts_of_axes: list[list[slice]] = []
+        # From the last axis on: whole while there is room, then in parts, then value by value.
+        for name, values in reversed(list(self.axes.items())):
+            n = len(values)
+            parts = 1 if name == whole else math.ceil(n / room)
+            edges = [n * i // parts for i in range(parts + 1)]
+            cuts_of_axes.append([slice(*ends) for ends in itertools.pairwise(edges)])
+            if name != whole:
+                room = room // n if parts == 1 else 1
+        yield from itertools.product(*reversed(cuts_of_axes))
 
     def points(self, block: Block) -> np.ndarray:
         """Return the parameter points of a block.

@@ -57,27 +57,16 @@ def load_config(
 
 
 def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = ()) -> SweepConfig:
-    """Read the configuration of a sweep from a text.
+    """Read the configuration of a sweep from a text of YAML, as `load_config` does from a file.
 
     Parameters
     ----------
     text : str
-        YAML.
     origin : str
         Where the text is from, for the errors.
     name : str
         The name of the sweep where the text gives none.
     overrides : sequence of str
-        As for `load_config`.
-
-    Returns
-    -------
-    SweepConfig
-
-    Raises
-    ------
-    ConfigError
-        If the text is not YAML or asks for what is not allowed.
     """
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)

@@ -97,10 +97,8 @@ def _typed(data: Any, key: Key, otherwise: object) -> object:
 
 def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
     """Where `key` or the closest group around it comes from."""
-    for length in range(len(key), -1, -1):
-        if key[:length] in sources:
-            return sources[key[:length]]
-    return path
+    groups = (key[:length] for length in range(len(key), -1, -1))
+    return next((sources[group] for group in groups if group in sources), path)
 
 
 def dotted(key: Key) -> str:

@@ -29,15 +29,9 @@ Results = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class ClassifiedPoint:
-    """A value of the swept axis with the class of its motion.
+    """A value of the swept axis with the class of its motion, None where that is not known.
 
-    Attributes
-    ----------
-    value : float
-    label : Label or None
-        None where the class is not known.
-    results : mapping of str to ndarray
-        The variables of the file at this point.
+    The results are the variables of the file at this point.
     """
 
     value: float

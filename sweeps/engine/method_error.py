@@ -69,11 +69,6 @@ class ExactSample:
         judged = np.logical_and.accumulate(apart < MAX_AMPLIFICATION * nearest, axis=1)
         self.judged = judged.reshape(self._sections.shape[:3])
 
-    @property
-    def any_judged(self) -> bool:
-        """Whether there is anything to compare."""
-        return bool(self.judged.any())
-
     def summary(self) -> dict[str, object]:
         """Return the size of the sample, and the share of its sections that can be compared."""
         return {

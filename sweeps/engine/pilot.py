@@ -37,15 +37,7 @@ TRIED_STEPS = (
 
 
 class MethodCost(NamedTuple):
-    """Time that a method takes, in nanoseconds of one core.
-
-    Attributes
-    ----------
-    step, recorded_step : float
-        Of one point's step, in the transient and in the record.
-    impact : float
-        Of one impact.
-    """
+    """Time of a step in the transient and in the record, and of an impact: of one core [ns]."""
 
     step: float
     recorded_step: float
@@ -68,16 +60,9 @@ COSTS: Mapping[tuple[str, str], MethodCost] = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """A method that was tried.
+    """A method that was tried, with its modelled time in units of the exact engine's.
 
-    Attributes
-    ----------
-    integrator, impact, steps_per_period
-        As in the configuration.
-    cost : float
-        Modelled time, in units of the exact engine's.
-    error : float
-        The largest of the sample; inf where it failed.
+    The error is the largest of the sample, inf where the method failed.
     """
 
     integrator: str
@@ -87,19 +72,8 @@ class Candidate:
     error: float
 
 
-@dataclass(frozen=True)
-class Pilot:
-    """The outcome of a pilot.
-
-    Attributes
-    ----------
-    method : MethodConfig
-        The method to take.
-    summary : str
-        The choice and its reason in one line.
-    record : str
-        What was asked, tried and chosen, as YAML.
-    """
+class Pilot(NamedTuple):
+    """The method to take, why in one line, and what was asked, tried and chosen, as YAML."""
 
     method: MethodConfig
     summary: str
@@ -130,7 +104,7 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
     else:
         sample = ExactSample(config, config.grid.spread(SAMPLE_SIZE), threads)
         about |= sample.summary()
-        if sample.any_judged:
+        if sample.judged.any():
             tried = _try_all(sample, accuracy / SAFETY_FACTOR)
             best = _cheapest(tried, accuracy / SAFETY_FACTOR)
         reason = _reason(sample, best, accuracy)
@@ -149,7 +123,7 @@ def choose(config: SweepConfig, threads: int | None = None) -> Pilot:
 def _reason(sample: ExactSample, best: Candidate | None, accuracy: float) -> str:
     """Say why the best candidate was chosen, or none."""
     points = f"{sample.points.size} pilot points"
-    if not sample.any_judged:
+    if not sample.judged.any():
         return f"the exact engine resolves none of the {points}"
     if best is None:
         return (

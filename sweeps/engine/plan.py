@@ -40,13 +40,9 @@ _LEAST_TRIED = 16
 class Estimate:
     """What a sweep takes.
 
-    Attributes
-    ----------
-    seconds : float
-        Expected from short trials, which do not see what comes later; without compilation.
-    file, disk, memory : int
-        Size of the file when it is complete and not compressed, room on the disk while it is
-        written, and memory for the blocks [bytes].
+    The time is expected from short trials, which do not see what comes later, without compilation.
+    In bytes: the size of the file when it is complete and not compressed, the room on the disk
+    while it is written, and the memory for the blocks.
     """
 
     seconds: float
@@ -64,7 +60,7 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
     threads : int, optional
         Threads of the trials; all cores by default.
     cores : int
-        How many such trials are computed at the same time, as on a cluster.
+        Number of parallel computations, in units of one trial.
 
     Raises
     ------

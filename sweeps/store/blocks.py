@@ -33,16 +33,10 @@ class Lost(Failed):
 
 @dataclass(frozen=True)
 class BlockFile:
-    """A file that is open for writing blocks, from `BlockFile.opened`.
+    """A file that is open for writing blocks, from `BlockFile.opened`; its size does not change.
 
     Attributes
     ----------
-    path : Path
-    descriptor : int
-    size : int
-        In bytes; it does not change.
-    layout : Layout
-    ledger : Ledger
     places : mapping of str to int
         Where each variable starts; empty for a compressed file, to which nothing is written.
     """

@@ -246,13 +246,7 @@ def _seal(path: Path, rows: np.ndarray) -> None:
 
 
 def places(file: h5py.File) -> dict[str, int]:
-    """Return where each variable starts in a file, or nothing where it is compressed.
-
-    Returns
-    -------
-    dict of str to int
-        The place of its first byte, by the name of the variable.
-    """
+    """Return the place of the first byte of each variable, or none where they are compressed."""
     names = [name for name in VARIABLES if name in file]
     if any(file[name].chunks for name in names):
         return {}

@@ -176,11 +176,6 @@ class Ledger:
         """Whether the file is in its final form."""
         return bool(self.summary["state"] == State.DONE)
 
-    @property
-    def seconds(self) -> float:
-        """What the run has taken so far; NaN before the first session ended."""
-        return float(self.summary["seconds"])
-
     def are(self, *states: State) -> np.ndarray:
         """Return which blocks have a valid row with one of these states."""
         return np.isin(self.rows["state"], states) & self.valid()

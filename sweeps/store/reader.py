@@ -82,6 +82,32 @@ class SweepFile:
         """Return the data of a block, of every variable in the order of the checksum."""
         return {name: self.file[name][block] for name in self.layout.variables}
 
+    def merged(
+        self, values: np.ndarray, points: Mapping[float, Mapping[str, np.ndarray]]
+    ) -> dict[str, np.ndarray]:
+        """Return the results at values of the only axis: of `points`, or else of the file.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            In increasing order, as those of the file.
+        points : mapping of float to mapping
+            By the value of the axis, the results of one point.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Arrays of shape (n, ...).
+        """
+        (old,) = self.layout.axes.values()
+        at = np.minimum(np.searchsorted(old, values), len(old) - 1)
+        stored = self.read((slice(int(at[0]), int(at[-1]) + 1),))
+        results = {name: array[at - at[0]] for name, array in stored.items()}
+        for i in np.flatnonzero(np.isin(values, list(points))):
+            for name, array in results.items():
+                array[i] = points[float(values[i])][name]
+        return results
+
     def damaged(self) -> np.ndarray:
         """Return which blocks are not as they were written.
 
@@ -220,17 +246,12 @@ def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], 
 
 
 def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
-    """Count the points of a sweep by outcome.
+    """Count the points of a sweep by outcome, also where there is no such point.
 
     Parameters
     ----------
     variables : mapping of str to array_like
         The ``status`` among them: an opened sweep, say.
-
-    Returns
-    -------
-    dict of Status to int
-        Every status, also where there is no such point.
     """
     values = np.asarray(variables["status"])
     return {status: int(np.count_nonzero(values == status)) for status in Status}

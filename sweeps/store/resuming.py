@@ -14,13 +14,7 @@ from sweeps.store.reader import SweepFile
 
 
 def refuse_other(sweep: SweepFile, layout: Layout) -> None:
-    """Refuse to go on with a file that another sweep, or other code, began.
-
-    Parameters
-    ----------
-    sweep : SweepFile
-    layout : Layout
-        Of the sweep that is to go on.
+    """Refuse to go on with a file that another sweep than that of `layout`, or other code, began.
 
     Raises
     ------

@@ -22,7 +22,6 @@ from sweeps.interrupts import check
 from sweeps.messages import Failed, StoreError
 from sweeps.store.blocks import BlockFile
 from sweeps.store.creation import create, pack
-from sweeps.store.insertion import merged
 from sweeps.store.layout import Layout
 from sweeps.store.ledger import State, checksum
 from sweeps.store.output import check_output, reason
@@ -113,7 +112,7 @@ class SweepWriter:
         self._file = file
         self.damage = damage
         self._began = time.monotonic()
-        self._spent = 0.0 if math.isnan(file.ledger.seconds) else file.ledger.seconds
+        self._spent = float(np.nan_to_num(file.ledger.summary["seconds"]))
         self._changed = False
         self._complete = file.ledger.complete
         self._numbers = {_corners(block): i for i, block in enumerate(file.layout.blocks)}
@@ -207,7 +206,7 @@ class SweepWriter:
 
             def merged_block(index: int) -> dict[str, np.ndarray]:
                 """Return the results of a block of the new layout."""
-                return merged(sweep, values[layout.blocks[index]], points)
+                return sweep.merged(values[layout.blocks[index]], points)
 
             samples = dict.fromkeys(range(len(layout.blocks)), self._longest())
             self._replace(lambda new: _copy(new, layout, merged_block, samples))
