@@ -25,6 +25,7 @@ from distributed.security import Security
 
 import sweeps
 from commands import call
+from interruptions import hear
 from local_cluster import CONFIG, assert_same_bits, refused_run
 from sweep_files import load
 from sweeps import interrupts
@@ -61,6 +62,7 @@ def command(*arguments):
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=hear,
     )
 
 
