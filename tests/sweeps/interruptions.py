@@ -21,19 +21,21 @@ from pathlib import Path
 import sweeps
 from sweep_files import data
 from sweeps import open_sweep
+from sweeps.store.ledger import State
+from sweeps.store.reader import sweep_file
 from vibroimpact.status import Status
 
 ROOT = Path(sweeps.__file__).parents[1]
 SWEEP = """\
 oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 1300}, f: 1.0}
-record: {transient: 500, periods: 50, diagnostics: [period]}
+record: {transient: 100, periods: 20, diagnostics: [period]}
 """
 # 2,400 points in two directions, in three blocks.
 FOLLOWED = [
     "follow={axis: omega, direction: both}",
     "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 1200}, omega: [2.4, 3.0], f: 1}",
 ]
-TRAJECTORY = "record={transient: 50, periods: 10, trajectory: {every: 5}}"
+TRAJECTORY = "record={transient: 50, periods: 5, trajectory: {every: 10}}"
 #: What is set beside the configuration: blocks of a grid, a packed file, followed chains.
 KINDS = [[], ["compression=gzip", TRAJECTORY], FOLLOWED]
 #: When a signal is sent: within 50 ms of one of these.
@@ -61,9 +63,9 @@ for line in sys.stdin:
     request = json.loads(line)
     pid = os.fork()
     if pid == 0:
-        os.chdir(request["folder"])
-        for stream, name in ((1, "stdout.txt"), (2, "stderr.txt")):
+        for stream, name in enumerate(request["streams"], 1):
             os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+        os.chdir(request["folder"])
         sys.argv = ["vibroimpact", *request["arguments"]]
         if request["stopped"]:
             os.kill(os.getpid(), signal.SIGSTOP)
@@ -84,16 +86,22 @@ def hear() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def set_by(changes: list[str]) -> list[str]:
-    """Return the arguments of a command for changes of the configuration."""
-    return [part for change in changes for part in ("--set", change)]
+def command(changes: list[str], output: str = "out.h5") -> list[str]:
+    """Return the arguments of a run with changes of the configuration."""
+    settings = [part for change in changes for part in ("--set", change)]
+    return ["run", "sweep.yaml", "-o", output, "--quiet", *settings]
 
 
 class Forks:
-    """Starts commands as forks of one process, one after the other, in a folder."""
+    """Starts commands as forks of one process, one after the other.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    `folder`, where they run unless said otherwise, is below `root`, which also has what they write.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.folder = root / "runs"
+        self.folder.mkdir()
+        self._streams = [str(root / name) for name in ("stdout.txt", "stderr.txt")]
         self._process = subprocess.Popen(
             [sys.executable, "-c", _FORKS],
             env=environment(),
@@ -111,9 +119,14 @@ class Forks:
         self._process.wait(PATIENCE)
         self._process.stdout.close()
 
-    def start(self, *arguments: str, stopped: bool = False) -> int:
+    def start(self, *arguments: str, folder: Path | None = None, stopped: bool = False) -> int:
         """Start a command; return the number of its process."""
-        request = {"folder": str(self.folder), "arguments": arguments, "stopped": stopped}
+        request = {
+            "folder": str(folder or self.folder),
+            "streams": self._streams,
+            "arguments": arguments,
+            "stopped": stopped,
+        }
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
         return int(self._process.stdout.readline())
@@ -121,7 +134,7 @@ class Forks:
     def ended(self) -> tuple[int, str]:
         """Wait for the end of the command; return its exit code and what it wrote to stderr."""
         code = int(self._process.stdout.readline())
-        return code, (self.folder / "stderr.txt").read_text()
+        return code, Path(self._streams[1]).read_text()
 
     def emptied(self) -> Path:
         """Return the folder, without what an earlier run may have left."""
@@ -130,16 +143,20 @@ class Forks:
                 path.unlink()
         return self.folder
 
-    def run(self, *arguments: str) -> tuple[int, str]:
+    def run(self, *arguments: str, folder: Path | None = None) -> tuple[int, str]:
         """Run a command to its end."""
-        self.start(*arguments)
+        self.start(*arguments, folder=folder)
         return self.ended()
 
+    def whole(self, changes: list[str]) -> Path:
+        """Return the file of a run that no signal ended."""
+        return self.folder / f"whole-{KINDS.index(changes)}.h5"
 
-def pending(path: Path) -> int:
-    """Return how many points of a file are not computed."""
-    with open_sweep(path, verify=False) as dataset:
-        return int((dataset["status"] == Status.PENDING).sum())
+
+def share_written(path: Path) -> float:
+    """Return the share of the blocks of a file that are written."""
+    with sweep_file(path) as file:
+        return float(file.ledger.are(State.DONE).mean())
 
 
 def _listens(pid: int) -> bool:
@@ -157,26 +174,16 @@ def _reached(moment: str, folder: Path, draw: random.Random) -> object:
     if moment == "creation":
         return lambda pid: any("out.h5" in name for name in os.listdir(folder))
     share = 1.0 if moment == "end" else draw.uniform(0.1, 0.9)
-    total = []
-
-    def blocks_written(pid: int) -> bool:
-        if not out.exists():
-            return False
-        left = pending(out)
-        total.append(left)
-        return left <= (1.0 - share) * total[0]
-
-    return blocks_written
+    return lambda pid: out.exists() and share_written(out) >= share
 
 
 def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> None:
     """Send a signal to a run at a moment, and check how the run ends and what it leaves."""
     folder, changes = forks.emptied(), draw.choice(KINDS)
-    arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
     process = None
     if moment == "start":
         process = subprocess.Popen(
-            [sys.executable, "-m", "sweeps.cli", *arguments],
+            [sys.executable, "-m", "sweeps.cli", *command(changes)],
             env=environment(),
             cwd=folder,
             stderr=subprocess.PIPE,
@@ -185,11 +192,11 @@ def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> No
         )
         pid = process.pid
     else:
-        pid = forks.start(*arguments)
+        pid = forks.start(*command(changes))
     try:
         reached, began = _reached(moment, folder, draw), time.monotonic()
         while not reached(pid) and time.monotonic() - began < PATIENCE:
-            time.sleep(0.0005)
+            time.sleep(0.002)
         time.sleep(draw.uniform(0.0, LATEST))
         os.kill(pid, number)
     except (OSError, IndexError):  # it has ended, or its file was replaced
@@ -206,8 +213,7 @@ def at_call(forks: Forks, number: int, draw: random.Random) -> str:
     """Send a signal to a run in one of its system calls; return which."""
     folder, changes = forks.emptied(), draw.choice(KINDS)
     call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
-    arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", *set_by(changes)]
-    pid = forks.start(*arguments, stopped=True)
+    pid = forks.start(*command(changes), stopped=True)
     while not re.search(r"^State:\tT", Path(f"/proc/{pid}/status").read_text(), re.M):
         time.sleep(0.001)
     inject = f"inject={call}:signal={number}:when={which}"
@@ -232,10 +238,8 @@ def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str
     about = f"signal {number}, {changes}, exit code {code}:\n{text}"
     folder = forks.folder
     out = folder / "out.h5"
-    for name in ("stdout.txt", "stderr.txt"):
-        (folder / name).unlink(missing_ok=True)
     if code == 0:
-        assert text == "" and pending(out) == 0, about
+        assert text == "" and share_written(out) == 1.0, about
     elif number in ANSWERED:
         assert code == 1, about
         assert text.count("\n") == 1, about
@@ -250,17 +254,13 @@ def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str
     if number in ANSWERED:
         left = {path.name for path in folder.iterdir()} - {"out.h5", "sweep.yaml"}
         assert not {name for name in left if not name.startswith("whole")}, (left, about)
-    arguments = ["run", "sweep.yaml", "-o", "out.h5", "--quiet", "--resume", *set_by(changes)]
-    assert forks.run(*arguments) == (0, ""), about
-    whole = folder / f"whole-{KINDS.index(changes)}.h5"
-    assert data(out).identical(data(whole)), about
+    assert forks.run(*command(changes), "--resume") == (0, ""), about
+    assert data(out).identical(data(forks.whole(changes))), about
     out.unlink()
 
 
 def prepare(forks: Forks) -> None:
     """Write the configuration, and for each kind the file of a run that no signal ended."""
     (forks.folder / "sweep.yaml").write_text(SWEEP)
-    for index, changes in enumerate(KINDS):
-        whole = f"whole-{index}.h5"
-        arguments = ["run", "sweep.yaml", "-o", whole, "--quiet", *set_by(changes)]
-        assert forks.run(*arguments) == (0, "")
+    for changes in KINDS:
+        assert forks.run(*command(changes, forks.whole(changes).name)) == (0, "")

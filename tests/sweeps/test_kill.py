@@ -4,6 +4,7 @@ The campaigns send 1,200 signals, and 300 at chosen system calls, kills among th
 ``pytest -m campaign tests/sweeps/test_kill.py``.
 """
 
+import os
 import random
 import resource
 import shutil
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -25,11 +27,12 @@ from interruptions import (
     SWEEP,
     Forks,
     at_call,
+    command,
     data,
     environment,
     hear,
     prepare,
-    set_by,
+    share_written,
     signalled,
 )
 from sweeps import interrupts, open_sweep, run_sweep
@@ -41,52 +44,17 @@ from vibroimpact.status import Status
 CONFIG = SWEEP
 LONG = ["--set", "record.transient=5e8", "--set", "oscillator.omega.num=2"]  # days per block
 
-# A fork of a process that has imported everything, but not run the kernel, starts at once.
-KILLS = """
-import os, random, signal, sys, time
-import numpy as np
-from sweeps import load_config, open_sweep, run_sweep
 
-config, seed, most = load_config("sweep.yaml", sys.argv[3:]), *map(int, sys.argv[1:3])
-draw, kills = random.Random(seed), 0
-
-def child():
-    pid = os.fork()
-    if pid == 0:
-        try:
-            run_sweep(config, "out.h5", resume=True)
-            os._exit(0)
-        finally:
-            os._exit(1)
-    return pid
-
-began = time.monotonic()
-while kills < most:
-    pid = child()
-    limit = draw.uniform(0.0, 1.5)
-    began = time.monotonic()
-    while os.waitpid(pid, os.WNOHANG) == (0, 0):
-        if time.monotonic() - began > limit:
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
-            kills += 1
-            break
-        time.sleep(0.001)
-    else:
-        pass
-    if os.path.exists("out.h5"):
-        with open_sweep("out.h5") as dataset:
-            done = dataset["status"].values >= 0
-            assert np.isfinite(dataset["poincare_x"].values[done]).all()
-            if done.all():
-                os.rename("out.h5", f"complete-{kills}.h5")
-assert os.waitpid(child(), 0)[1] == 0
-"""
+@pytest.fixture(scope="module")
+def forks(tmp_path_factory):
+    with Forks(tmp_path_factory.mktemp("forks")) as forks:
+        prepare(forks)
+        yield forks
 
 
-def python(*arguments):
+def run(*arguments):
     return subprocess.Popen(
-        [sys.executable, *arguments],
+        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *arguments],
         env=environment(),
         preexec_fn=hear,
         stdout=subprocess.PIPE,
@@ -95,14 +63,10 @@ def python(*arguments):
     )
 
 
-def ended(process, timeout=120):
+def ended(process):
     """Wait for the end of a process, and return its exit code and what it said."""
-    _, stderr = process.communicate(timeout=timeout)
+    _, stderr = process.communicate(timeout=120)
     return process.returncode, stderr
-
-
-def run(*arguments):
-    return python("-m", "sweeps.cli", "run", "sweep.yaml", *arguments)
 
 
 @pytest.mark.parametrize(
@@ -113,25 +77,45 @@ def run(*arguments):
     ],
 )
 @pytest.mark.parametrize("changed", KINDS)
-def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(changed, seed, kills):
-    options = set_by(changed)
-    assert ended(run("-o", "whole.h5", "--quiet", *options)) == (0, "")
-    assert ended(python("-c", KILLS, str(seed), str(kills), *changed), 300) == (0, "")
-    for path in (Path("out.h5"), *Path().glob("complete-*.h5")):
-        xr.testing.assert_identical(data(path), data("whole.h5"))
+def test_killed_at_any_moment_and_resumed_it_ends_with_the_same_bits(forks, changed, seed, kills):
+    forks.emptied()
+    out, arguments = forks.folder / "out.h5", [*command(changed), "--resume"]
+    draw, began = random.Random(seed), time.monotonic()
+    assert forks.run(*arguments) == (0, "")
+    duration = time.monotonic() - began
+    out.unlink()
+    killed = 0
+    while killed < kills:
+        pid = forks.start(*arguments)
+        time.sleep(draw.uniform(0.0, 1.2 * duration))
+        with suppress(ProcessLookupError):  # it has ended
+            os.kill(pid, signal.SIGKILL)
+        code, _ = forks.ended()
+        assert code in (0, -signal.SIGKILL)
+        killed += code != 0
+        if out.exists():
+            with open_sweep(out) as dataset:
+                done = dataset["status"].values != Status.PENDING
+                assert np.isfinite(dataset["poincare_x"].values[done]).all()
+        if code == 0:
+            xr.testing.assert_identical(data(out), data(forks.whole(changed)))
+            out.unlink()
+    assert forks.run(*arguments) == (0, "")
+    xr.testing.assert_identical(data(out), data(forks.whole(changed)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
-    process = run("-o", "long one.h5", *LONG)
+def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(forks, number):
+    pid = forks.start("run", "sweep.yaml", "-o", "long one.h5", *LONG, folder=Path.cwd())
     deadline = time.monotonic() + 120
     while not Path("long one.h5").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.5)
-    process.send_signal(number)
-    code, stderr = ended(process, 10)
-    assert code == 1
+    os.kill(pid, number)
+    began = time.monotonic()
+    code, stderr = forks.ended()
+    assert code == 1 and time.monotonic() - began < 10.0
     options = "--set record.transient=5e8 --set oscillator.omega.num=2"
     assert stderr.splitlines()[-1] == (
         "vibroimpact: error: interrupted; 0 of 2 points kept in long one.h5; to go on: "
@@ -141,31 +125,31 @@ def test_an_interrupt_ends_a_run_in_the_middle_of_a_long_block(number):
     assert sorted(path.name for path in Path().iterdir()) == ["long one.h5", "sweep.yaml"]
     with open_sweep("long one.h5") as dataset:
         assert (dataset["status"] == Status.PENDING).all()
-    told = call("info", "long one.h5")
-    assert "2 points, of which 2 PENDING (not computed yet)" in told.stdout
+    info = call("info", "long one.h5")
+    assert "2 points, of which 2 PENDING (not computed yet)" in info.stdout
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_goes_on_with_the_command_it_names():
-    process = run("--set", "record.transient=50000", "--threads", "1")
+def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
+    arguments = ["run", "sweep.yaml", "--set", "record.transient=50000", "--threads", "1"]
+    pid = forks.start(*arguments, folder=Path.cwd())
     deadline = time.monotonic() + 120
-    done = 0
+    done = 0.0
     while not done and time.monotonic() < deadline:
-        time.sleep(0.05)
-        if Path("sweep.h5").exists():
-            with open_sweep("sweep.h5") as dataset:
-                done = int((dataset["status"] != Status.PENDING).sum())
+        time.sleep(0.02)
+        done = share_written(Path("sweep.h5")) if Path("sweep.h5").exists() else 0.0
     picture = call("plot", "sweep.h5")  # while it is being written
     assert picture.exit_code == 0, picture.output
-    process.send_signal(signal.SIGINT)
-    code, stderr = ended(process)
+    os.kill(pid, signal.SIGINT)
+    code, stderr = forks.ended()
     assert code == 1
-    message, command = stderr.splitlines()[-1].split("; to go on: vibroimpact ")
-    assert int(message.split("interrupted; ")[1].split()[0]) >= done > 0
-    assert ended(python("-m", "sweeps.cli", *command.split(), "--dry-run")) == (0, "")
+    message, resume = stderr.splitlines()[-1].split("; to go on: vibroimpact ")
+    kept = int(message.split("interrupted; ")[1].split()[0])
+    assert kept > 1297 * done > 0.0  # of 1300 points, in three blocks that differ by a point
+    assert forks.run(*resume.split(), "--dry-run", folder=Path.cwd()) == (0, "")
     # With less to do than that, since another transient is another sweep.
-    code, stderr = ended(run("--resume"))
-    assert code == 2 and "record.transient was 50000 and is 500" in stderr
+    code, stderr = forks.run("run", "sweep.yaml", "--resume", folder=Path.cwd())
+    assert code == 2 and "record.transient was 50000 and is 100" in stderr
 
 
 @pytest.mark.slow
@@ -182,13 +166,6 @@ def test_of_two_runs_started_together_one_computes():
 
 
 # Signals at any moment
-
-
-@pytest.fixture(scope="module")
-def forks(tmp_path_factory):
-    with Forks(tmp_path_factory.mktemp("forks")) as forks:
-        prepare(forks)
-        yield forks
 
 
 @pytest.mark.slow
