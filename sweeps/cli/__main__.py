@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from typing import NoReturn
@@ -22,6 +23,7 @@ def main() -> NoReturn:
             _report(_reason(error))
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush
         code = code or 1
+    gc.freeze()  # so that Python does not search for garbage what ends with the process
     sys.exit(code)
 
 

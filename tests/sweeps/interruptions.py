@@ -35,7 +35,7 @@ FOLLOWED = [
     "follow={axis: omega, direction: both}",
     "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 1200}, omega: [2.4, 3.0], f: 1}",
 ]
-TRAJECTORY = "record={transient: 50, periods: 5, trajectory: {every: 10}}"
+TRAJECTORY = "record={transient: 50, periods: 5, impacts: 8, trajectory: {every: 10}}"
 #: What is set beside the configuration: blocks of a grid, a packed file, followed chains.
 KINDS = [[], ["compression=gzip", TRAJECTORY], FOLLOWED]
 #: When a signal is sent: within 50 ms of one of these.
@@ -53,12 +53,13 @@ CALLS = (
 PATIENCE = 60.0
 
 _FORKS = """
-import json, os, signal, sys
+import gc, json, os, signal, sys
 import sweeps.cli.main, sweeps.engine.reports, sweeps.engine.run
 from sweeps.cli.__main__ import main
 from vibroimpact import Oscillator, integrate
 
 integrate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at())  # so that the kernel is loaded
+gc.freeze()  # at its end, no fork searches what it shares
 for line in sys.stdin:
     request = json.loads(line)
     pid = os.fork()
