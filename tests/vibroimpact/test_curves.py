@@ -129,6 +129,20 @@ def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega,
             assert np.abs(orbit.multipliers + 1.0).min() < 1e-10
 
 
+def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
+    """There both halves of the orbit of 6/6 become that of 3/3, and both touch the stop."""
+    osc = Oscillator(h=0.02, R=0.48618090452261303, omega=5.121404682274248, f=1.0)
+    run = simulate(osc, 500)
+    start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1], 6)
+    ends = []
+    for point in branch(start, "omega", 4.9, 5.4).special:
+        found = bifurcation_curve(point.orbit, point.kind, ("omega", 0.3, 5.6), ("R", 0.3, 0.95))
+        assert (found.kind, found.m, found.q) in (("graze", 6, 7), ("flip", 3, 3))
+        (end,) = [p for p in found.special if p.kind == "graze" and p.values[1] < 0.5]
+        ends.append(end.values)
+    assert len(ends) == 2 and ends[0] == pytest.approx(ends[1], abs=1e-6)
+
+
 def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
     found = bifurcation_curve(one_impact(SCENE, 2), "graze", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
     f, omega = found.values.T

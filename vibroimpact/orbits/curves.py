@@ -39,7 +39,9 @@ class CurvePoint(NamedTuple):
     ----------
     kind : str
         ``cusp``; on a curve of grazes ``flip`` and ``fold``, which meet it there; and the ends
-        ``graze``, ``penetration``, ``rest``, ``edge`` and ``lost``.
+        ``graze`` (another impact has no speed, or a flight touches the stop), ``rest``, ``edge``
+        and ``lost``; ``penetration`` where a flight meets the stop, but its touch is missed by more
+        than rounding, because Newton's method fails where two halves of the orbit become equal.
     values : ndarray, shape (2,)
         Of the two parameters.
     orbit : PeriodicOrbit
