@@ -115,24 +115,17 @@ def cuts_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     """Read the values of ``--at``, each of another axis."""
     cuts: dict[str, float | str] = {}
     for text in texts or ():
-        name, value = _cut(text)
+        name, _, value = map(str.strip, text.partition("="))
+        try:
+            cut = value if name == "direction" else float(value)
+        except ValueError:
+            raise Refused(
+                f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5"
+            ) from None
         if name in cuts:
             raise Refused(f"--at {text} is not allowed; {name} was given before")
-        cuts[name] = value
+        cuts[name] = cut
     return cuts
-
-
-def _cut(text: str) -> tuple[str, float | str]:
-    """Read one value of ``--at``; that of a direction is a word."""
-    name, _, value = text.partition("=")
-    if name.strip() == "direction":
-        return "direction", value.strip()
-    try:
-        return name.strip(), float(value)
-    except ValueError:
-        raise Refused(
-            f"--at {text} is not allowed; expected: NAME=VALUE, for example omega=2.5"
-        ) from None
 
 
 @contextmanager

@@ -45,15 +45,7 @@ class ClassifiedPoint:
 
 
 class Classifier:
-    """Computes points of a sweep along its only axis, and finds the classes of their motions.
-
-    Parameters
-    ----------
-    config : SweepConfig
-        Of a sweep along one axis.
-    threads : int, optional
-        Threads to use; all cores by default.
-    """
+    """Computes points of a sweep along its only axis, and finds the classes of their motions."""
 
     def __init__(self, config: SweepConfig, threads: int | None = None) -> None:
         self._config, self._threads = config, threads

@@ -73,18 +73,13 @@ class Cluster:
     client : distributed.Client
         Synchronous; it is left open.
 
-    Attributes
-    ----------
-    threads : int
-        Of a trial on this machine.
-
     Raises
     ------
     Refused
         If a worker has another version of the numerics, or none.
     """
 
-    threads = 1
+    threads = 1  #: Of a trial on this machine.
 
     def __init__(self, client: Client) -> None:
         self._client = client

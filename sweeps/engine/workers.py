@@ -19,17 +19,9 @@ if TYPE_CHECKING:
 
 
 class Local:
-    """Computes blocks on this machine, one after the other.
+    """Computes blocks on this machine, one after the other, with so many threads; None for all."""
 
-    Attributes
-    ----------
-    threads : int or None
-        Of a block and of a trial, None for all.
-    cores : int
-        Number of parallel computations, in units of one trial.
-    """
-
-    cores = 1
+    cores = 1  #: Number of parallel computations, in units of one trial.
 
     def __init__(self, threads: int | None = None) -> None:
         self.threads = threads
