@@ -30,9 +30,9 @@ ALL_THREADS: int = _config.NUMBA_NUM_THREADS
 class _MergedLibrary(JITCodeLibrary):
     """The code of a function for its callers, which optimise it and make machine code of it.
 
-    By itself numba does both for every function, with all that it calls: for the innermost of them
-    eight times over. Only what Python calls needs machine code; without that of the others the
-    first run compiles for half as long.
+    By default numba does both for every function together with all that it calls, so that an
+    innermost function is optimised eight times. Only a function that Python calls needs machine
+    code; without the others the first run compiles in half the time.
     """
 
     def _optimize_final_module(self) -> None:
@@ -74,12 +74,12 @@ def jit(
     ----------
     inline : bool
         Merge into the caller before numba infers types. A helper then sees which of its arguments
-        are constants, and what is left out for them is not compiled.
+        are constants, and branches that they exclude are not compiled.
     forced_inline : bool
-        Let LLVM merge it into the caller: a loop around a call is not vectorised.
+        Make LLVM merge it into the caller, because a loop around a call is not vectorised.
     refcounts : bool
-        Count references to arrays. Functions that only look into arrays that their caller holds
-        can do without: an impact costs half as much.
+        Count references to arrays. Functions whose arrays are all held by their caller can do
+        without, which halves the cost of an impact.
     """
     if function is None:
         return lambda f: jit(
@@ -112,7 +112,7 @@ def jit(
 def _compile(function: Any, signature: tuple[Any, ...]) -> None:
     """Compile a function for arguments of these types."""
     collecting = gc.isenabled()
-    gc.disable()  # it finds next to nothing, and takes a tenth of the time to compile
+    gc.disable()  # it frees next to nothing, and takes a tenth of the time
     try:
         function.compile(signature)
     finally:
@@ -120,9 +120,9 @@ def _compile(function: Any, signature: tuple[Any, ...]) -> None:
             gc.enable()
 
 
-# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB, which a
-# compilation does 100,000 times, or not, by the depth it starts from: 2 s of 13. Below a frame this
-# large it takes 1 MB at once.
+# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB. Depending
+# on the depth at its start, a compilation does so 100,000 times, which takes 2 s of 13. For a frame
+# as large as this, Python takes 1 MB at once.
 _compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
 
 

@@ -1,8 +1,8 @@
 """The rule ``exact`` in the lanes: impacts mended side by side, in vectors.
 
 All lanes glide over a step, into a second row of states. Those that may have met the stop are
-listed, and mended in columns side by side by ``single_impact``. What that does not prove goes
-through ``exact_step``, lane by lane, as in a single orbit.
+listed, and mended in columns side by side by ``single_impact``. Where that proves nothing, the
+lane goes through ``exact_step`` alone, as a single orbit does.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def integrate(
         interrupt = np.zeros(1, np.int64)
     threads = threads or ALL_THREADS
     lanes = lanes_per_block(rule, n, threads)
-    # A thread without lanes of its own costs time to start, more than a few lanes take.
+    # No thread without lanes: to start one takes longer than to compute a few lanes.
     threads = min(threads, max(1, -(-n // lanes)))
     claimed = np.zeros(1, np.int64)
     run = Run(points, steps, transient, periods, lyapunov, lanes, tally, claimed, interrupt)

@@ -1,11 +1,11 @@
 """The stepping kernel: blocks of lanes over the threads.
 
 Every lane is advanced by its affine map as if there were no stop, and mended where it may have met
-it. The rules ``exact`` and ``plain`` have loops of their own, in ``exact.py`` and ``plain.py``.
-With the others a lane that met the stop stays at the start of a stride of steps, and is taken
-through it alone, step by step, as a single orbit is; with the rule ``reduced-step`` this is left
-for what ``lanes/reduced_step.py`` does not mend. Each thread takes block after block,
-and lets go of Python while it does.
+the stop. The rules ``exact`` and ``plain`` have loops of their own, in ``exact.py`` and
+``plain.py``. With the other rules a lane that met the stop stays at the start of a stride of steps,
+and is taken through the stride alone, step by step, as a single orbit is. With ``reduced-step``
+``lanes/reduced_step.py`` mends most of these lanes first. Each thread takes block after block, and
+does not hold Python's lock.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def list_impact(ring, sums, phase, speed):
     """Count an impact, and put it into the ring of its lane."""
     if ring.shape[0] > 0:
         slot = sums.impacts % ring.shape[0]
-        for _ in range(2):  # no more are needed, and an infinite phase has no end
+        for _ in range(2):  # two are enough, and an infinite phase ends
             phase -= 2.0 * math.pi if phase >= 2.0 * math.pi else 0.0
         ring[slot, 0], ring[slot, 1] = phase, speed
     sums.slowest_impact = min(sums.slowest_impact, speed)

@@ -71,8 +71,8 @@ def compute_box(
     threads : int or None
         Threads to use, None for all. The results do not depend on it.
     advance : callable
-        Is given how many points were computed since it was called before: along an axis that is
-        followed after every value, otherwise once.
+        Is given the number of points computed since its last call: after every value of an axis
+        that is followed, otherwise once.
     interrupt : ndarray of int64, shape (1,), optional
         As for `vibroimpact.integrate`.
 

@@ -1,8 +1,9 @@
 """Rebounds that are back on the stop soon, one after the other, and the sum of a chatter.
 
-- A rebound that is back within half a step: its root is divided out, the rest of the series is
-  solved by Halley's method, and the Bernstein coefficients of ``flow.py`` prove it the first.
-- Of a train of short bounces each takes the reversion of its series, and Newton's method once.
+- A rebound that is back within half a step: the root at its start is divided out of its series,
+  Halley's method finds the next one, and the Bernstein coefficients of ``flow.py`` prove that no
+  root lies between.
+- A short bounce: the reversion of its series, and one iteration of Newton's method.
 
 **Chatter.** Let a be the acceleration that presses the mass at rest, epsilon = v / a after a
 rebound at speed v, and beta = a' / a = -f omega cos(omega t) / a. Expanding one flight and one
@@ -27,15 +28,15 @@ from vibroimpact.step.stop import pressing, time_to_release
 from vibroimpact.step.trigonometry import sin_cos
 
 # The tail of a chatter is summed where eta times the rates of the system is below this: the
-#: third-order term left out, relative to the first, is its square.
+# third-order term left out, relative to the first, is its square.
 _SHORTEST_TAIL = 1e-5
 # Above this R a chatter takes too many bounces to follow, or does not end at all. Bounces whose
-#: epsilon times the rates of the system is below ``_SHORTEST_BOUNCE`` are then taken for rest, and
-#: the point is not certified: Status.SETTLED.
+# epsilon times the rates of the system is below ``_SHORTEST_BOUNCE`` are then taken for rest, and
+# the point is not certified: Status.SETTLED.
 _ENDLESS = 0.999
 _SHORTEST_BOUNCE = 1e-3
-#: A bounce is short where its length times the rates of the system is below this: of its series
-#: six terms are enough. Below ``_SHORTEST`` those of its reversion are.
+# A bounce is short where its length times the rates of the system is below ``_SHORT``: six terms of
+# its series are enough. Below ``_SHORTEST`` those of the reversion are enough.
 _SHORT, _SHORTEST = 0.03, 1e-3
 
 _CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)

@@ -3,14 +3,15 @@
 A step of ``flow.py`` that its guard proves to be safe is done. Of the others nearly all have one
 impact, found and proved by ``single_impact.py``. What is left comes here, flight by flight:
 
-- A flight that a half or a quarter of it proves to be below the stop meets nothing.
-- Of a rebound that is back soon ``bounces.py`` finds the end, and of a chatter the sum.
-- Of any other flight the polynomial is searched for its first root, see ``flight.py``.
+- A flight that is proved, in halves or in quarters, to be below the stop has no impact.
+- ``bounces.py`` finds the end of a rebound that is back soon, and the sum of a chatter.
+- The polynomial of any other flight is searched for its first root, see ``flight.py``.
 
 **Underflow.** Without a force a mass whose stop is at the equilibrium bounces for ever, each time
 lower by the same factor. Where a flight from the stop is below the smallest normal number,
 displacement and change of displacement over the step alike, the mass is put on the stop at rest,
-y = 0 and w = 0: in free rest, since no force presses it. That is certified, within that number.
+y = 0 and w = 0: in free rest, since no force presses it. The point stays certified, because the
+error is below that number.
 
 **Overflow.** Where a flight has a coefficient that is not finite, the step ends in NaN.
 """
@@ -54,7 +55,7 @@ from vibroimpact.step.trigonometry import sin_cos
 
 #: A turning point closer to the stop than this share of what the flight covers is a near graze.
 NEAR_GRAZE = 1e-9
-# Iterations for an impact that one does not find to rounding.
+# Iterations for an impact that one iteration does not find to rounding.
 _POLISH = 4
 
 _CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
@@ -67,9 +68,9 @@ def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
 
 @jit(refcounts=False)
 def is_below(flight, end, E, pieces):
-    """Whether a flight from below the stop, or from it, stays below it: by so many pieces of it.
+    """Whether a flight from below the stop, or from it, is proved to stay below, in so many pieces.
 
-    See ``flow.py``. At the ends of the pieces the distance is to be more than a near graze.
+    See ``flow.py``. At the ends of the pieces the distance must be more than that of a near graze.
     """
     width, scale = end / pieces, 0.0
     for k in range(TERMS):
@@ -203,7 +204,7 @@ def exact_step(eq, pt, start, end, impact, phase, step, scratch):
     end : (float, float)
         Its undisturbed end.
     impact : 5 floats
-        What ``single_impact`` says of the step, less than ``ONLY`` being proved.
+        The result of ``single_impact`` for the step, where it is not ``ONLY``.
     phase : (float, float, float)
         Phase at the start, its sine and its cosine.
     step : float
@@ -232,7 +233,7 @@ def exact_step(eq, pt, start, end, impact, phase, step, scratch):
     if impact[4] == ONLY:
         return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
     dt, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]
-    for _ in range(MAX_FLIGHTS):  # whatever the times are: t need not rise
+    for _ in range(MAX_FLIGHTS):  # a bound that holds even where t does not rise
         released = resting
         if resting:
             wait = pt.omega * time_to_release(theta + t, pt)

@@ -31,8 +31,8 @@ SMALLEST_NORMAL = 2.0**-1022
 # Below this width the excess of a curve over its chord, at most width^3 / 4 of the third
 # derivative where the curvature changes its sign, is rounding.
 _NARROWEST = 2.0**-17
-# Intervals that are passed are wider than half of that, but for the last one: 2^18 fill a step. The
-# others are halved, which undoes the doubling after a passed one, or is one of the first 18.
+# All intervals that are passed, but the last, are wider than half of that: 2^18 fill a step. The
+# others are halved, which undoes a doubling after a passed one, or is one of the first 18 halvings.
 _MOST_INTERVALS = 2**19 + 20
 
 

@@ -14,13 +14,14 @@ What the literal procedure leaves open, and how it is closed here:
   launch. This is exact for a constant acceleration, as the step of an integrator of second order
   is; to a step much longer than the flight, which sees another acceleration, it is not applied:
   the step is cut to twice the flight, and so on.
-- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved. Zero
-  to rounding counts as zero: semi-implicit Euler brings every rebound within a step back at it.
+- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved. A
+  speed that is zero to rounding counts as zero, because semi-implicit Euler brings every rebound
+  within a step back at that speed.
 - Several impacts in one step follow one another until the remainder is used up.
 - A chatter whose geometric sum of flights, 2 v / (a (1 - R)), ends within the step while the
-  force presses is complete: the mass rests. So it does when a rebound is shorter than
-  ``SHORTEST_FLIGHT`` steps, far below what the rule resolves: at R = 1 too, where that loses at
-  the most the speed a T ``SHORTEST_FLIGHT`` / 2 once.
+  force presses is complete: the mass rests. It also rests when a rebound is shorter than
+  ``SHORTEST_FLIGHT`` steps, far below what the rule resolves. At R = 1 that loses the speed
+  a T ``SHORTEST_FLIGHT`` / 2 at the most, once.
 - The force at a release is zero to rounding. Where the step moves x by that force alone, the mass
   is left on the stop until the next step, with the speed that the step gives it.
 """
@@ -48,8 +49,8 @@ from vibroimpact.step.trigonometry import sin_cos
 
 #: A rebound shorter than this many steps counts as rest.
 SHORTEST_FLIGHT = 1e-3
-# A crossing nearer than this many halvings of the step is contact, and a flight shorter than this
-# share of it is none: where the state at the stop is rounding, cutting would go on for ever.
+# A crossing after this many halvings of the step is contact, and a flight shorter than this share
+# of it is none: where the state at the stop is rounding, the step would be cut for ever.
 _MAX_HALVINGS = 24
 _SHORTEST_CUT = 2.0**-20
 _MAX_CUTS = 100
@@ -58,7 +59,7 @@ _MAX_CUTS_OF_STEP = 4 * MAX_FLIGHTS
 # A speed v_Tr below this share of that at the start is rounding.
 _SLOWEST = 1e-6
 
-# The rounding of a phase. Past it a release is certain: the force there no longer presses.
+# The rounding of a phase: so much after a release the force surely presses no more.
 _ROUNDING = 2e-14
 
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)

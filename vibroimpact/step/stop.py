@@ -17,8 +17,8 @@ from vibroimpact.step.trigonometry import sin_cos
 
 #: More flights than this in one step are not followed.
 MAX_FLIGHTS = 16384
-#: A release this close in phase to the end of a step is left to the next one: so near to it, the
-#: sign of the force is rounding. The displacement it would cause is of the order of its cube.
+#: A release this near in phase to the end of a step is left to the next step, because rounding
+#: decides the sign of the force. The displacement would be of the order of the cube of this phase.
 RELEASE_MARGIN = 1e-12
 
 # The events of one step: their kinds, and the columns of the buffer that holds them (time since
