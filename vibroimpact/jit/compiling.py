@@ -120,9 +120,9 @@ def _compile(function: Any, signature: tuple[Any, ...]) -> None:
             gc.enable()
 
 
-# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB. Depending
-# on the depth at its start, a compilation does so 100,000 times, which takes 2 s of 13. For a frame
-# as large as this, Python takes 1 MB at once.
+# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB. From
+# some depths a compilation does so 100,000 times, which takes 2 s of 13. For a frame as large
+# as this, Python takes 1 MB at once.
 _compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
 
 

@@ -1,18 +1,19 @@
-"""The rule ``plain`` in the lanes: selects instead of branches, impacts summed up in registers."""
+"""The rule ``plain`` in the lanes: selects instead of branches, and impacts listed afterwards."""
 
 from __future__ import annotations
 
 import math
 
 from vibroimpact.jit import jit, widest_vectors
+from vibroimpact.lanes.tally import list_impact
 from vibroimpact.lanes.workspace import CLEARANCE, LANES, OWN, RESTITUTION, STRIDE, V, X, map_of
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import apply_map
 from vibroimpact.step.phases import COS, SIN, THETA
 
-# Rows of the workspace: the impacts, how many of them are listed, the lowest speed, the highest
-# displacement, and the speeds of the impacts of a stride.
-IMPACTS, LISTED, SLOWEST, HIGHEST, SPEEDS = range(OWN, OWN + 5 * LANES, LANES)
+# Rows of the workspace: the number of impacts, the highest displacement, and the speeds of the
+# impacts of a stride.
+IMPACTS, HIGHEST, SPEEDS = range(OWN, OWN + 3 * LANES, LANES)
 _NON_FINITE = int(Status.NON_FINITE)
 
 
@@ -20,26 +21,22 @@ _NON_FINITE = int(Status.NON_FINITE)
 def clear_sums(w):
     """Begin the sums of every lane."""
     for i in range(LANES):
-        w[IMPACTS + i] = w[LISTED + i] = 0.0
-        w[SLOWEST + i], w[HIGHEST + i] = math.inf, w[CLEARANCE + i]
+        w[IMPACTS + i], w[HIGHEST + i] = 0.0, w[CLEARANCE + i]
 
 
 @jit(refcounts=False)
 def plain_step(w, i, x, v, s, c, place, recording):
     """Take lane `i` from (x, v) over a step with the rule (2)-(5): selects instead of branches.
 
-    The speed of its impact goes to `place`. As ``plain``, but that a displacement which overflowed
-    is taken for an impact, too: with R = 0 that forgets it with the rest of the past. To test for
-    it here would cost 8 %.
+    The speed of its impact goes to `place`. Unlike in ``plain``, a displacement that overflowed is
+    an impact, too, which forgets it where R = 0: see ``sum_up_plain``. A test here would cost 8 %.
     """
     to_x, to_v = map_of(w, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
     impact = (x_T >= w[CLEARANCE + i]) & (v_T > 0.0)
     if recording:
-        speed = v_T if impact else math.inf
-        w[place] = speed
+        w[place] = v_T if impact else math.inf
         w[IMPACTS + i] += 1.0 if impact else 0.0
-        w[SLOWEST + i] = speed if speed < w[SLOWEST + i] else w[SLOWEST + i]
         w[HIGHEST + i] = x_T if x_T > w[HIGHEST + i] else w[HIGHEST + i]
     return w[CLEARANCE + i] if impact else x_T, -w[RESTITUTION + i] * v_T if impact else v_T
 
@@ -71,23 +68,13 @@ def advance_plain(w, n_points, grid, recording, tally):
 @jit(refcounts=False)
 def list_plain_impacts(w, n_points, n, end, grid, tally):
     """Put the impacts of the steps from `n` to before `end` into the tally of their lanes."""
-    rings = tally.impacts
-    capacity = rings.shape[1]
     for i in range(n_points):
-        if w[IMPACTS + i] > w[LISTED + i]:
-            sums = tally.sums[i]
+        if w[IMPACTS + i] > tally.sums[i].impacts:
             for j in range(end - n):
                 speed = w[SPEEDS + j * LANES + i]
                 if speed < math.inf:
-                    if capacity > 0:
-                        slot = int(w[LISTED + i]) % capacity
-                        at = grid.table[THETA, n + j] + grid.step
-                        at -= 2.0 * math.pi if at >= 2.0 * math.pi else 0.0
-                        rings[i, slot, 0], rings[i, slot, 1] = at, speed
-                    sums.fastest_impact = max(sums.fastest_impact, speed)
-                    sums.speeds += speed
-                    sums.squared_speeds += speed * speed
-                    w[LISTED + i] += 1.0
+                    phase = grid.table[THETA, n + j] + grid.step
+                    list_impact(tally.impacts[i], tally.sums[i], phase, speed)
 
 
 @jit(inline=True)
@@ -95,8 +82,6 @@ def sum_up_plain(w, n_points, tally):
     """Put what the lanes have summed up into the tally."""
     for i in range(n_points):
         sums = tally.sums[i]
-        sums.impacts = int(w[IMPACTS + i])
-        sums.slowest_impact = w[SLOWEST + i]
         sums.max_penetration = w[HIGHEST + i] - w[CLEARANCE + i]
         if not sums.max_penetration < math.inf:  # an impact may have put it back to the stop
             sums.status = _NON_FINITE
