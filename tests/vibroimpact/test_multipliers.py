@@ -1,16 +1,11 @@
-"""Floquet multipliers against finite differences of the section map in 40 digits.
-
-The map is that of eqs (1)-(5): closed-form flights, each to its impact by Newton's method. It
-shares no code with the package, which gives only the times where the impacts are looked for.
-"""
-
-from dataclasses import astuple
+"""Floquet multipliers against finite differences of the section map in 50 digits."""
 
 import mpmath as mp
 import naive
 import numpy as np
 import pytest
 
+from section_map import SectionMap
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
@@ -47,79 +42,6 @@ ATTRACTORS = [
     (6, 9, 0.0, 0.95, 1.15, 0.0),
     (8, 9, 0.0, 0.89, 2.55, 0.0),
 ]
-
-
-class Flight:
-    """The motion of eq. (1) from a state at a time; not at h = p or in resonance."""
-
-    def __init__(self, osc, t, x, v):
-        h, _, omega, f, p, _ = map(mp.mpf, astuple(osc))
-        root, self.t, self.omega = mp.sqrt(mp.mpc(h * h - p * p)), t, omega
-        self.rates = one, two = -h + root, -h - root
-        self.steady = -f / mp.mpc(p * p - omega * omega, 2 * h * omega)
-        forced = self.steady * mp.expj(omega * t)
-        x, v = x - forced.imag, v - omega * forced.real
-        self.weights = (v - two * x) / (2 * root), (one * x - v) / (2 * root)
-
-    def __call__(self, t):
-        """x and x'."""
-        waves = [
-            c * mp.exp(r * (t - self.t)) for c, r in zip(self.weights, self.rates, strict=True)
-        ]
-        rates = [wave * r for wave, r in zip(waves, self.rates, strict=True)]
-        forced = self.steady * mp.expj(self.omega * t)
-        return sum(waves).real + forced.imag, sum(rates).real + self.omega * forced.real
-
-
-class SectionMap:
-    """A state, to one repetition later, over impacts near those of an orbit.
-
-    The section is in the middle of the longest flight.
-    """
-
-    def __init__(self, orbit):
-        osc = self.osc = orbit.oscillator
-        times = [mp.mpf(phase) / mp.mpf(osc.omega) for phase in orbit.phases.tolist()]
-        period = 2 * mp.pi * orbit.m / mp.mpf(osc.omega)
-        ends = [*times, *(t + period for t in times)]
-        longest = max(range(orbit.q), key=lambda i: ends[i + 1] - ends[i])
-        self.start = (ends[longest] + ends[longest + 1]) / 2
-        self.times, self.end = ends[longest + 1 : longest + 1 + orbit.q], self.start + period
-        self.stop, self.R = mp.mpf(osc.clearance), mp.mpf(osc.R)
-        launch = self.stop, -self.R * mp.mpf(float(orbit.speeds[longest]))
-        self.state = mp.matrix(Flight(osc, ends[longest], *launch)(self.start))
-
-    def __call__(self, state):
-        """The state at the end, and the times and speeds of the impacts."""
-        flight, impacts = Flight(self.osc, self.start, *state), []
-        for t in self.times:
-            x, v = flight(t)
-            while abs(x - self.stop) > mp.mpf(10) ** -40:
-                t -= (x - self.stop) / v
-                x, v = flight(t)
-            flight = Flight(self.osc, t, self.stop, -self.R * v)
-            impacts.append((t, v))
-        return mp.matrix(flight(self.end)), impacts
-
-    def derivative(self):
-        """The monodromy matrix, by central differences."""
-        step, D = mp.mpf(10) ** -16, mp.matrix(2, 2)
-        for j in range(2):
-            beside = mp.matrix(2, 1)
-            beside[j] = step
-            change = self(self.state + beside)[0] - self(self.state - beside)[0]
-            D[0, j], D[1, j] = change / (2 * step)
-        return D
-
-    def polish(self):
-        """Two steps of Newton's method onto the periodic orbit; return its impacts."""
-        for _ in range(2):
-            end, impacts = self(self.state)
-            self.times = [t for t, _ in impacts]
-            self.state += mp.lu_solve(mp.eye(2) - self.derivative(), end - self.state)
-        end, impacts = self(self.state)
-        assert mp.norm(end - self.state) < mp.mpf(10) ** -20
-        return impacts
 
 
 def orbits_of(m, q, h, R, omega, clearance):
