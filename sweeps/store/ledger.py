@@ -136,7 +136,7 @@ class Ledger:
         spans = os.pread(descriptor, n_spans * _SPAN.itemsize, spans_at)
         if zlib.crc32(spans + _SEAL.pack(n_rows, n_spans, rest, 0, _MAGIC)) != seal_crc:
             raise DamageError
-        changing = [(int(at), int(length)) for at, length in np.frombuffer(spans, _SPAN).tolist()]
+        changing = np.frombuffer(spans, _SPAN).tolist()
         if _checksum_without(descriptor, changing) != rest:
             raise DamageError
         rows, summary = np.zeros(n_rows, ROW), np.zeros((), SUMMARY)
@@ -176,9 +176,9 @@ class Ledger:
         """Whether the file is in its final form."""
         return bool(self.summary["state"] == State.DONE)
 
-    def are(self, *states: State) -> np.ndarray:
-        """Return which blocks have a valid row with one of these states."""
-        return np.isin(self.rows["state"], states) & self.valid()
+    def are(self, state: State) -> np.ndarray:
+        """Return which blocks have a valid row with a state."""
+        return (self.rows["state"] == state) & self.valid()
 
     def valid(self) -> np.ndarray:
         """Return which blocks have a row that is as it was written."""
