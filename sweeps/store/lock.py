@@ -71,12 +71,14 @@ def _locked(name: Path) -> tuple[int, bool]:
     """Open and lock a file; return its descriptor, and whether it was created."""
     while True:
         try:
-            created = False
-            if not stat.S_ISREG(os.lstat(name).st_mode):
-                raise StoreError(_taken(name))
-        except FileNotFoundError:
-            created = True
-        lock = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+            lock, created = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644), True
+        except FileExistsError:
+            try:
+                if not stat.S_ISREG(os.lstat(name).st_mode):
+                    raise StoreError(_taken(name)) from None
+                lock, created = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK), False
+            except FileNotFoundError:
+                continue  # its holder has just removed it
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.path.samestat(os.fstat(lock), os.stat(name)):
