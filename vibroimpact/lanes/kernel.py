@@ -133,10 +133,8 @@ def advance(block, steps, recording):
     for k in range(strides + steps.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1
-        if span == 1:
-            met = list_met(w, points.size, glide_step(w, steps.table, n))
-        else:
-            met = list_met(w, points.size, glide_stride(w, steps.table, n))
+        bits = glide_step(w, steps.table, n) if span == 1 else glide_stride(w, steps.table, n)
+        met = list_met(w, points.size, bits)
         if rule == REDUCED_STEP and span == STRIDE and met > 0:
             met = mend_side_by_side(w, met, points, integrator, steps, n, recording, block.tally)
         for j in range(met):

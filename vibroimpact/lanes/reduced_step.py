@@ -83,10 +83,10 @@ def launch(w, j):
 
 
 @jit(inline=True)
-def land(w, j, x, v):
+def land(w, j, end):
     """Put the end of the step into column `j`."""
-    w[X_T + j], w[V_T + j] = x, v
-    w[SINGLE + j] = select(x < w[OF_CLEARANCE + j], w[SINGLE + j], 0.0)
+    w[X_T + j], w[V_T + j] = end
+    w[SINGLE + j] = select(end[0] < w[OF_CLEARANCE + j], w[SINGLE + j], 0.0)
 
 
 @jit(refcounts=False)
@@ -99,21 +99,17 @@ def take_remainders(w, columns, integrator, points):
     whole = (columns + _VECTOR - 1) // _VECTOR * _VECTOR
     if integrator == VERLET:
         for j in range(whole):
-            x_T, v_T = verlet(*launch(w, j))
-            land(w, j, x_T, v_T)
+            land(w, j, verlet(*launch(w, j)))
     elif integrator == NEWMARK:
         for j in range(whole):
-            x_T, v_T = newmark(*launch(w, j))
-            land(w, j, x_T, v_T)
+            land(w, j, newmark(*launch(w, j)))
     elif integrator == RK4:
         for j in range(whole):
-            x_T, v_T = rk4(*launch(w, j))
-            land(w, j, x_T, v_T)
+            land(w, j, rk4(*launch(w, j)))
     else:
         for j in range(columns):
             x, v, s, c, T, _ = launch(w, j)
-            x_T, v_T = step(integrator, x, v, s, c, T, points[int(w[MET + j])])
-            land(w, j, x_T, v_T)
+            land(w, j, step(integrator, x, v, s, c, T, points[int(w[MET + j])]))
 
 
 @jit(refcounts=False)

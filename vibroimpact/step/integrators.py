@@ -47,13 +47,19 @@ def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
 
 
 @jit(forced_inline=True)
+def acceleration(x, v, s, pt):
+    """x'' from eq. (1), at a phase with the sine `s`."""
+    return -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
+
+
+@jit(forced_inline=True)
 def euler(x, v, s, c, T, pt):
     """Euler's explicit method, order 1.
 
     Euler (1768), Institutionum calculi integralis I, ch. VII. Without damping it gains energy at
     every step, however short.
     """
-    return x + T * v, v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    return x + T * v, v + T * acceleration(x, v, s, pt)
 
 
 def euler_limit(zeta: np.ndarray) -> np.ndarray:
@@ -69,7 +75,7 @@ def semi_implicit_euler(x, v, s, c, T, pt):
     Hairer, Lubich & Wanner (2006), Geometric Numerical Integration, eq. (I.1.9); the damping is
     taken at the start of the step.
     """
-    v_T = v + T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    v_T = v + T * acceleration(x, v, s, pt)
     return x + T * v_T, v_T
 
 
@@ -86,7 +92,7 @@ def verlet(x, v, s, c, T, pt):
     acceleration at the end of the step is linear in the new velocity and solved for it.
     """
     s_T = sine_after(s, c, pt.omega * T)
-    v_half = v + 0.5 * T * (-2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s)
+    v_half = v + 0.5 * T * acceleration(x, v, s, pt)
     x_T = x + T * v_half
     return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
 
@@ -104,7 +110,7 @@ def newmark(x, v, s, c, T, pt):
     of the step is linear in the new acceleration and solved for it.
     """
     s_T = sine_after(s, c, pt.omega * T)
-    a = -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
+    a = acceleration(x, v, s, pt)
     v_half = v + 0.5 * T * a
     x_half = x + T * v + 0.25 * T * T * a
     a_T = -pt.f * s_T - 2.0 * pt.h * v_half - pt.p * pt.p * x_half
@@ -118,17 +124,15 @@ def rk4(x, v, s, c, T, pt):
 
     Kutta (1901), Z. Math. Phys. 46, 435-453.
     """
-    h2, pp, f = 2.0 * pt.h, pt.p * pt.p, pt.f
     half = 0.5 * T
-    s_half = sine_after(s, c, pt.omega * half)
-    s_T = sine_after(s, c, pt.omega * T)
-    a1 = -h2 * v - pp * x - f * s
+    s_half, s_T = sine_after(s, c, pt.omega * half), sine_after(s, c, pt.omega * T)
+    a1 = acceleration(x, v, s, pt)
     v2 = v + half * a1
-    a2 = -h2 * v2 - pp * (x + half * v) - f * s_half
+    a2 = acceleration(x + half * v, v2, s_half, pt)
     v3 = v + half * a2
-    a3 = -h2 * v3 - pp * (x + half * v2) - f * s_half
+    a3 = acceleration(x + half * v2, v3, s_half, pt)
     v4 = v + T * a3
-    a4 = -h2 * v4 - pp * (x + T * v3) - f * s_T
+    a4 = acceleration(x + T * v3, v4, s_T, pt)
     return x + T / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4), v + T / 6.0 * (
         a1 + 2.0 * a2 + 2.0 * a3 + a4
     )
@@ -164,7 +168,7 @@ def _taylor(x, v, s, c, T, pt):
     for k in range(1, _TERMS):
         x_T += x * weight
         v_T += v * weight
-        a = -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
+        a = acceleration(x, v, s, pt)
         x, v = v, a
         s, c = pt.omega * c, -pt.omega * s
         weight *= T / k
