@@ -57,10 +57,19 @@ def shortened(text: str, most: int = 80) -> str:
     return line if len(line) <= most else line[: most - 3] + "..."
 
 
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """Align the columns of rows of equal length, two spaces apart."""
+def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
+    """Align the columns of rows of equal length, two spaces apart.
+
+    The first `words` columns are aligned left, the others right; by default all left.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    left = len(widths) if words is None else words
+    aligned = [str.ljust] * left + [str.rjust] * (len(widths) - left)
+    lines = (
+        [align(cell, width) for align, cell, width in zip(aligned, row, widths, strict=True)]
+        for row in rows
+    )
+    return "\n".join("  ".join(line).rstrip() for line in lines)
 
 
 def shortest(value: float) -> str:

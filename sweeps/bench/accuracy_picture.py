@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -27,8 +25,6 @@ from sweeps.bench.scenes import (
 )
 from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
-from sweeps.plotting.saving import save
-from sweeps.plotting.style import STYLE
 
 #: Title, scene and kind of error of the panels; the first is the wide one.
 PANELS = (
@@ -63,26 +59,6 @@ _LABELLED = (
 _THIN = {"linewidth": 0.7, "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.6}
 _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 _Drawn = Mapping[Method, Sequence[Measurement]]
-
-
-def draw(measurements: Sequence[Measurement], orders: Mapping[Line, float], output: Path) -> None:
-    """Draw measurements into a file.
-
-    Parameters
-    ----------
-    measurements : sequence of Measurement
-        With the means over the regular scenes.
-    orders : mapping
-        From `work_precision.orders`, of the same.
-    output : Path
-
-    Raises
-    ------
-    Refused
-        If the picture cannot be written.
-    """
-    with mpl.rc_context(STYLE):
-        save(picture(measurements, orders), output)
 
 
 def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -> Figure:

@@ -8,11 +8,14 @@ stalls in a chatter. ``vibroimpact.paper`` is the procedure to the letter; ``pla
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sweeps.bench.scenes import METHODS
+from sweeps.messages import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
@@ -160,19 +163,66 @@ def _order(steps: Sequence[int], errors: np.ndarray) -> float:
 def _resolved() -> dict[tuple[str, str], tuple[float, float]]:
     """Count the impacts of the fully dissipative case with every method, at the paper's step."""
     impacts = {}
-    for integrator in INTEGRATORS:
-        for rule in IMPACT_RULES:
-            if rule != "exact" or integrator == "exact":
-                results = integrate(
-                    CASES["fully dissipative"].at(),
-                    integrator=integrator,
-                    impact=rule,
-                    steps_per_period=STEPS,
-                    transient=PERIODS,
-                    periods=PERIODS,
-                )
-                impacts[integrator, rule] = (
-                    float(results["impacts_per_period"][0]),
-                    float(results["slowest_impact"][0]),
-                )
+    for method in METHODS:
+        results = integrate(
+            CASES["fully dissipative"].at(),
+            integrator=method.integrator,
+            impact=method.impact,
+            steps_per_period=STEPS,
+            transient=PERIODS,
+            periods=PERIODS,
+        )
+        per_period, slowest = results["impacts_per_period"], results["slowest_impact"]
+        impacts[method.integrator, method.impact] = float(per_period[0]), float(slowest[0])
     return impacts
+
+
+def tables(measured: Measured) -> str:
+    """Return as tables what `measure` returned."""
+    at, end = f"with T = 2 pi/{STEPS}", measured.chatter.rests[0, 0]
+    names = list(PROCEDURES)
+    scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"
+    parts = {
+        f"Deepest penetration {at}": _by_case(
+            measured, names, lambda case, name: f"{case.deepest[name]:.2g}"
+        ),
+        f"Impacts in {PERIODS} periods {at}": _by_case(
+            measured, [*names, "exact"], lambda case, name: f"{case.impacts[name]}"
+        ),
+        f"Order, from the times and speeds of the first {FIRST} impacts": _by_case(
+            measured, names, lambda case, name: f"{case.orders[name]:.2f}"
+        ),
+        f"Where the procedure stalls, to the letter: {scene}": [
+            ["steps per period", "stall at t", f"before the rest at t = {end:.5f}"],
+            *(
+                [
+                    f"{steps:,}",
+                    f"{math.nan if run.stalled_at is None else run.stalled_at:.5f}",
+                    f"{end - run.t[-1]:.2g}",
+                ]
+                for steps, run in measured.stalls.items()
+            ),
+        ],
+        f"Fully dissipative case {at}: impacts per period and speed of the slowest; *: right": [
+            ["integrator", *IMPACT_RULES],
+            *(
+                [integrator, *(_resolution(measured, integrator, rule) for rule in IMPACT_RULES)]
+                for integrator in INTEGRATORS
+            ),
+        ],
+    }
+    return "\n".join(f"{title}\n\n{table(rows, words=1)}\n" for title, rows in parts.items())
+
+
+def _by_case(
+    measured: Measured, columns: Sequence[str], cell: Callable[[Case, str], str]
+) -> list[list[str]]:
+    rows = [[name, *(cell(case, key) for key in columns)] for name, case in measured.cases.items()]
+    return [["case", *columns], *rows]
+
+
+def _resolution(measured: Measured, integrator: str, rule: str) -> str:
+    if (integrator, rule) not in measured.resolved:
+        return ""
+    impacts, slowest = measured.resolved[integrator, rule]
+    return f"{impacts:g} {slowest:.4f}{'*' if measured.resolves(integrator, rule) else ' '}"

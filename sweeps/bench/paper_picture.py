@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -14,8 +12,6 @@ from sweeps.bench import paper
 from sweeps.plotting.labels import mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
-from sweeps.plotting.saving import save
-from sweeps.plotting.style import STYLE
 from vibroimpact import simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
@@ -29,18 +25,6 @@ _LOOKS = {
 }
 #: What is drawn of the first period; all its impacts are there.
 _TIMES, _DISPLACEMENTS = (4.3, 6.6), (-0.12, 0.16)
-
-
-def draw(measured: paper.Measured, output: Path) -> None:
-    """Draw what `paper.measure` returned into a file.
-
-    Raises
-    ------
-    Refused
-        If the picture cannot be written.
-    """
-    with mpl.rc_context(STYLE):
-        save(picture(measured), output)
 
 
 def picture(measured: paper.Measured) -> Figure:

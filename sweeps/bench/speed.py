@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
 from sweeps.bench.costs import scene
+from sweeps.messages import table
 from vibroimpact import integrate
 from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
 from vibroimpact.step.methods import default_steps
@@ -27,44 +28,19 @@ PER_STEP = 8
 #: In turn: sums side by side in vector registers, multiply-adds on each at a time, and how often.
 _SUMS, _CHAIN, _TIMES = 64, 8, 40_000
 
-_SWEEP = {"h": 0.1, "R": 0.8, "omega": (0.8, 4.0)}
-_CHATTER = {"h": 0.05, "R": 0.5, "omega": (0.1, 0.6)}
-
-
-@dataclass(frozen=True)
-class Work:
-    """What is timed.
-
-    Attributes
-    ----------
-    integrator, impact : str
-    scene : mapping of str to float or (float, float)
-        The oscillator, a pair being the ends of a range.
-    size : float
-        Points, relative to the others.
-    options : mapping
-        Further arguments of `integrate`.
-    """
-
-    integrator: str
-    impact: str
-    scene: Mapping[str, Any] = field(default_factory=lambda: _SWEEP)
-    size: float = 1.0
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-
-WORKS: Mapping[str, Work] = {
-    "plain": Work("newmark", "plain"),
-    "reduced-step": Work("newmark", "reduced-step"),
-    "cubic": Work("rk4", "cubic"),
-    "exact": Work("exact", "exact"),
-    "exact, Lyapunov": Work("exact", "exact", options={"lyapunov": True}),
-    "exact, chatter": Work("exact", "exact", _CHATTER, size=0.0625),
+#: What is timed, by name: arguments of `integrate`.
+WORKS: Mapping[str, Mapping[str, Any]] = {
+    "plain": {"integrator": "newmark", "impact": "plain"},
+    "reduced-step": {"integrator": "newmark", "impact": "reduced-step"},
+    "cubic": {"integrator": "rk4", "impact": "cubic"},
+    "exact": {},
+    "exact, Lyapunov": {"lyapunov": True},
+    "exact, chatter": {},
 }
+_ROUNDS = 10
 
 
-@dataclass(frozen=True)
-class Speed:
+class Speed(NamedTuple):
     """What was measured of one work.
 
     Attributes
@@ -82,59 +58,47 @@ class Speed:
     share: float
 
 
-@dataclass(frozen=True)
-class Measured:
-    """All that was measured.
+def _points(name: str, count: int) -> np.ndarray:
+    if name == "exact, chatter":  # which takes longer: a sixteenth of the points
+        return scene({"h": 0.05, "R": 0.5, "omega": (0.1, 0.6)}, count // 16)
+    return scene({"h": 0.1, "R": 0.8, "omega": (0.8, 4.0)}, count)
 
-    Attributes
+
+def measure(
+    count: int = 4096, periods: int = 300, progress: bool = False
+) -> tuple[float, dict[str, Speed]]:
+    """Time every work on one thread and on all.
+
+    Parameters
     ----------
+    count : int
+        Points.
+    periods : int
+        Forcing periods of each, of which the last third is recorded.
+    progress : bool
+        Whether to show on stderr how far it is.
+
+    Returns
+    -------
     peak : float
         Fused multiply-adds per second on one thread.
     speeds : dict of str to Speed
         By name of the work.
     """
-
-    peak: float
-    speeds: dict[str, Speed]
-
-
-def measure(quick: bool = False, progress: bool = False) -> Measured:
-    """Time every work on one thread and on all.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to take fewer points and periods.
-    progress : bool
-        Whether to show on stderr how far it is.
-    """
-    points, transient, recorded, rounds = (1024, 100, 50, 10) if quick else (4096, 200, 100, 10)
-    periods = transient + recorded
     threads = sorted({1, ALL_THREADS})
-    scenes = {name: scene(work.scene, int(points * work.size)) for name, work in WORKS.items()}
-    steps = {name: default_steps(scenes[name], work.impact) for name, work in WORKS.items()}
-
-    def run(name: str, count: int) -> Callable[[], object]:
-        work = WORKS[name]
-        return lambda: integrate(
-            scenes[name],
-            integrator=work.integrator,
-            impact=work.impact,
-            transient=transient,
-            periods=recorded,
-            threads=count,
-            **work.options,
-        )
-
+    scenes = {name: _points(name, count) for name in WORKS}
+    record: dict[str, Any] = {"transient": periods - periods // 3, "periods": periods // 3}
     sums = np.ones(_SUMS)
     runs: dict[tuple[str, int], Callable[[], object]] = {
-        (name, count): run(name, count) for name in WORKS for count in threads
+        (name, n): partial(integrate, scenes[name], **WORKS[name], **record, threads=n)
+        for name in WORKS
+        for n in threads
     }
     runs["peak", 1] = lambda: _multiply_adds(sums, _TIMES)
     best = dict.fromkeys(runs, np.inf)
     # The first round also compiles, if need be.
     for key in track(
-        list(runs) * (rounds + 1),
+        list(runs) * (_ROUNDS + 1),
         "compiling, then timing",
         console=Console(stderr=True, quiet=not progress),
         transient=True,
@@ -145,11 +109,29 @@ def measure(quick: bool = False, progress: bool = False) -> Measured:
 
     peak = _SUMS * _CHAIN * _TIMES / best["peak", 1]
     speeds = {}
-    for name, points_of in scenes.items():
-        rates = {count: float(points_of.size * periods / best[name, count]) for count in threads}
-        share = rates[1] * steps[name] * PER_STEP / peak
-        speeds[name] = Speed(steps[name], rates, float(share))
-    return Measured(float(peak), speeds)
+    for name, points in scenes.items():
+        steps = default_steps(points, WORKS[name].get("impact", "exact"))
+        rates = {n: float(points.size * periods / best[name, n]) for n in threads}
+        speeds[name] = Speed(steps, rates, rates[1] * steps * PER_STEP / peak)
+    return peak, speeds
+
+
+def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
+    """Return what `measure` returned as a table."""
+    threads = list(next(iter(speeds.values())).periods)
+    speed_up = ["speed-up"] if len(threads) > 1 else []
+    names = ["one thread" if n == 1 else f"{n} threads" for n in threads]
+    rows = [["impact rule", "steps", *names, *speed_up, "of peak"]]
+    for name, speed in speeds.items():
+        rates = [speed.periods[n] for n in threads]
+        ratio = [f"{rates[-1] / rates[0]:.2f}" for _ in speed_up]
+        cells = [f"{rate / 1e6:.3g}" for rate in rates]
+        rows.append([name, f"{speed.steps}", *cells, *ratio, f"{speed.share:.1%}"])
+    return (
+        "Million forcing periods per second; steps per period; share of one thread's peak,\n"
+        f"{peak / 1e9:.3g}e9 multiply-adds per second, of which a step takes {PER_STEP}\n\n"
+        f"{table(rows, words=1)}\n"
+    )
 
 
 @jit(refcounts=False)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ _PER_PERIOD = 100
 _PARTS, _CUTS = 7, 9
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """The greatest stable p T of one integrator, at ``ZETAS``; inf where there is none.
 
     Attributes
@@ -49,8 +48,7 @@ class Limits:
     run: np.ndarray
 
 
-@dataclass(frozen=True)
-class Chart:
+class Chart(NamedTuple):
     """Spectral radii over p T (columns) and h / p (rows).
 
     Attributes

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from sweeps.bench.stability import Chart
-from sweeps.plotting.saving import save
-from sweeps.plotting.style import STYLE
 from vibroimpact.step.integrators import INTEGRATORS
 
 # Blue where motion decays, the darker the faster; orange where it grows. In grey, too, the lightest
@@ -25,18 +21,6 @@ _COLOURS = ListedColormap(
 _NORM = BoundaryNorm(_LEVELS, _COLOURS.N, extend="max")
 # Rounding may lift a marginal radius above 1.
 _MARGIN = 1e-9
-
-
-def draw(chart: Chart, output: Path) -> None:
-    """Draw a chart into a file.
-
-    Raises
-    ------
-    Refused
-        If the picture cannot be written.
-    """
-    with mpl.rc_context(STYLE):
-        save(picture(chart), output)
 
 
 def picture(chart: Chart) -> Figure:

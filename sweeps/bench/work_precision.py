@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -134,31 +131,15 @@ COLUMNS = (
 )
 
 
-def write_csv(
-    measurements: Sequence[Measurement], orders: Mapping[Line, float], output: Path
-) -> None:
-    """Write every measurement as a row of ``COLUMNS``, whole or not at all.
-
-    A value that does not exist is left empty.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    draft = output.with_name(f".{output.name}-{os.getpid()}")
-    try:
-        with draft.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            for (scene, kind, method), group in lines(measurements).items():
-                order = orders[scene, kind, method]
-                for m in group:
-                    numbers = (m.steps, m.tolerance, m.error, m.seconds, order)
-                    writer.writerow((scene, kind, *method, *map(_number, numbers)))
-        os.replace(draft, output)
-    finally:
-        draft.unlink(missing_ok=True)
+def rows(
+    measurements: Sequence[Measurement], orders: Mapping[Line, float]
+) -> Iterator[tuple[str, ...]]:
+    """Yield every measurement as a row of ``COLUMNS``; a value that does not exist is empty."""
+    for line, group in lines(measurements).items():
+        scene, kind, method = line
+        for m in group:
+            numbers = (m.steps, m.tolerance, m.error, m.seconds, orders[line])
+            yield scene, kind, *method, *map(_number, numbers)
 
 
 def _number(value: float | None) -> str:

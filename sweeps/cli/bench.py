@@ -54,12 +54,10 @@ def accuracy_speed(
     ] = 1,
 ) -> None:
     """Chart the accuracy of every method against its speed."""
-    from rich.console import Console
-
-    from sweeps.bench import work_precision
-    from sweeps.bench.accuracy_picture import draw
+    from sweeps.bench import accuracy_tables, work_precision
+    from sweeps.bench.accuracy_picture import picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure
-    from sweeps.bench.accuracy_tables import tables
+    from sweeps.bench.output import draw, write_csv
     from sweeps.bench.peers import PEERS
 
     check_threads(threads)
@@ -70,12 +68,11 @@ def accuracy_speed(
         for peer in PEERS.values():
             if not peer.installed:
                 say(f"{peer.name} is not installed, so it is not on the chart", error=True)
-        for title, rows in tables(measured, orders):
-            say(title)
-            Console(width=110).print(rows)
-        draw(measured, orders, output)
+        say(accuracy_tables.of_methods(measured, orders))
+        say(accuracy_tables.of_targets(measured))
+        draw(output, picture, measured, orders)
         if csv is not None:
-            work_precision.write_csv(measured, orders, csv)
+            write_csv(csv, work_precision.COLUMNS, work_precision.rows(measured, orders))
 
 
 @app.command()
@@ -83,45 +80,36 @@ def stability(
     output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
 ) -> None:
     """Show how long a step may be, and where each method fails."""
-    from rich.console import Console
-
     from sweeps.bench import failures, stability, stability_tables
-    from sweeps.bench.stability_picture import draw
+    from sweeps.bench.output import draw, write_csv
+    from sweeps.bench.stability_picture import picture
 
     with _files(output, csv):
         limits, figures = stability.limits(quick), failures.measure()
-        for part in stability_tables.report(limits, figures):
-            Console().print(part)
-        draw(stability.chart(quick), output)
+        for part in (stability_tables.of_limits(limits), *stability_tables.of_failures(figures)):
+            say(part)
+        draw(output, picture, stability.chart(quick))
         if csv is not None:
-            stability_tables.write(csv, limits, figures)
+            write_csv(csv, stability_tables.COLUMNS, stability_tables.rows(limits, figures))
 
 
 @app.command()
 def paper(output: Figure = Path("paper.png")) -> None:
     """Show what the paper claims, and what it does not say."""
-    from rich.console import Console
-
     from sweeps.bench import paper
-    from sweeps.bench.paper_picture import draw
-    from sweeps.bench.paper_tables import tables
+    from sweeps.bench.output import draw
+    from sweeps.bench.paper_picture import picture
 
     with _files(output):
         measured = paper.measure()
-        for title, table in tables(measured):
-            say(title)
-            Console().print(table)
-        draw(measured, output)
+        say(paper.tables(measured))
+        draw(output, picture, measured)
 
 
 @app.command()
 def speed(quick: Quick = False) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
-    from rich.console import Console
-
     from sweeps.bench import speed
-    from sweeps.bench.speed_tables import table
 
-    title, rows = table(speed.measure(quick, progress=True))
-    say(title)
-    Console().print(rows)
+    count, periods = (1024, 150) if quick else (4096, 300)
+    say(speed.shown(*speed.measure(count, periods, progress=True)))

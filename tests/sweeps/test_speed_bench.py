@@ -5,7 +5,6 @@ import pytest
 
 from commands import call
 from sweeps.bench import speed
-from sweeps.bench.speed_tables import table
 
 SPEEDS = {
     "plain": speed.Speed(100, {1: 30e6, 2: 57e6}, 0.4),
@@ -16,15 +15,15 @@ SPEEDS = {
 @pytest.fixture
 def small(monkeypatch):
     """One work of one block, and a peak that takes no time."""
-    monkeypatch.setattr(speed, "WORKS", {"exact": speed.Work("exact", "exact", size=0.03)})
+    monkeypatch.setattr(speed, "WORKS", {"exact": {}})
     monkeypatch.setattr(speed, "_TIMES", 500)
 
 
 def test_the_share_follows_from_rate_steps_and_peak(small):
-    measured = speed.measure(quick=True)
-    (exact,) = measured.speeds.values()
+    peak, speeds = speed.measure(count=30, periods=150)
+    (exact,) = speeds.values()
     assert exact.steps == 12
-    assert exact.share == pytest.approx(exact.periods[1] * 12 * 8 / measured.peak)
+    assert exact.share == pytest.approx(exact.periods[1] * 12 * 8 / peak)
     assert 0.0 < exact.share < 1.0
 
 
@@ -37,7 +36,7 @@ def test_the_peak_loop_adds_and_multiplies():
 
 def test_the_command(monkeypatch):
     monkeypatch.setattr(
-        "sweeps.bench.speed.measure", lambda quick, progress: speed.Measured(58e9, SPEEDS)
+        "sweeps.bench.speed.measure", lambda count, periods, progress: (58e9, SPEEDS)
     )
     done = call("bench", "speed", "--quick")
     assert done.exit_code == 0, done.stderr
@@ -47,5 +46,6 @@ def test_the_command(monkeypatch):
 
 
 def test_one_core_has_no_speed_up():
-    _, rows = table(speed.Measured(58e9, {"plain": speed.Speed(100, {1: 30e6}, 0.4)}))
-    assert [column.header for column in rows.columns][2:] == ["one thread", "of peak"]
+    text = speed.shown(58e9, {"plain": speed.Speed(100, {1: 30e6}, 0.4)})
+    (header,) = [line for line in text.splitlines() if line.startswith("impact rule")]
+    assert header.split("  ") == ["impact rule", "steps", "one thread", "of peak"]
