@@ -133,11 +133,10 @@ class _Orbits:
         m, q = int(point["period"]), int(point["period_impacts"])
         if m == 0 or float(point["rest_fraction"]) > 0.0:
             return None
-        setting = self._setting
-        osc = Oscillator(**{name: setting.value(name, point) for name in _NAMES})
+        osc = self._setting.oscillator(point)
         x, v = (float(point[name][-1]) for name in ("poincare_x", "poincare_v"))
         try:
-            orbit = periodic_orbit(osc, min(x, osc.clearance), v, m, setting.phase)
+            orbit = periodic_orbit(osc, min(x, osc.clearance), v, m, self._setting.phase)
             if (orbit.m, orbit.q) != (m, q) or not orbit.stable:
                 return None
             low, high = sorted((start, end))

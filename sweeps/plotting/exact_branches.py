@@ -186,9 +186,8 @@ def _ordinates(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
         return branch.phases % (2.0 * np.pi)
     rows = []
     for i in range(len(branch.values)):
-        orbit = branch.orbit(i)
-        if branch.q:  # not begun anew at another impact
-            orbit = PeriodicOrbit(orbit.oscillator, branch.m, branch.phases[i], branch.speeds[i])
+        oscillator = branch.orbit(i).oscillator  # that orbit may begin anew at another impact
+        orbit = PeriodicOrbit(oscillator, branch.m, branch.phases[i], branch.speeds[i])
         rows.append(coordinates(orbit, coordinate, phase))
     return np.array(rows)
 

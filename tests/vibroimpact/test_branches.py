@@ -99,6 +99,16 @@ def test_every_orbit_of_a_branch_is_one():
         assert found.stable[i] == (closed.stable and found.orbit(i).stable)
 
 
+def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
+    """The last value is not the edge less a rounding, beside which `at` would find nothing."""
+    start = one_impact(LIGHT)
+    for high in np.linspace(2.1, 2.6, 41).tolist():
+        found = branch(start, "omega", 1.9, high)
+        assert found.values[[0, -1]].tolist() == [1.9, high]
+        (orbit,) = found.at(high)
+        assert orbit.speeds[0] == pytest.approx(one_impact_orbit(orbit.oscillator).v, abs=1e-13)
+
+
 def feigenbaum(count):
     found = branch(one_impact(Oscillator(0.0, 0.8, 2.6, 1.0)), "omega", 2.4, 3.0)
     flip = max((p for p in found.special if p.kind == "flip"), key=lambda point: point.value)

@@ -21,6 +21,8 @@ from vibroimpact.orbits.switching import doubled_branch, grazing_branch, without
 
 #: Two points are the same within these shares: of the range, and of the greatest speed.
 _VALUE_TOLERANCE, _SPEED_TOLERANCE = 1e-8, 1e-5
+#: How a branch is followed from where it begins, by the kind of that point.
+_FOLLOW = {"": branch, "flip": doubled_branch, "graze": grazing_branch}
 
 
 class Tree:
@@ -56,7 +58,6 @@ class Tree:
         check: Callable[[], object] | None = None,
     ) -> None:
         self.parameter, self.low, self.high = parameter, low, high
-        self._range = parameter, low, high
         self._most_branches, self._most_periods = most_branches, most_periods
         self._check = check
         self.branches: list[Branch] = []
@@ -79,7 +80,7 @@ class Tree:
                 self.given_up[f"branches beyond the first {self._most_branches}"] += 1
                 continue
             try:
-                grown = self._branch(start, kind)
+                grown = _FOLLOW[kind](start, self.parameter, self.low, self.high)
             except OrbitError as error:
                 self.given_up[str(error)] += 1
                 continue
@@ -97,36 +98,26 @@ class Tree:
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Whether an orbit is on one of the branches."""
-        value = float(getattr(orbit.oscillator, self._range[0]))
-        for grown in self.branches:
-            if (grown.m, grown.q) != (orbit.m, orbit.q):
-                continue
-            if grown.q == 0:
-                if grown.values[0] <= value <= grown.values[-1]:
-                    return True
-                continue
-            if any(_alike(orbit.speeds, orbit_there.speeds) for orbit_there in grown.at(value)):
-                return True
-        return False
+        value = float(getattr(orbit.oscillator, self.parameter))
+        return any(
+            _alike(orbit.speeds, there.speeds)
+            for grown in self._of_class(orbit.m, orbit.q)
+            for there in grown.at(value)
+        )
 
     def _has(self, orbit: PeriodicOrbit, kind: str) -> bool:
         """Whether the branch of an orbit, of twice its period at a `flip`, has a point there."""
         turns = 2 if kind == "flip" else 1
-        speeds = np.tile(orbit.speeds, turns)
-        name, low, high = self._range
-        value = float(getattr(orbit.oscillator, name))
-        for grown in self.branches:
-            if (grown.m, grown.q) == (turns * orbit.m, turns * orbit.q):
-                rows = np.flatnonzero(
-                    np.abs(grown.values - value) < _VALUE_TOLERANCE * (high - low)
-                )
-                if any(_alike(grown.speeds[i], speeds) for i in rows.tolist()):
-                    return True
-        return False
+        speeds, near = np.tile(orbit.speeds, turns), _VALUE_TOLERANCE * (self.high - self.low)
+        value = float(getattr(orbit.oscillator, self.parameter))
+        return any(
+            _alike(speeds, there)
+            for grown in self._of_class(turns * orbit.m, turns * orbit.q)
+            for there in grown.speeds[np.abs(grown.values - value) < near]
+        )
 
-    def _branch(self, start: PeriodicOrbit, kind: str) -> Branch:
-        follow = {"flip": doubled_branch, "graze": grazing_branch}.get(kind, branch)
-        return follow(start, *self._range)
+    def _of_class(self, m: int, q: int) -> Iterator[Branch]:
+        return (grown for grown in self.branches if (grown.m, grown.q) == (m, q))
 
 
 def _onward(grown: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
