@@ -8,6 +8,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from sweeps.analysis.grouping import grid_of
 from sweeps.messages import Refused
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
@@ -67,19 +68,11 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
         if path.suffix == ".parquet":
             _frame(scalars).to_parquet(unfinished, index=False)
         else:
-            points_per_value = scalars["status"].size // scalars.sizes[axes[0]] if axes else 1
-            step = max(1, _PART // points_per_value)
-            cuts = range(0, scalars.sizes[axes[0]], step) if axes else (0,)
-            for start in cuts:
-                part = scalars.isel({axes[0]: slice(start, start + step)}) if axes else scalars
-                mode, first = ("a", False) if start else ("w", True)
-                _frame(part).to_csv(
-                    unfinished,
-                    index=False,
-                    mode=mode,
-                    header=first,
-                    float_format=float.__repr__,  # all digits, whatever NumPy prints
-                )
+            digits = float.__repr__  # all of them, whatever NumPy prints
+            with unfinished.open("w", encoding="utf-8", newline="") as file:
+                for i, block in enumerate(grid_of(dataset).blocks(_PART)):
+                    part = _frame(scalars.isel(dict(zip(axes, block, strict=True))))
+                    part.to_csv(file, index=False, header=i == 0, float_format=digits)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -106,9 +99,7 @@ def _frame(scalars: xr.Dataset):  # type: ignore[no-untyped-def]
     names = {int(status): status.name.lower() for status in Status}
     axes = [str(name) for name in scalars["status"].dims]
     fixed = [name for name in PARAMETERS if name in scalars.coords and name not in axes]
-    if axes:
-        frame = scalars.to_dataframe(dim_order=axes).reset_index()
-    else:
-        frame = scalars.expand_dims("point").to_dataframe().reset_index(drop=True)
+    rows = scalars if axes else scalars.expand_dims("point")
+    frame = rows.to_dataframe(dim_order=axes or ["point"]).reset_index()
     frame["status"] = frame["status"].map(names)
     return frame[[*axes, *fixed, *scalars.data_vars]]

@@ -194,10 +194,15 @@ def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
     return result
 
 
+def grid_of(dataset: xr.Dataset) -> Grid:
+    """Return a grid with as many values along each dimension as the file has."""
+    sizes = dataset["status"].sizes
+    return Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
+
+
 def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, np.ndarray]]:
     """Split the file into blocks of at most `size` points, with the numbers of these."""
-    sizes = dataset["status"].sizes
-    grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
+    grid = grid_of(dataset)
     numbers = np.arange(grid.size).reshape(grid.shape)
     for block in grid.blocks(size):
         yield block, numbers[block].ravel()
