@@ -15,7 +15,7 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.unsettled import EXTENSIONS
-from sweeps.messages import Refused
+from sweeps.messages import Refused, shown_count
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
 from sweeps.plotting.labels import label_ordinate, set_scale, titled
@@ -118,8 +118,8 @@ def attractor_diagram(
     label_ordinate(panel, dataset[coordinate])
     page.set_limits(panel)
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
-    starts = "1 start" if status.shape[1] == 1 else f"{status.shape[1]:,} starts"
-    add_legend(panel, title=f"{CLASSES_TITLE}\n{starts} at each value", handlelength=1.0)
+    title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
+    add_legend(panel, title=title, handlelength=1.0)
     return titled(panel, page, line)
 
 
