@@ -1,5 +1,6 @@
-"""Folds of one-impact orbits on random branches, against their closed form in 40 digits.
+"""Flips, folds and grazes on random branches of one-impact orbits, in 40 digits and more.
 
+Folds are compared with their closed form, flips and grazes with Newton's method on the section map.
 Beside a fold both orbits go as the square root of the distance, so the state there has half the
 digits that the distance has. The parameter's value at the fold has them all: it is a smooth
 function of the oscillator, so a fold is found to a few roundings times its condition number.
@@ -13,8 +14,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from oscillators import random_oscillators
+from section_map import SectionMap
 from vibroimpact.orbits.branches import branch
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
+from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import solved
 from vibroimpact.oscillator import Oscillator
 
@@ -102,3 +105,37 @@ def test_random_folds_are_at_their_closed_form(axis, count):
                 rounding = EPS * (1.0 + condition(in_digits(at_fold), n))
                 assert abs(at_fold.clearance / sigma - 1) < 32.0 * rounding
                 assert abs(speed / v - 1) < 100.0 * rounding
+
+
+@pytest.mark.parametrize(
+    "count",
+    [pytest.param(50, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
+)
+def test_random_flips_and_grazes_are_those_of_the_section_map(count):
+    """To 1e-13, any damping but the critical; and a branch is stable where the closed form is."""
+    compared = {"flip": 0, "graze": 0}
+    rng = np.random.default_rng(4)
+    for osc, n in random_oscillators(60 * count, seed=31, clearance=0.5):
+        if sum(compared.values()) >= count:
+            break
+        closed = one_impact_orbit(osc, n)
+        axis = str(rng.choice(["h", "R", "omega", "f", "p", "clearance"]))
+        value = getattr(osc, axis)
+        if osc.h == osc.p or not closed.exists or not value:
+            continue
+        start = solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
+        ends = sorted((0.85 * value, min(1.15 * value, 1.0 if axis == "R" else math.inf)))
+        found = branch(start, axis, *ends)
+        for point in found.special:
+            if point.kind in compared:
+                with mp.workdps(50):
+                    expected = SectionMap(point.orbit).bifurcation(point.kind, axis)
+                    assert abs(point.value / expected - 1) < 1e-13
+                compared[point.kind] += 1
+        at_special = np.isin(found.values, [point.value for point in found.special])
+        for i in np.flatnonzero(~at_special)[::5].tolist():
+            orbits = one_impact_orbits(replace(osc, **{axis: float(found.values[i])}), n)
+            nearest = min(orbits, key=lambda orbit: abs(orbit.v - found.speeds[i, 0]))
+            assert nearest.v == pytest.approx(found.speeds[i, 0], rel=1e-9)
+            assert nearest.stable == found.stable[i]
+    assert sum(compared.values()) >= count and min(compared.values()) > count // 4
