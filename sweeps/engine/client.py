@@ -27,13 +27,7 @@ _SCHEDULER = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
 
 
 def check_address(address: str) -> None:
-    """Refuse what is no address, before anything is imported or started.
-
-    Raises
-    ------
-    Refused
-        If it is none of those that `connected` takes.
-    """
+    """Refuse what is no address for `connected`, before anything is imported or started."""
     if address.startswith("local:"):
         cores = os.cpu_count() or 1
         number = address.removeprefix("local:")

@@ -50,15 +50,7 @@ class BlockFile:
 
     @classmethod
     def opened(cls, path: Path) -> Self:
-        """Open a file.
-
-        Raises
-        ------
-        StoreError
-            As from `sweeps.store.reader.sweep_file`.
-        OSError
-            If it may not be written.
-        """
+        """Open a file that `sweep_file` accepts."""
         with sweep_file(path) as sweep:
             descriptor = os.open(path, os.O_RDWR)
             ledger = replace(sweep.ledger, descriptor=descriptor)

@@ -99,13 +99,7 @@ def _kind(mode: int) -> str:
 
 
 def open_regular(path: Path) -> int:
-    """Open a regular file for reading, and wait for nobody; return its descriptor.
-
-    Raises
-    ------
-    StoreError
-        If there is none.
-    """
+    """Return the descriptor of a regular file, opened to be read; refuse all else at once."""
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
@@ -166,12 +160,7 @@ def _ends(descriptor: int) -> tuple[bytes, bytes]:
 
 
 def refuse_version(path: Path, version: object) -> NoReturn:
-    """Refuse a file of another format version.
-
-    Raises
-    ------
-    StoreError
-    """
+    """Refuse a file of another format version."""
     raise StoreError(
         f"{path} has the format version {version}, and this version of vibroimpact reads "
         f"only {FORMAT_VERSION}; open it with the version that wrote it"

@@ -179,13 +179,7 @@ class SweepFile:
 
 @contextmanager
 def sweep_file(path: Path) -> Iterator[SweepFile]:
-    """Open a file whose structure, coordinates and attributes fit their checksum.
-
-    Raises
-    ------
-    StoreError
-        As from `open_sweep`.
-    """
+    """Open a file whose structure, coordinates and attributes fit their checksum, or refuse it."""
     with ExitStack() as stack:
         yield _opened(path, stack)
 
@@ -233,13 +227,7 @@ def _values(scale: h5py.Dataset) -> np.ndarray:
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
-    """Read variables with one value for each point, and the duration of the run [s].
-
-    Raises
-    ------
-    StoreError
-        As from `open_sweep`.
-    """
+    """Read variables with one value for each point, and the duration of the run [s]."""
     with sweep_file(path) as sweep:
         values = {name: sweep.file[name][()] for name in names}
         return values, float(sweep.file.attrs["duration"])
