@@ -8,6 +8,7 @@ from random_sweeps import OMEGA, SAMPLES, R, results
 from sweeps.analysis import selection
 from sweeps.plotting import (
     KINDS,
+    Page,
     bifurcation,
     bifurcation_diagram,
     density,
@@ -69,6 +70,17 @@ def test_the_title_names_what_is_fixed_and_how_it_was_computed(random_sweep):
     point = section(dataset, at={"omega": 1.5}).get_suptitle()
     assert all(f"${parameter.symbol} = " in point for parameter in PARAMETERS.values())
     assert r"$\omega = 1.5$" in point
+
+
+def test_a_title_on_a_column_uses_its_width_and_keeps_a_start_together(random_sweep):
+    fixed = {"h": 0.05, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0}
+    dataset = random_sweep({"omega": OMEGA}, fixed=fixed)
+    figure = bifurcation(dataset, page=Page(width=3.4))
+    _, parameters, record = figure.get_suptitle().split("\n")
+    assert parameters.startswith("$h = 0.05$") and parameters.endswith("$x_0 = 0$, $v_0 = 0$")
+    assert record.startswith("phase")
+    point = section(dataset, page=Page(width=3.4)).get_suptitle().split("\n")
+    assert point[2] == "$x_0 = 0$, $v_0 = 0$"
 
 
 @pytest.mark.slow
