@@ -1,4 +1,4 @@
-"""Windows, the pixels that values fall into, and the edges of cells. No matplotlib."""
+"""Windows, the pixels that values fall into, and the edges of cells."""
 
 from __future__ import annotations
 

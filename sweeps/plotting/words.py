@@ -1,4 +1,4 @@
-"""The words beside an axis: the meaning, the symbol and the unit of a quantity. No matplotlib."""
+"""The words beside an axis: the meaning, the symbol and the unit of a quantity."""
 
 from __future__ import annotations
 
