@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -166,7 +167,8 @@ class _Search:
         for cell, axis in self._tongues():
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):
-                    self._follow(point)
+                    with suppress(OrbitError):  # its changes are looked at next, and say why
+                        self._follow(point)
         reasons: dict[int, str] = {}
         while (chosen := self._next(reasons)) is not None:
             try:

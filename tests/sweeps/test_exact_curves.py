@@ -9,11 +9,13 @@ import pytest
 from commands import call
 from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
+from sweeps.analysis import exact_curves
 from sweeps.analysis.exact_curves import CurveSearch, find_curves
 from sweeps.messages import Refused
 from vibroimpact.orbits.continuation import MOST_POINTS
 from vibroimpact.orbits.curves import Curve, CurvePoint
-from vibroimpact.orbits.periodic import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.oscillator import Oscillator
 
 CONFIG = """
@@ -100,6 +102,17 @@ def test_every_change_has_a_curve_or_a_reason(tmp_path):
     graze = next(one for one in search.curves if (one.kind, one.m, one.q) == ("graze", 1, 1))
     omega, f = graze.values.T
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
+
+
+def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
+    def refuse(*_):
+        raise OrbitError("the flip does not go on")
+
+    monkeypatch.setattr(exact_curves, "bifurcation_curve", refuse)
+    with open_sweep(path) as dataset:
+        search = find_curves(dataset)
+    assert search.curves == [] and search.explained == 0 < search.changes
+    assert "the flip does not go on" in search.reasons
 
 
 def test_a_curve_that_is_lost_says_where_and_why():
