@@ -110,8 +110,12 @@ Width = Annotated[
 Title = Annotated[
     str | None, typer.Option(metavar="TEXT", help="Instead of that of the sweep; may be empty.")
 ]
-Abscissa = Annotated[str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")]
-Ordinate = Annotated[str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")]
+AbscissaLimits = Annotated[
+    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")
+]
+OrdinateLimits = Annotated[
+    str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the ordinate.")
+]
 
 
 def plot(
@@ -128,8 +132,8 @@ def plot(
     periods: Periods = None,
     width: Width = None,
     title: Title = None,
-    xlim: Abscissa = None,
-    ylim: Ordinate = None,
+    xlim: AbscissaLimits = None,
+    ylim: OrdinateLimits = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
     from sweeps.store import open_sweep

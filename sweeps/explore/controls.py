@@ -23,7 +23,7 @@ from bokeh.models import (
 from sweeps.explore.view import View, window_around
 from sweeps.explore.words import symbol
 from sweeps.plotting.lines import COORDINATES
-from sweeps.plotting.words import quantity
+from sweeps.plotting.words import as_variable
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
@@ -56,7 +56,7 @@ class Controls:
     ) -> None:
         self._change, self._showing = change, False
         self.axis = self._choice("abscissa", [(name, meaning(name)) for name in PARAMETERS])
-        names = [(name, quantity(name).attrs["long_name"]) for name in COORDINATES]
+        names = [(name, as_variable(name).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
         self.axis.on_change("value", self._on(View.with_axis))
         self.ordinate.on_change(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sweeps.plotting.words import label, quantity
+from sweeps.plotting.words import as_variable, label
 
 #: The page has no formulas: they would need a typesetter of a megabyte.
 _LETTERS = {
@@ -21,9 +21,9 @@ def plain(text: str) -> str:
 
 def symbol(name: str) -> str:
     """Return the symbol of a parameter or of a variable of the file."""
-    return plain(quantity(name).attrs["symbol"])
+    return plain(as_variable(name).attrs["symbol"])
 
 
 def axis_label(name: str) -> str:
     """Return the meaning, the symbol and the unit of a parameter or of a variable of the file."""
-    return plain(label(quantity(name)))
+    return plain(label(as_variable(name)))

@@ -18,7 +18,7 @@ from sweeps.analysis.unsettled import EXTENSIONS
 from sweeps.messages import Refused, shown_count
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
-from sweeps.plotting.labels import label_ordinate, set_scale, titled
+from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
@@ -54,7 +54,7 @@ def basins(
     title_end = ",\nspeed before each impact; share of the starts"
     draw_map(panel, starts, cells, title_end)
     page.set_limits(panel)
-    return titled(panel, page, starts)
+    return add_title(panel, page, starts)
 
 
 def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
@@ -120,7 +120,7 @@ def attractor_diagram(
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
     add_legend(panel, title=title, handlelength=1.0)
-    return titled(panel, page, line)
+    return add_title(panel, page, line)
 
 
 def _draw_rows(

@@ -15,7 +15,7 @@ from sweeps.analysis.selection import Cut
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panels
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
 from sweeps.plotting.exact_branches import draw_branches, name_parts
-from sweeps.plotting.labels import label_ordinate, set_scale, titled
+from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import refuse_empty, select_line, split_directions
 from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
@@ -107,7 +107,7 @@ def bifurcation(
     label_ordinate(panel, dataset[coordinate])
     [panel, *lower][-1].set_xlabel(label(dataset[axis]))
     add_legend(panel)
-    figure = titled(panel, page, line)
+    figure = add_title(panel, page, line)
     if dense:
         add_density_bar(panel, len(records))
         draw_density(panel, values, records)

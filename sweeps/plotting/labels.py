@@ -63,7 +63,7 @@ def tick_in_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def titled(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> Figure:
+def add_title(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> Figure:
     """Put name, fixed parameters and record of the sweep above a `Picture`; return the figure.
 
     A panel of another figure has no title, unless the page has one.

@@ -18,7 +18,7 @@ from sweeps.messages import Refused
 from sweeps.plotting.canvas import PAGE, Page, figure_of, in_style, new_panel
 from sweeps.plotting.cells import Cells, draw_cells, draw_map
 from sweeps.plotting.exact_curves import draw_curves
-from sweeps.plotting.labels import label_colour_bar, tick_in_decades, titled
+from sweeps.plotting.labels import add_title, label_colour_bar, tick_in_decades
 from sweeps.plotting.palette import (
     BLUE,
     MOTIONS,
@@ -179,7 +179,7 @@ def parameter_map(
         search = find_curves(dataset, chosen, at) if exact is True else exact
         draw_curves(panel, search)
     page.set_limits(panel)
-    return titled(panel, page, cut)
+    return add_title(panel, page, cut)
 
 
 def _draw_values(

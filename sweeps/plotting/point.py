@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import Cut, Setting, recorded
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
-from sweeps.plotting.labels import label_ordinate, titled
+from sweeps.plotting.labels import add_title, label_ordinate
 from sweeps.plotting.marks import draw_points, draw_stop, widen_if_constant
 from sweeps.plotting.words import label
 
@@ -45,7 +45,7 @@ def section(
     widen_if_constant(panel.set_ylim, v.min(), v.max())
     page.set_limits(panel)
     add_legend(panel)
-    return titled(panel, page, point)
+    return add_title(panel, page, point)
 
 
 @in_style
@@ -78,4 +78,4 @@ def impacts(
     panel.set_xlabel(label(dataset["impact_phase"]))
     label_ordinate(panel, dataset["impact_v"])
     page.set_limits(panel)
-    return titled(panel, page, point)
+    return add_title(panel, page, point)

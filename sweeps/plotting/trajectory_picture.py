@@ -17,10 +17,10 @@ from sweeps.analysis.trajectories import (
     recorded_motion,
 )
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_picture
-from sweeps.plotting.labels import mathtext, titled
+from sweeps.plotting.labels import add_title, mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
-from sweeps.plotting.words import label, quantity
+from sweeps.plotting.words import as_variable, label
 
 #: Forcing periods that are computed where no trajectory was recorded.
 PERIODS = 4
@@ -69,7 +69,7 @@ def trajectory(
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     _draw(panels, motion)
     units = Setting.of(dataset).units
-    time, x, v = (quantity(name, units) for name in RECORDED)
+    time, x, v = (as_variable(name, units) for name in RECORDED)
     time.attrs["symbol"] = "t - t_0"
     over_time.set_ylabel(label(x, "\n"))
     velocity.set(xlabel=label(time), ylabel=label(v, "\n"))
@@ -81,7 +81,7 @@ def trajectory(
     period = 2.0 * np.pi / motion.oscillator.omega
     start = motion.rows[0, 0] + motion.turns * period
     record = f"$t_0 = {mathtext(start)}$, after {start / period:.6g} forcing periods"
-    return titled(over_time, page, motion.point, record)
+    return add_title(over_time, page, motion.point, record)
 
 
 def _new_panels(page: Page) -> list[Axes]:

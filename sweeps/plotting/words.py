@@ -11,8 +11,8 @@ from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
-def quantity(name: str, units: Mapping[str, str] | None = None) -> xr.DataArray:
-    """Return the attributes of a parameter, or of a variable that a file may not have."""
+def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArray:
+    """Return a parameter, or a variable that a file may not have, without values."""
     about = PARAMETERS[name] if name in PARAMETERS else VARIABLES[name]
     meaning = about.meaning if isinstance(about, Parameter) else about.long_name
     unit = in_units(about.unit, units or {})
