@@ -124,7 +124,7 @@ def test_help(race):
 def test_second_run(race, sweep):
     """Nothing is compiled again."""
     path = sweep(points=8, transient=10, periods=10)
-    libraries = "import numba, scipy.linalg, xarray, h5netcdf, pydantic, yaml, typer, rich.progress"
+    libraries = "import numba, h5py, psutil, pydantic, yaml, typer, rich.progress"
     told = race.run(
         "a second run / importing what it needs",
         lambda: python("-m", "sweeps.cli", "run", path, "--overwrite"),
