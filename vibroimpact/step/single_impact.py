@@ -60,38 +60,23 @@ def series(eq, y, w, s, c):
 
 
 @jit(forced_inline=True)
-def lower_terms(k, t, y, d, e):
-    """Go on with Horner's scheme from the term in t^5 to the constant, see ``first_terms``."""
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[5])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[4])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[3])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[2])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[1])
-    return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
-
-
-@jit(forced_inline=True)
 def first_terms(k, t):
     """Return value, slope and half the second derivative of the terms of a series up to t^8."""
-    d, y = k[8], fma(k[8], t, k[7])
+    e, d, y = 0.0, k[8], fma(k[8], t, k[7])
     e, d, y = d, fma(d, t, y), fma(y, t, k[6])
-    return lower_terms(k, t, y, d, e)
+    for i in range(5, 0, -1):
+        e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[i])
+    return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
 
 
 @jit(forced_inline=True)
 def all_terms(k, t):
     """As ``first_terms``, of all 17 terms."""
-    d, y = k[16], fma(k[16], t, k[15])
+    e, d, y = 0.0, k[16], fma(k[16], t, k[15])
     e, d, y = d, fma(d, t, y), fma(y, t, k[14])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[13])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[12])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[11])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[10])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[9])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[8])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[7])
-    e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[6])
-    return lower_terms(k, t, y, d, e)
+    for i in range(13, 0, -1):
+        e, d, y = fma(e, t, d), fma(d, t, y), fma(y, t, k[i])
+    return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
 
 
 @jit(forced_inline=True)
