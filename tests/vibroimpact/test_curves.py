@@ -153,6 +153,15 @@ def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_m
         assert point.values[1] == pytest.approx(MEETING, abs=1e-13)
 
 
+def test_no_flips_and_folds_meet_a_graze_where_their_condition_vanishes_all_along():
+    """Without damping a touch halves a flight that is symmetric in time: c1 is rounding there."""
+    start = branch(one_impact(Oscillator(h=0.0, R=0.9, omega=1.2, f=1.0)), "omega", 0.9, 1.3)
+    (graze,) = [point for point in start.special if point.kind == "graze"]
+    found = bifurcation_curve(graze.orbit, "graze", ("omega", 0.9, 1.3), ("R", 0.7, 0.97))
+    assert len(found.values) > 10
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
     found = bifurcation_curve(one_impact(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))

@@ -31,6 +31,9 @@ _BESIDE = 0.2
 #: A flight touches the stop where it is this near to it, in units of speed over frequency.
 _TOUCHES = 1e-7
 
+#: Coefficients of det(S + mu T) below this are rounding; otherwise they are of the order of 1.
+_ROUNDING = 1e-12
+
 
 class CurvePoint(NamedTuple):
     """A special point of a curve.
@@ -179,7 +182,8 @@ def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
     orbits = step.orbits
     if kind == "graze":
         ends = [orbits.polynomial(X)[1] for X in (step.X, step.Y)]
-        if ends[0] * ends[1] < 0.0:
+        # Without damping it may vanish all along; its signs are rounding then.
+        if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > _ROUNDING:
             X = step.root(lambda X: orbits.polynomial(X)[1])
             if X is not None:
                 yield from (("flip", X), ("fold", X))
