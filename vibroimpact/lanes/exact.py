@@ -131,8 +131,7 @@ def glide_lanes(w, met, size, grid, n):
     s, c, theta = grid.table[SIN, n], grid.table[COS, n], grid.table[THETA, n] + grid.step
     listed = 0
     for q in range((size + WORD - 1) // WORD):
-        first = WORD * q
-        bits = 0
+        first, bits = WORD * q, 0
         for i in range(first, first + WORD):
             y, v, high = glide(flow_in(w, i), w[_Y + old + i], w[_W + old + i], s, c, third)
             w[_Y + new + i], w[_W + new + i] = y, v

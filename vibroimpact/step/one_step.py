@@ -49,7 +49,7 @@ def prepare(integrator, steps, pt):
     m = affine_map(integrator, steps.step / pt.omega, pt)
     eq = equation_of(pt, steps.step)
     flow = flow_of(eq, steps.step, np.empty(TERMS))
-    return Prepared((m[0], m[1], m[2], m[3]), (m[4], m[5], m[6], m[7]), eq, flow)
+    return Prepared(m[:4], m[4:], eq, flow)
 
 
 @jit(inline=True)
