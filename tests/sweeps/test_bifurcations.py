@@ -45,6 +45,7 @@ def test_flips_are_at_their_certified_values(sweep, oscillator, value):
     assert flip.value == pytest.approx(value, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_fold_and_a_graze_are_told_apart(sweep):
     """Up, the motion with impacts ends in a fold; down, the free one ends in a graze."""
     h, clearance = 0.05, 1.5

@@ -65,6 +65,7 @@ def test_help_imports_nothing_heavy(arguments, typers):
     assert "Usage: vibroimpact" in result.stdout
 
 
+@pytest.mark.slow
 def test_a_process_exits_like_the_command(folder):
     result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
     assert result.returncode == 2

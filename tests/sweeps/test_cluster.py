@@ -57,6 +57,7 @@ def on_write(monkeypatch, number, action):
 # The same sweep
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -137,6 +138,7 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
     client.wait_for_workers(WORKERS, timeout=60)
 
 
+@pytest.mark.slow
 def test_workers_may_come_when_the_run_has_begun():
     options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:

@@ -159,6 +159,7 @@ def test_a_cluster_with_certificates_of_dasks_own_configuration(certificates):
     assert "distributed.comm.tls in Dask's configuration" in message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answer", [None, {"op": "nonsense"}])
 def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
     class Imposter(Server):
@@ -242,6 +243,7 @@ def test_the_missing_extra_is_named(monkeypatch):
     assert "pip install '.[distributed]'" in message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("listens", [False, True])
 def test_where_no_scheduler_answers(monkeypatch, listens):
     assert clients._PATIENCE < 10
@@ -255,6 +257,7 @@ def test_where_no_scheduler_answers(monkeypatch, listens):
         assert told in refused_run("--dask", address)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
     monkeypatch.setattr(clients, "_PATIENCE", 20)
     monkeypatch.setattr(interrupts, "_came", False)

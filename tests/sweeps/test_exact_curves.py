@@ -88,6 +88,7 @@ record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
 """
 
 
+@pytest.mark.slow
 def test_every_change_has_a_curve_or_a_reason(tmp_path):
     """Beside the fold of 2/1, where free motion and 2/2 coexist."""
     (tmp_path / "c.yaml").write_text(MAP)

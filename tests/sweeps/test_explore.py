@@ -187,6 +187,7 @@ def test_failed_points_are_marked_and_named(tmp_path):
     page.worker.close()
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_command_at_once_with_0(tmp_path):
     command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path) as process:
@@ -283,6 +284,7 @@ def test_a_notebook_shows_the_page_itself(explorer):
     assert explorer.address in text
 
 
+@pytest.mark.slow
 def test_the_room_can_be_called_whatever_was_imported_first():
     code = "import sweeps.explore.view, sweeps; assert callable(sweeps.explore), sweeps.explore"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -67,6 +67,7 @@ def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
         run_sweep(configured("follow=null"), "stopped.h5", resume=True)
 
 
+@pytest.mark.slow
 def test_a_damaged_block_is_named_and_computed_again(monkeypatch):
     monkeypatch.setattr(runner, "block_size", lambda _: 5)
     config = configured()
@@ -119,6 +120,7 @@ def test_the_points_of_a_long_block_are_told_as_they_come():
     np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
 
 
+@pytest.mark.slow
 def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     begun = threading.Semaphore(0)
 

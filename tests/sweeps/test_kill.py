@@ -255,6 +255,7 @@ def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path):
     assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
 
 
+@pytest.mark.slow
 def test_an_ignored_interrupt_stays_ignored():
     """As of a run in the background of a shell, where Ctrl-C is for the foreground."""
     process = subprocess.Popen(
@@ -288,6 +289,7 @@ def test_too_little_address_space_is_one_line(megabytes):
     assert process.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["schema"], ["run", "sweep.yaml", "--dry-run"]])
 def test_a_full_standard_output_is_one_line(arguments):
     with open("/dev/full", "w") as full:

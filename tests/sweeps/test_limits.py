@@ -57,6 +57,7 @@ def test_the_memory_that_is_told_is_that_of_the_blocks_in_work():
     assert estimate(sweep).memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_size_that_is_told_is_that_of_the_file():
     sweep = load(CONFIG)
     told = estimate(sweep)
@@ -142,6 +143,7 @@ def test_too_little_disk_is_refused_with_both_figures(monkeypatch):
     assert not Path("out.h5").exists()
 
 
+@pytest.mark.slow
 def test_the_layout_reserves_what_is_told():
     sweep = load(CONFIG, "record.trajectory={every: 1}")
     layout = Layout.of(

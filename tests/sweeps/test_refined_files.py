@@ -39,6 +39,7 @@ def test_a_new_point_records_the_attractor(around):
             assert np.abs(x[m:] - x[:-m]).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
     """Also where the run was left between the grid and its refinement."""
 

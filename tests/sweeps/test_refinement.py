@@ -213,6 +213,7 @@ def test_the_edges_of_the_windows_are_found_from_a_followed_sweep(
     assert edge.high - edge.low < 1e-5
 
 
+@pytest.mark.slow
 def test_further_flips_of_a_cascade(cascade):
     """Their distances shrink by a ratio on its way to Feigenbaum's 4.669."""
     (run,) = cascades(found(cascade))

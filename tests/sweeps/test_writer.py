@@ -29,6 +29,7 @@ def whole(tmp_path):
 # Resuming
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_resumed_file_ends_with_the_same_data(tmp_path, whole, compressed):
     path = tmp_path / "out.h5"

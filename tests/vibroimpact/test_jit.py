@@ -42,6 +42,7 @@ def run(folder):
     return float(out[1]), *map(int, out[2].split())
 
 
+@pytest.mark.slow
 def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     """Compiled, then read from the cache, then edited: the third run must compile again."""
     copy = tmp_path / "vibroimpact"

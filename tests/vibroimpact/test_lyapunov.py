@@ -43,6 +43,7 @@ def test_the_larger_comes_first():
     assert (first >= second).all()
 
 
+@pytest.mark.slow
 def test_a_chaotic_point():
     """h = 0, omega = 2.8: about (+0.134, -0.345), over 50 000 periods (.142, -.352).
 
