@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -234,18 +234,11 @@ def _slowest_impact(method: Method) -> float:
 def _astray(method: Method) -> float:
     starts = [(x, v) for x in np.linspace(-3.0, 0.0, 8) for v in np.linspace(-2.0, 2.0, 8)]
     points = np.concatenate([COEXISTING.at(*start) for start in starts])
-    ends = [
-        integrate(
-            points,
-            integrator=integrator,
-            impact=impact,
-            steps_per_period=steps,
-            transient=1500,
-            periods=60,
-        )["impacts_per_period"]
-        for integrator, impact, steps in ((*method, _steps(method)), (*EXACT, None))
-    ]
-    return float(np.count_nonzero(~(np.abs(ends[0] - ends[1]) < 0.1)))
+    options: dict[str, Any] = {"transient": 1500, "periods": 60}
+    true = integrate(points, **options)["impacts_per_period"]
+    options |= method._asdict() | {"steps_per_period": _steps(method)}
+    impacts = integrate(points, **options)["impacts_per_period"]
+    return float(np.count_nonzero(~(np.abs(impacts - true) < 0.1)))
 
 
 @_failure(

@@ -166,8 +166,7 @@ def _resolved() -> dict[tuple[str, str], tuple[float, float]]:
     for method in METHODS:
         results = integrate(
             CASES["fully dissipative"].at(),
-            integrator=method.integrator,
-            impact=method.impact,
+            **method._asdict(),
             steps_per_period=STEPS,
             transient=PERIODS,
             periods=PERIODS,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,6 @@ _KEPT = 8
 #: The errors of an orbit, as the pictures name them.
 ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
 FLIP, EXPONENT = "flip value", "Lyapunov exponent"
-KINDS = (*ORBIT_ERRORS, FLIP, EXPONENT)
 
 
 class Method(NamedTuple):
@@ -64,7 +63,7 @@ class Scene:
     recorded : int
         Forcing periods before the section in which they lie.
     kinds : tuple of str
-        The errors measured here, of ``KINDS``.
+        The errors measured here: ``ORBIT_ERRORS``, ``FLIP`` or ``EXPONENT``.
     """
 
     name: str
@@ -86,8 +85,7 @@ class Scene:
         """Run all points, `copies` times over, with one method; returns as `integrate` does."""
         return integrate(
             np.tile(self.points, copies),
-            integrator=method.integrator,
-            impact=method.impact,
+            **method._asdict(),
             steps_per_period=steps,
             transient=self.periods - self.recorded,
             periods=self.recorded,
@@ -167,43 +165,18 @@ CHAOTIC = Oscillator(h=0.1, R=0.8, omega=2.95, f=1.0)
 # Starts from which the chaotic motion has a different past in every lane.
 _STARTS = np.linspace(-0.5, -0.05, NEIGHBOURS)
 
+
+def _regular(name: str, h: float, R: float, omega: float, **options: Any) -> Scene:
+    return Scene(name, _around(Oscillator(h=h, R=R, omega=omega, f=1.0), _OFFSETS), **options)
+
+
 #: Motions without a rest or a graze: methods have their orders there.
 REGULAR = (
-    Scene(
-        "conservative impacts",
-        _around(Oscillator(h=0.5, R=1.0, omega=1.0, f=1.0), _OFFSETS),
-        periods=20,
-        phase=math.pi,
-        impacts=2,
-    ),
-    Scene(
-        "conservative motion",
-        _around(Oscillator(h=0.0, R=0.5, omega=1.0, f=1.0), _OFFSETS),
-        periods=20,
-        phase=math.pi,
-        impacts=2,
-    ),
-    Scene(
-        "fully dissipative",
-        _around(Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0), _OFFSETS),
-        periods=20,
-        phase=math.pi,
-        impacts=4,
-    ),
-    Scene(
-        "one impact",
-        _around(Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0), _OFFSETS),
-        periods=40,
-        impacts=1,
-    ),
-    Scene(
-        "high frequency",
-        _around(Oscillator(h=0.1, R=0.8, omega=10.0, f=1.0), _OFFSETS),
-        periods=60,
-        phase=math.pi,
-        impacts=1,
-        recorded=5,
-    ),
+    _regular("conservative impacts", 0.5, 1.0, 1.0, periods=20, phase=math.pi, impacts=2),
+    _regular("conservative motion", 0.0, 0.5, 1.0, periods=20, phase=math.pi, impacts=2),
+    _regular("fully dissipative", 0.5, 0.5, 1.0, periods=20, phase=math.pi, impacts=4),
+    _regular("one impact", 0.05, 0.7, 2.3, periods=40, impacts=1),
+    _regular("high frequency", 0.1, 0.8, 10.0, periods=60, phase=math.pi, impacts=1, recorded=5),
 )
 CHATTER = Scene(
     "chatter and rest",

@@ -38,8 +38,7 @@ def section_map(
     """Return the states, shape (n, 2), one forcing period after the points' starts at t = 0."""
     run = integrate(
         points,
-        integrator=method.integrator,
-        impact=method.impact,
+        **method._asdict(),
         steps_per_period=steps,
         transient=0,
         periods=1,
@@ -180,8 +179,7 @@ def largest_exponent(
     """
     run = integrate(
         points,
-        integrator=method.integrator,
-        impact=method.impact,
+        **method._asdict(),
         steps_per_period=steps,
         transient=transient,
         periods=periods,
