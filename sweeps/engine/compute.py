@@ -27,7 +27,6 @@ SOURCES = (
     "analysis/nearby_orbit.py",
     "engine/results.py",
     "analysis/selection.py",
-    "grid.py",
 )
 
 

@@ -132,7 +132,7 @@ def test_no_other_source_takes_part_in_a_refinement():
     passing_on = {"engine/compute.py", "engine/background.py", "messages.py"}
     others = {path.as_posix() for path in used if path.parts[0] not in ("config", "store")}
     assert set(SOURCES) >= others - passing_on
-    assert {"engine/refine.py", "engine/classification.py", "grid.py"} <= others
+    assert {"engine/refine.py", "engine/classification.py"} <= others
 
 
 @pytest.mark.slow
