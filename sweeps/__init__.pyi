@@ -5,8 +5,8 @@ from .config.loading import ConfigError as ConfigError
 from .config.loading import load_config as load_config
 from .config.sweep import SweepConfig as SweepConfig
 from .engine.run import run_sweep as run_sweep
+from .errors import Failed as Failed
+from .errors import Refused as Refused
+from .errors import StoreError as StoreError
 from .explore import explore as explore
-from .messages import Failed as Failed
-from .messages import Refused as Refused
-from .messages import StoreError as StoreError
 from .store.reader import open_sweep as open_sweep

@@ -19,7 +19,7 @@ import xarray as xr
 
 from sweeps.analysis.class_changes import Change, cascades, changes, labels, ratio
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
-from sweeps.messages import Refused, shown_count, shown_range, table
+from sweeps.errors import Refused, shown_count, shown_range, table
 from sweeps.store import DIRECTION
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit

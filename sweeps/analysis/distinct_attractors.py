@@ -30,7 +30,7 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Setting
 from sweeps.analysis.tracking import PeriodicAttractors, track
 from sweeps.analysis.unsettled import EXTENSIONS, Outcomes, outcomes
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from vibroimpact.orbits.cycles import TOLERANCE
 
 #: Motions that count as an attractor; of the others it is not known whether they stay.

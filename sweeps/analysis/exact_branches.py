@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.selection import Cut, Setting, directions, listed, select
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.period_class import period_class
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit

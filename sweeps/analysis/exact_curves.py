@@ -21,7 +21,7 @@ import xarray as xr
 from sweeps.analysis.exact_branches import check_axis
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from vibroimpact.orbits.branches import Branch, Special, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, Curve, bifurcation_curve

@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps.analysis.exact_branches import grow, lines_of, summary
 from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
 from sweeps.analysis.selection import Cut, chosen_axes, swept_axes
-from sweeps.messages import Refused, table
+from sweeps.errors import Refused, table
 from vibroimpact.orbits.trees import Tree
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from sweeps.analysis.grouping import grid_of
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status

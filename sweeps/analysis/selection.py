@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from sweeps.messages import Refused, nearest, suggestion
+from sweeps.errors import Refused, nearest, suggestion
 from sweeps.store import DIRECTION
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status

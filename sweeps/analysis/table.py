@@ -16,7 +16,7 @@ from sweeps.analysis.grouping import STARTS, PointNumbers, records
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
 from sweeps.analysis.unsettled import orbit_speeds
-from sweeps.messages import Refused, shown_count, shown_range, table
+from sweeps.errors import Refused, shown_count, shown_range, table
 
 #: Kinds of motion that are listed and are no attractor.
 _UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)

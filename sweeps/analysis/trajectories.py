@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.selection import Cut, Setting, recorded
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
 

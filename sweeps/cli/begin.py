@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.messages import Refused, nearest, suggestion
+from sweeps.errors import Refused, nearest, suggestion
 
 
 def init(

@@ -11,7 +11,7 @@ import typer
 
 from sweeps.cli.options import check_csv, check_threads
 from sweeps.cli.terminal import say
-from sweeps.messages import Failed
+from sweeps.errors import Failed
 
 app = typer.Typer(
     no_args_is_help=True,

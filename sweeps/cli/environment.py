@@ -7,7 +7,7 @@ import resource
 import warnings
 from pathlib import Path
 
-from sweeps.messages import Failed, Refused, shortened
+from sweeps.errors import Failed, Refused, shortened
 
 #: Address space that a command takes before it computes a point, and for each core [bytes]. With
 #: less, OpenBLAS waits forever for the memory of its threads.

@@ -19,8 +19,8 @@ from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
 from sweeps.cli.environment import check_environment
 from sweeps.cli.terminal import say
+from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.messages import Failed, Refused
 
 
 class _Commands(TyperGroup):

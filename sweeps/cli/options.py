@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.messages import Failed, Refused
+from sweeps.errors import Failed, Refused
 
 if TYPE_CHECKING:
     from sweeps.analysis.selection import Cut

@@ -24,7 +24,7 @@ from sweeps.cli.options import (
     write_table,
 )
 from sweeps.cli.terminal import say
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 
 if TYPE_CHECKING:
     import xarray as xr

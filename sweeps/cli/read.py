@@ -12,7 +12,7 @@ import typer
 
 from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, say_moved, write_table
 from sweeps.cli.terminal import say
-from sweeps.messages import Failed, Refused
+from sweeps.errors import Failed, Refused
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -22,8 +22,8 @@ from sweeps.cli.options import (
     targets,
 )
 from sweeps.cli.terminal import say
+from sweeps.errors import Failed, Refused
 from sweeps.interrupts import check
-from sweeps.messages import Failed, Refused
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -8,7 +8,7 @@ import warnings
 
 import typer
 
-from sweeps.messages import printable
+from sweeps.errors import printable
 
 
 def say(text: object, *, error: bool = False, end: bool = True) -> None:

@@ -22,8 +22,8 @@ from sweeps.cli.options import (
 )
 from sweeps.cli.plot import draw
 from sweeps.cli.run import compute
+from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.messages import Refused
 
 Pieces = Annotated[
     list[str],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from sweeps.messages import nearest
+from sweeps.errors import nearest
 
 #: Other names of each key: symbols of the literature, words of other programs.
 _OTHER_NAMES = {

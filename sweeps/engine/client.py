@@ -13,8 +13,8 @@ from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
+from sweeps.errors import Refused, shortened
 from sweeps.interrupts import check, raised_at_once
-from sweeps.messages import Refused, shortened
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster

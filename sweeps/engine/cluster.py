@@ -35,8 +35,8 @@ import numpy as np
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, in_background
 from sweeps.engine.compute import compute_block
+from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block
-from sweeps.messages import Failed, Refused, SweepError
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:

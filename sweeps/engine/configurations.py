@@ -9,7 +9,7 @@ import yaml
 
 from sweeps.config.loading import load_config, parse_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.messages import Refused, nearest, suggestion
+from sweeps.errors import Refused, nearest, suggestion
 from sweeps.store import open_sweep
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -11,8 +11,8 @@ import psutil
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import computation, compute
+from sweeps.errors import StoreError, shown_bytes
 from sweeps.grid import Grid
-from sweeps.messages import StoreError, shown_bytes
 from sweeps.store import bytes_per_point
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.lanes.kernel import lanes_per_block

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.messages import (
+from sweeps.errors import (
     Failed,
     StoreError,
     in_units,

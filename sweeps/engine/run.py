@@ -21,9 +21,9 @@ from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
 from sweeps.engine.reports import plan
 from sweeps.engine.workers import Computer, computer_for
+from sweeps.errors import printable
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
-from sweeps.messages import printable
 from sweeps.store import (
     ADDED,
     Layout,

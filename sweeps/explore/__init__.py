@@ -40,7 +40,7 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     Refused
         If Bokeh is not installed, or the port is in use.
     """
-    from sweeps.messages import Refused
+    from sweeps.errors import Refused
 
     try:
         import bokeh  # noqa: F401

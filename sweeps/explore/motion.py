@@ -16,11 +16,11 @@ from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.analysis.selection import Setting
 from sweeps.analysis.trajectories import continued_motion
 from sweeps.engine.results import as_dataset
+from sweeps.errors import Refused
 from sweeps.explore.diagram import numbers
 from sweeps.explore.view import View
 from sweeps.explore.words import axis_label, symbol
 from sweeps.explore.worker import Step
-from sweeps.messages import Refused
 from sweeps.plotting.palette import BLUE, MOTIONS, ORANGE
 from vibroimpact.status import Status
 

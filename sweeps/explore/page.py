@@ -14,6 +14,7 @@ from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
+from sweeps.errors import ConfigError, Failed
 from sweeps.explore.branches import Branches
 from sweeps.explore.controls import Controls, meaning
 from sweeps.explore.diagram import Diagram, Shown
@@ -22,7 +23,6 @@ from sweeps.explore.motion import MotionPanel
 from sweeps.explore.saving import write_yaml
 from sweeps.explore.view import BASINS, DIAGRAM, MAP, View
 from sweeps.explore.worker import Step, Worker
-from sweeps.messages import ConfigError, Failed
 from vibroimpact.oscillator import PARAMETERS
 
 _ENDED = (

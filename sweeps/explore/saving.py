@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Failed
 from sweeps.explore.view import DIAGRAM, View
-from sweeps.messages import Failed
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:

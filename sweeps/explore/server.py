@@ -20,9 +20,9 @@ from tornado.ioloop import IOLoop
 from tornado.web import HTTPError, RequestHandler
 
 from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
 from sweeps.explore.page import Page
 from sweeps.explore.view import View
-from sweeps.messages import Refused
 
 HOST = "127.0.0.1"
 #: Names of this machine in the Host header; another name is that of a page that was led here.

@@ -16,7 +16,7 @@ from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Range, extremes, length
-from sweeps.messages import ConfigError
+from sweeps.errors import ConfigError
 from sweeps.plotting.lines import COORDINATES
 from vibroimpact.oscillator import PARAMETERS
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sweeps.engine.background import given_up_by
-from sweeps.messages import SweepError
+from sweeps.errors import SweepError
 
 
 @dataclass(frozen=True)

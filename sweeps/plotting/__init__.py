@@ -4,7 +4,7 @@
 `sweeps.bench`, only this room imports matplotlib.
 """
 
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 
 try:
     import matplotlib  # noqa: F401

@@ -15,7 +15,7 @@ from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_axes
 from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.unsettled import EXTENSIONS
-from sweeps.messages import Refused, shown_count
+from sweeps.errors import Refused, shown_count
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
 from sweeps.plotting.labels import add_title, label_ordinate, set_scale

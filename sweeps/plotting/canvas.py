@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting.style import user_style
 
 #: Height of a line of a title or a legend beyond those that a picture has room for [inch].

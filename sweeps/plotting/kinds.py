@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.selection import Cut, listed, swept_axes
 from sweeps.analysis.table import parameter_axes
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting.attractor_pictures import attractor_diagram, basins
 from sweeps.plotting.bifurcation_diagram import bifurcation
 from sweeps.plotting.canvas import PAGE, Page

@@ -10,7 +10,7 @@ import xarray as xr
 
 from sweeps.analysis.motion import has_result
 from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.store import DIRECTION, VARIABLES
 from vibroimpact.status import Status
 

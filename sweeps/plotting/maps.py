@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
 from sweeps.analysis.motion import Motion, classify, frequent_periods, has_result
 from sweeps.analysis.selection import Cut, listed, select
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting.canvas import PAGE, Page, figure_of, in_style, new_panel
 from sweeps.plotting.cells import Cells, draw_cells, draw_map
 from sweeps.plotting.exact_curves import draw_curves

@@ -13,7 +13,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import listed
-from sweeps.messages import Failed, Refused
+from sweeps.errors import Failed, Refused
 
 #: Of each format, the fields for a title, the program and a text.
 _FIELDS = {

@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from sweeps.analysis.selection import listed
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting.lines import scalars
 from sweeps.plotting.palette import DIRECTION_COLOURS
 from sweeps.plotting.words import label

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import xarray as xr
 
-from sweeps.messages import in_units
+from sweeps.errors import in_units
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS, Parameter
 

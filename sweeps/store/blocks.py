@@ -19,8 +19,8 @@ from typing import Self
 
 import numpy as np
 
+from sweeps.errors import Failed
 from sweeps.grid import Block, box_shape
-from sweeps.messages import Failed
 from sweeps.store.creation import places
 from sweeps.store.layout import Layout
 from sweeps.store.ledger import DamageError, Ledger, State, checksum, flat_bytes, sync, write_all

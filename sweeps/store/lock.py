@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sweeps.messages import StoreError
+from sweeps.errors import StoreError
 from sweeps.store.output import reason
 
 #: What a lock file holds: nothing where its writer was killed before it wrote this.

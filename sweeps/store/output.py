@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 from typing import NoReturn
 
-from sweeps.messages import StoreError, shown_bytes
+from sweeps.errors import StoreError, shown_bytes
 from sweeps.store.layout import FORMAT, FORMAT_VERSION
 from sweeps.store.ledger import DamageError
 

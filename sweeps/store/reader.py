@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
+from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.interrupts import check
-from sweeps.messages import StoreError
 from sweeps.store.layout import BLOCKS, COORDINATES, FORMAT_VERSION, Layout
 from sweeps.store.ledger import DamageError, Ledger, State, checksum
 from sweeps.store.output import open_regular, reason, refuse_version, refuse_without_ledger

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sweeps.messages import StoreError
+from sweeps.errors import StoreError
 from sweeps.store.layout import Layout
 from sweeps.store.reader import SweepFile
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
-from sweeps.messages import Failed, StoreError
 from sweeps.store.blocks import BlockFile
 from sweeps.store.creation import create, pack
 from sweeps.store.layout import Layout

@@ -3,7 +3,7 @@
 import pytest
 
 from sweep_files import load
-from sweeps.messages import ConfigError
+from sweeps.errors import ConfigError
 
 EXAMPLE = """\
 name: frequency-bifurcation

@@ -12,7 +12,7 @@ import xarray as xr
 
 import sweeps
 from commands import SMALL, accepted, call, refused
-from sweeps.messages import printable
+from sweeps.errors import printable
 
 CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]

@@ -22,7 +22,7 @@ from sweeps.engine.cluster import Cluster
 from sweeps.engine.compute import compute_block
 from sweeps.engine.plan import block_size
 from sweeps.engine.run import run_sweep
-from sweeps.messages import Failed, Refused
+from sweeps.errors import Failed, Refused
 from sweeps.store.reader import open_sweep
 from sweeps.store.writer import SweepWriter
 from vibroimpact.jit import NUMERICS

@@ -11,7 +11,7 @@ from configurations import EXAMPLE, oscillator, refusal
 from sweep_files import load
 from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig, StartConfig
-from sweeps.messages import ConfigError
+from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.flight import LONGEST_STEP
 from vibroimpact.step.integrators import INTEGRATORS

@@ -5,7 +5,7 @@ import pytest
 from configurations import oscillator, refusal
 from sweep_files import load
 from sweeps.config.loading import load_config
-from sweeps.messages import ConfigError, printable
+from sweeps.errors import ConfigError, printable
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 

@@ -14,8 +14,8 @@ import xarray as xr
 
 from commands import call
 from sweep_files import fill, random_results
+from sweeps.errors import StoreError
 from sweeps.grid import Grid, block_points
-from sweeps.messages import StoreError
 from sweeps.store import VARIABLES, Layout, open_sweep, sweep_writer
 from sweeps.store.ledger import _SEAL, _SPAN, ROW, SUMMARY, Ledger, State, _row_check
 from vibroimpact.status import Status

@@ -10,7 +10,7 @@ from sweeps.analysis import exact_branches
 from sweeps.analysis.exact_branches import Line, _distance, grow
 from sweeps.analysis.exact_tables import branches, write_branches
 from sweeps.analysis.selection import select
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.canvas import Page
 from sweeps.plotting.exact_branches import compare

@@ -11,7 +11,7 @@ from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
 from sweeps.analysis import exact_curves
 from sweeps.analysis.exact_curves import CurveSearch, find_curves
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from vibroimpact.orbits.continuation import MOST_POINTS
 from vibroimpact.orbits.curves import Curve, CurvePoint
 from vibroimpact.orbits.orbit import PeriodicOrbit

@@ -9,7 +9,7 @@ import pytest
 from commands import accepted, call
 from sweep_files import run_in
 from sweeps import branches, curves, open_sweep
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from vibroimpact.status import Status
 
 RECORD = "record: {transient: 200, periods: 32, impacts: 8, diagnostics: [period]}"

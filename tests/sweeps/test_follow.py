@@ -13,7 +13,7 @@ from followed_sweeps import configured, ran, whole
 from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine.compute import computation
-from sweeps.messages import ConfigError
+from sweeps.errors import ConfigError
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
 from vibroimpact.orbits.one_impact import bifurcation
 from vibroimpact.points.following import follow

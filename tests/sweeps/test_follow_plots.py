@@ -15,7 +15,7 @@ from sweeps.analysis.selection import swept_axes
 from sweeps.engine import run as runner
 from sweeps.engine import workers
 from sweeps.engine.compute import compute_block
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, bifurcation_diagram, plot, section, trajectory
 from sweeps.plotting.exact_branches import compare
 from sweeps.plotting.maps import parameter_map

@@ -18,8 +18,8 @@ from sweeps.engine import run as runner
 from sweeps.engine import workers
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.plan import block_size, estimate
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
-from sweeps.messages import Failed, StoreError
 from vibroimpact import Status
 
 # Blocks, threads, files

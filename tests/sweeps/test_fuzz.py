@@ -19,7 +19,7 @@ from commands import call
 from environments import ENVIRONMENTS
 from mutations import BASES, FULL, mutated
 from sweeps.config.loading import load_config
-from sweeps.messages import ConfigError, StoreError
+from sweeps.errors import ConfigError, StoreError
 from sweeps.store.reader import open_sweep
 from vibroimpact.status import Status
 

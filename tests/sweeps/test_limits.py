@@ -13,7 +13,7 @@ from sweeps.engine.background import in_background
 from sweeps.engine.compute import compute
 from sweeps.engine.plan import block_size, estimate, expected_seconds, reserved_widths
 from sweeps.engine.run import run_sweep
-from sweeps.messages import StoreError
+from sweeps.errors import StoreError
 from sweeps.store.layout import Layout
 from vibroimpact.lanes.exact import LANES
 

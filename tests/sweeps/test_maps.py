@@ -6,7 +6,7 @@ import yaml
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting import plot
 from sweeps.plotting.cells import cell_edges
 from sweeps.plotting.maps import QUANTITIES, parameter_map

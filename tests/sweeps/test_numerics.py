@@ -21,7 +21,7 @@ from sweeps import open_sweep, run_sweep
 from sweeps.engine import compute
 from sweeps.engine.compute import SOURCES, numerics
 from sweeps.engine.refine import Refinement
-from sweeps.messages import StoreError
+from sweeps.errors import StoreError
 from vibroimpact.jit import NUMERICS, cache
 from vibroimpact.points import Computation
 
@@ -129,7 +129,7 @@ def test_no_other_source_takes_part_in_a_refinement():
             sys.setprofile(None)
     assert levels == [1, 2, 3] and refinement.points
     used = [Path(name).relative_to(ENGINE) for name in called if name.startswith(str(ENGINE))]
-    passing_on = {"engine/compute.py", "engine/background.py", "messages.py"}
+    passing_on = {"engine/compute.py", "engine/background.py", "errors.py"}
     others = {path.as_posix() for path in used if path.parts[0] not in ("config", "store")}
     assert set(SOURCES) >= others - passing_on
     assert {"engine/refine.py", "engine/classification.py"} <= others
@@ -157,7 +157,7 @@ def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new
         "import sweeps, sys\n"
         "from sweeps import load_config\n"
         "from sweeps.engine.run import _layout\n"
-        "from sweeps.messages import StoreError\n"
+        "from sweeps.errors import StoreError\n"
         "from sweeps.store import sweep_writer\n"
         f"assert sweeps.__file__.startswith({str(tmp_path)!r}), sweeps.__file__\n"
         "layout = _layout(load_config('sweep.yaml'), None, {})\n"

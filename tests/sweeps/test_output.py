@@ -14,7 +14,7 @@ from commands import call
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import run as runner
 from sweeps.engine import workers
-from sweeps.messages import Failed, StoreError
+from sweeps.errors import Failed, StoreError
 from sweeps.store import check_output, only_writer
 
 CONFIG = """\

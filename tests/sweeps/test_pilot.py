@@ -20,8 +20,8 @@ from sweeps.engine.pilot import (
     SAMPLE_SIZE,
     choose,
 )
+from sweeps.errors import ConfigError
 from sweeps.grid import Grid
-from sweeps.messages import ConfigError
 
 # The motion rests in every period; meets the stop never; and has flips, chaos and windows.
 SCENES = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from random_sweeps import FIXED, OMEGA, R
-from sweeps.messages import Refused
+from sweeps.errors import Refused
 from sweeps.plotting import (
     KINDS,
     bifurcation,

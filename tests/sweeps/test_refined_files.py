@@ -8,7 +8,7 @@ import xarray as xr
 from commands import accepted, call
 from refined_sweeps import CONFIG, flip, found, refined
 from sweeps import open_sweep
-from sweeps.messages import StoreError
+from sweeps.errors import StoreError
 
 
 @pytest.mark.slow

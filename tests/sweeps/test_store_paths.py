@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stored_grids import GRID, WIDTHS, lay_out, layout, whole, write_blocks
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
-from sweeps.messages import Failed, StoreError
 from sweeps.store.creation import create
 from sweeps.store.layout import FORMAT_VERSION
 from sweeps.store.output import check_output

@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 
 from sweep_files import data
+from sweeps.errors import StoreError
 from sweeps.grid import Grid
-from sweeps.messages import StoreError
 from sweeps.store import blocks as block_file
 from sweeps.store import ledger
 from sweeps.store.reader import open_sweep

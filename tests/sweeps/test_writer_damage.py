@@ -16,7 +16,7 @@ import xarray as xr
 
 import sweeps
 from sweep_files import data
-from sweeps.messages import Failed, StoreError
+from sweeps.errors import Failed, StoreError
 from sweeps.store.lock import only_writer
 from sweeps.store.reader import open_sweep
 from sweeps.store.writer import sweep_writer

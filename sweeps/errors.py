@@ -1,4 +1,4 @@
-"""What a user reads: every error, as one tree, and how messages and tables show words and numbers.
+"""Every error, as one tree, and how messages and tables show words and numbers.
 
 The text of an error is one paragraph.
 """
