@@ -8,7 +8,6 @@ stalls in a chatter. ``vibroimpact.paper`` is the procedure to the letter; ``pla
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -196,7 +195,7 @@ def tables(measured: Measured) -> str:
             *(
                 [
                     f"{steps:,}",
-                    f"{math.nan if run.stalled_at is None else run.stalled_at:.5f}",
+                    "none" if run.stalled_at is None else f"{run.stalled_at:.5f}",
                     f"{end - run.t[-1]:.2g}",
                 ]
                 for steps, run in measured.stalls.items()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
@@ -19,16 +18,19 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
     Failed
         If it cannot be written.
     """
-    names = (f"{view.name}-view-{number}" for number in itertools.count(1))
-    name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
-    path = folder / f"{name}.yaml"
-    text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        raise Failed(f"{path} cannot be written: {error.strerror}") from error
-    return path
+    for number in itertools.count(1):
+        name = f"{view.name}-view-{number}"
+        path = folder / f"{name}.yaml"
+        text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise Failed(f"{path} cannot be written: {error.strerror}") from error
+        return path
+    raise AssertionError
 
 
 def _heading(view: View, name: str) -> str:

@@ -30,7 +30,7 @@ def count_pixels(
 def widened(low: float, high: float) -> tuple[float, float]:
     """Return a range of values; of rounding errors about a constant, one as wide as that."""
     size = max(abs(low), abs(high))
-    if high - low >= 1e-6 * size:
+    if not high - low < 1e-6 * size:  # nor are NaN and infinity widened
         return low, high
     middle = 0.5 * (low + high)
     return middle - 0.5 * size, middle + 0.5 * size

@@ -37,11 +37,14 @@ class BlockFile:
 
     Attributes
     ----------
+    path, user_path : Path
+        Of the file itself, and as the user wrote it, which may be a link: for messages.
     places : mapping of str to int
         Where each variable starts; empty for a compressed file, to which nothing is written.
     """
 
     path: Path
+    user_path: Path
     descriptor: int
     size: int
     layout: Layout
@@ -49,13 +52,14 @@ class BlockFile:
     places: Mapping[str, int]
 
     @classmethod
-    def opened(cls, path: Path) -> Self:
+    def opened(cls, path: Path, user_path: Path) -> Self:
         """Open a file that `sweep_file` accepts."""
         with sweep_file(path) as sweep:
             descriptor = os.open(path, os.O_RDWR)
             ledger = replace(sweep.ledger, descriptor=descriptor)
             size = os.fstat(descriptor).st_size
-            return cls(path, descriptor, size, sweep.layout, ledger, places(sweep.file))
+            where = places(sweep.file)
+            return cls(path, user_path, descriptor, size, sweep.layout, ledger, where)
 
     def close(self) -> None:
         """Close the file."""
@@ -138,8 +142,8 @@ class BlockFile:
             loss = "changed"
         if loss:
             raise Lost(
-                f"{self.path} was {loss} by another program while it was written, and what was "
-                "computed is lost"
+                f"{self.user_path} was {loss} by another program while it was written, and what "
+                "was computed is lost"
             )
 
     def _is_intact(self) -> bool:
@@ -159,5 +163,7 @@ def _runs(block: Block, shape: tuple[int, ...]) -> Iterator[tuple[int, int]]:
     inner = math.prod(shape[split:])  # along the last axes, which the block spans
     *outer, cut = block[:split] or (slice(0, 1),)
     for corner in itertools.product(*(range(c.start, c.stop) for c in outer)):
-        first = np.ravel_multi_index((*corner, cut.start), shape[:split] or (1,))
-        yield int(first) * inner, (cut.stop - cut.start) * inner
+        first = 0
+        for index, size in zip((*corner, cut.start), shape[:split] or (1,), strict=True):
+            first = first * size + index
+        yield first * inner, (cut.stop - cut.start) * inner

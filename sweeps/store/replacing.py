@@ -14,11 +14,10 @@ from sweeps.store.ledger import opened
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield the name of a new, empty file, which replaces `path` at the end; a link is followed.
+    """Yield the name of a new, empty file, which replaces `path` at the end.
 
     Where the block raises, `path` is as it was, and the new file is removed.
     """
-    path = path.resolve()
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
     with opened(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW):
         pass
@@ -33,7 +32,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def remove_leftovers(path: Path) -> None:
     """Remove the new files that killed writers of `path` have left, and none of another name."""
-    path = path.resolve()
     leftover = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.new")
     for entry in path.parent.iterdir():
         if leftover.fullmatch(entry.name):

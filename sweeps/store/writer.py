@@ -58,25 +58,26 @@ def sweep_writer(
     Failed
         If it cannot be created. No file is left behind, and an old one is untouched.
     """
-    path = Path(path)
-    check_output(path, overwrite=overwrite, resume=resume)
+    # A link is followed once: all that follows works on the file that was checked and locked.
+    user_path, path = Path(path), Path(path).resolve()
+    check_output(user_path, overwrite=overwrite, resume=resume)
     remove_leftovers(path)
     damaged, damage = np.zeros(0, int), ""
     if resume and path.exists() and path.stat().st_size > 0:
-        with sweep_file(path) as sweep:
+        with sweep_file(user_path) as sweep:
             refuse_other(sweep, layout)
             damaged = np.flatnonzero(sweep.damaged())
             damage = sweep.named(damaged)
         if damage and sweep.layout.refined:
             raise StoreError(
-                f"{path} is damaged: {damage}; points that were added to its grid cannot be "
+                f"{user_path} is damaged: {damage}; points that were added to its grid cannot be "
                 "computed again one by one: give --overwrite to begin anew"
             )
     else:
-        with _failure(path, "created"), replacing(path) as new:
+        with _failure(user_path, "created"), replacing(path) as new:
             create(new, layout)
-    with _failure(path, "written"):
-        writer = SweepWriter(BlockFile.opened(path), damage)
+    with _failure(user_path, "written"):
+        writer = SweepWriter(BlockFile.opened(path, user_path), damage)
     try:
         if damaged.size:
             writer.mend(damaged)
@@ -135,7 +136,7 @@ class SweepWriter:
             The numbers of the blocks.
         """
         self._complete, self._changed = False, True
-        with _failure(self._file.path, "mended"):
+        with _failure(self._file.user_path, "mended"):
             if not self._file.places:  # a compressed file has no places to write to
                 self._copy_into(self.layout, without=damaged.tolist())
                 return
@@ -165,7 +166,7 @@ class SweepWriter:
         index = self._numbers[_corners(block)]
         arrays = self._checked(block, results)
         samples = max((np.shape(a)[-1] for n, a in arrays.items() if _sampled(n)), default=0)
-        with _failure(self._file.path, "written"):
+        with _failure(self._file.user_path, "written"):
             self._file.refuse_loss()
             self._changed = True
             if samples > self._samples:
@@ -184,7 +185,7 @@ class SweepWriter:
         """
         longest = self._longest()
         if longest < self._samples or (compressed and self._file.places):
-            with _failure(self._file.path, "completed"):
+            with _failure(self._file.user_path, "completed"):
                 self._copy_into(self.layout.with_samples(longest), compressed=compressed)
         self._changed |= not self._complete
         self._complete = True
@@ -201,7 +202,7 @@ class SweepWriter:
         layout = self.layout.with_points(np.array(list(points)))
         (values,) = layout.axes.values()
         self._file.refuse_loss(thoroughly=True)
-        with _failure(self._file.path, "refined"), sweep_file(self._file.path) as sweep:
+        with _failure(self._file.user_path, "refined"), sweep_file(self._file.path) as sweep:
             sweep.refuse_damage()
 
             def merged_block(index: int) -> dict[str, np.ndarray]:
@@ -214,7 +215,7 @@ class SweepWriter:
     def close(self) -> None:
         """Write the duration, if anything else was written, and close the file."""
         try:
-            with _failure(self._file.path, "written"):
+            with _failure(self._file.user_path, "written"):
                 self._file.refuse_loss()
                 if self._changed:
                     state = State.DONE if self._complete else State.PENDING
@@ -263,7 +264,7 @@ class SweepWriter:
                 """Return the results of a block in the new width."""
                 arrays = sweep.read(layout.blocks[index])
                 if checksum(arrays.values()) != ledger.rows["crc"][index]:
-                    raise Failed(f"{self._file.path} was damaged while it was written")
+                    raise Failed(f"{self._file.user_path} was damaged while it was written")
                 return _fitted(arrays, width)
 
             if not compressed:
@@ -283,12 +284,12 @@ class SweepWriter:
         """Replace the file by another one, which is written into an empty file."""
         with replacing(self._file.path) as new:
             write(new)
-            with closing(BlockFile.opened(new)) as file:
+            with closing(BlockFile.opened(new, new)) as file:
                 file.ledger.summarize(State.PENDING, self._seconds())
                 os.fsync(file.descriptor)
             self._file.refuse_loss()
         self._file.close()
-        self._file = BlockFile.opened(self._file.path)
+        self._file = BlockFile.opened(self._file.path, self._file.user_path)
         self._changed = True
 
 
@@ -300,7 +301,7 @@ def _copy(
 ) -> None:
     """Create a file with these blocks in it, each with its samples."""
     create(path, layout)
-    with closing(BlockFile.opened(path)) as file:
+    with closing(BlockFile.opened(path, path)) as file:
         for index in samples:
             check()
             file.write(index, read(index), samples[index], lasting=False)

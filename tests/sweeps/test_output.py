@@ -16,6 +16,9 @@ from sweeps.engine import run as runner
 from sweeps.engine import workers
 from sweeps.errors import Failed, StoreError
 from sweeps.store import check_output, only_writer
+from sweeps.store.reader import SweepFile
+from sweeps.store.writer import SweepWriter
+from vibroimpact import Status
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
@@ -253,3 +256,56 @@ def test_an_overwrite_that_was_interrupted_later_speaks_of_the_new_file(monkeypa
     result = run("--overwrite")
     assert result.exit_code == 1
     assert "10 of 40 points kept in out.h5; to go on: " in result.stderr
+
+
+# A name that changes its meaning during a run
+
+
+def turn_the_link():
+    Path("link.h5").unlink()
+    Path("link.h5").symlink_to("other.h5")
+
+
+@pytest.mark.parametrize("change", [turn_the_link, lambda: os.chdir("folder")])
+def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
+    """A link may be turned to another file, and a program may change its folder."""
+    Path("folder").mkdir()
+    Path("link.h5").symlink_to("real.h5")
+    write = SweepWriter.write
+
+    def writing(writer, block, results):
+        write(writer, block, results)
+        monkeypatch.setattr(SweepWriter, "write", write)
+        change()
+
+    config = load_config("sweep.yaml")
+    monkeypatch.setattr(SweepWriter, "write", writing)
+    run_sweep(config, "link.h5")
+    assert not (tmp_path / "other.h5").exists()
+    with open_sweep(tmp_path / "real.h5") as dataset:
+        assert not (dataset["status"] == Status.PENDING).any()
+
+
+def test_a_link_that_is_turned_while_a_file_is_checked_mixes_no_sweeps(monkeypatch):
+    for path, h in (("a.h5", 0.1), ("b.h5", 0.3)):
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(SweepWriter, "write", interrupted)
+            run_sweep(load_config("sweep.yaml", [f"oscillator.h={h}"]), path)
+    Path("link.h5").symlink_to("a.h5")
+    damaged = SweepFile.damaged
+
+    def turning(file):
+        monkeypatch.setattr(SweepFile, "damaged", damaged)
+        Path("link.h5").unlink()
+        Path("link.h5").symlink_to("b.h5")
+        return damaged(file)
+
+    monkeypatch.setattr(SweepFile, "damaged", turning)
+    run_sweep(load_config("sweep.yaml", ["oscillator.h=0.1"]), "link.h5", resume=True)
+    for path, pending in (("a.h5", False), ("b.h5", True)):
+        with open_sweep(path) as dataset:
+            assert ((dataset["status"] == Status.PENDING) == pending).all()
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
