@@ -12,8 +12,8 @@ attractors, according to its kind of motion (`sweeps.analysis.motion`):
   that depends on the parameters only, nothing is left of the past;
 - chaotic motions are one attractor, and unbounded ones. Whether two chaotic motions are on one
   attractor cannot be seen in a finite record, so the number of attractors is a lower bound;
-- motions that have not settled in their record are followed on (`sweeps.analysis.unsettled`); what
-  has not settled then is listed as such, and is no attractor;
+- motions that have not settled in their record are followed on (`sweeps.analysis.longer_runs`);
+  those that still have not settled are listed as unsettled, and are not attractors;
 - failed points and those not computed yet are on none.
 """
 
@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.attractor_numbers import PeriodicAttractors, track
 from sweeps.analysis.exact_links import ExactLinks
 from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
+from sweeps.analysis.longer_runs import EXTENSIONS, Outcomes, outcomes
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Setting
-from sweeps.analysis.tracking import PeriodicAttractors, track
-from sweeps.analysis.unsettled import EXTENSIONS, Outcomes, outcomes
 from sweeps.errors import Refused
 from vibroimpact.orbits.cycles import TOLERANCE
 
@@ -58,7 +58,7 @@ def attractors(
     -------
     Dataset
         ``attractor``, in the shape of ``status``: the number of the attractor, -1 for none. A
-        number is the same attractor along the axes (`sweeps.analysis.tracking`); the most
+        number is the same attractor along the axes (`sweeps.analysis.attractor_numbers`); the most
         frequent periodic one has 0, and those that are not periodic have the last.
         ``followed``, in the same shape: whether the motion had not settled in its record.
         ``attractors`` (parameters...): how many of ``COUNTED_MOTIONS`` were found, a lower bound.

@@ -272,7 +272,9 @@ def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
 def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
     """Refuse an axis that the orbits do not depend on, or of a single value."""
     if axis not in _NAMES:
-        raise Refused(f"the exact orbits do not depend on {axis}; draw {picture} without them")
+        raise Refused(
+            f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
+        )
     if dataset.sizes[axis] == 1:
         value = dataset[axis].item()
         raise Refused(

@@ -23,7 +23,8 @@ class _Difference(NamedTuple):
     weights: np.ndarray
 
 
-# Of order 4 for smooth maps; of order 2 and narrow for those with short pieces, as at a graze.
+# Fourth order for smooth maps; second order with small offsets for maps that are smooth only on
+# short intervals, as beside a graze.
 _SMOOTH = _Difference(
     1e-4 * np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12e-4
 )

@@ -1,4 +1,4 @@
-"""The commands ``init`` and ``schema``, for who writes a configuration."""
+"""The commands ``init`` and ``schema``, for writing a configuration."""
 
 from __future__ import annotations
 

@@ -53,6 +53,6 @@ def check_environment() -> None:
             problem = problem or str(warning.message).partition("\n")[0]
     if problem:
         raise Refused(
-            f"numba cannot work with its settings: {shortened(problem, 200)}; unset or correct "
-            f"what is wrong of {shortened(', '.join(settings), 300)}"
+            f"numba cannot work with its settings: {shortened(problem, 200)}; one of "
+            f"these is wrong, unset or correct it: {shortened(', '.join(settings), 300)}"
         )

@@ -33,8 +33,8 @@ def attractors(
 ) -> None:
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
     from sweeps.analysis import attractors, rows
+    from sweeps.analysis.attractor_table import cut, describe, write_csv
     from sweeps.analysis.selection import on_grid
-    from sweeps.analysis.table import cut, describe, write_csv
     from sweeps.store import open_sweep
 
     cuts = cuts_of(at)

@@ -106,13 +106,13 @@ def run(
             return
         for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
             command = _command(configs[i:], output, overrides or (), threads, dask, quiet)
-            compute(sweep, path, command, quiet, threads=threads, client=client, **existing)
+            run_and_report(sweep, path, command, quiet, threads=threads, client=client, **existing)
     if not quiet:
         say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
 
 
 def _check_cluster(address: str | None, threads: int | None) -> None:
-    """Refuse an address that is none, and threads beside it."""
+    """Refuse a malformed address, and a number of threads beside an address."""
     if address is None:
         return
     from sweeps.engine.client import check_address
@@ -142,7 +142,7 @@ def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
 def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
 ) -> str:
-    """Return what a sweep takes, or refuse it where that is too much."""
+    """Return what a sweep takes, or refuse it if it takes too much."""
     from sweeps.engine.background import run_in_background
     from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
@@ -155,8 +155,10 @@ def _plan(
     return plan(sweep, path, cost)
 
 
-def compute(sweep: SweepConfig, path: Path, command: str, quiet: bool, **options: Any) -> None:
-    """Run a sweep and say what came of it; a failure names the `command` that goes on."""
+def run_and_report(
+    sweep: SweepConfig, path: Path, command: str, quiet: bool, **options: Any
+) -> None:
+    """Run a sweep and print its summary; on failure, name the `command` that resumes the run."""
     from sweeps.engine import reports
     from sweeps.store import Lost
 
@@ -186,7 +188,7 @@ def _command(
     dask: str | None,
     quiet: bool,
 ) -> str:
-    """Return the command that goes on with a run."""
+    """Return the command that resumes a run."""
     command = ["vibroimpact", "run", *map(str, configs)]
     command += ["-o", str(output)] if output else []
     command += [part for override in overrides for part in ("--set", override)]

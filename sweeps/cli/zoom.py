@@ -21,7 +21,7 @@ from sweeps.cli.options import (
     interval,
 )
 from sweeps.cli.plot import draw
-from sweeps.cli.run import compute
+from sweeps.cli.run import run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 
@@ -29,8 +29,8 @@ Pieces = Annotated[
     list[str],
     typer.Argument(
         metavar="NAME=LOW:HIGH...",
-        help="The piece of each axis to compute, e.g. omega=2.71:2.76; of a coordinate, as "
-        "poincare_x=-1:0, what is drawn of it.",
+        help="The range of each axis to compute, e.g. omega=2.71:2.76. For a coordinate, as "
+        "poincare_x=-1:0, the range that is drawn.",
     ),
 ]
 Output = Annotated[
@@ -77,7 +77,7 @@ def zoom(
     check_output(path, **existing)
     check_picture(figure)
     command = shlex.join(["vibroimpact", "zoom", str(file), *pieces, "-o", str(path), "--resume"])
-    compute(sweep, path, command, quiet=False, threads=threads, **existing)
+    run_and_report(sweep, path, command, quiet=False, threads=threads, **existing)
     with open_sweep(path, verify=False) as dataset, raised_at_once():
         draw(dataset, figure, None, {}, page, **coordinate)
 

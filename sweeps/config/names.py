@@ -36,12 +36,12 @@ _OTHER_NAMES = {
     "num": "n count number points steps size",
     "spacing": "scale",
 }
-#: Those of the ends of a range, which elsewhere may be anything.
+#: Other names of `start` and `stop` in a range; elsewhere these words mean other things.
 _OTHER_ENDS = {"start": "from min low lower begin first", "stop": "to max high upper end last"}
 
 
 def meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> str | None:
-    """Return the key that was meant by a name that is none.
+    """Return the key meant by a name that is not a key.
 
     Parameters
     ----------

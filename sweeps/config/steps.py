@@ -18,12 +18,12 @@ _CHUNK = 1 << 16
 
 
 def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
-    """Return the points of a grid that need the most steps per period, of all rules.
+    """Return the two points of a grid that need the most steps per period, one for each rule.
 
-    The step must be short for the largest h and p, which is what exact impacts ask for, and for
-    the integrator to be stable. The longest stable T is not monotone: Euler's is 2h / p^2, then
-    falls; that of Runge-Kutta has a minimum at h = 0.54 p. But along p, at any h, it has no minimum
-    within the axis, so that the ends of p will do.
+    Exact impacts need the shortest step at the largest h and p; and at every point the step must be
+    short enough for the integrator to be stable. The longest stable T is not monotone in h: that of
+    Euler is 2h / p^2, then falls; that of Runge-Kutta has a minimum at h = 0.54 p. But along p, at
+    any h, it has no minimum within the axis, so that the ends of p will do.
 
     Returns
     -------

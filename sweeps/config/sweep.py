@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from sweeps.config.refinement import refuse_refinement
+from sweeps.config.refine_checks import refuse_refinement
 from sweeps.config.schema import (
     FollowConfig,
     MethodConfig,

@@ -1,9 +1,9 @@
-"""What a run computes, in a thread of its own: one item ahead of the main one, which writes.
+"""Compute the items of a run in a second thread, one item ahead of the main thread, which writes.
 
-The main thread waits, and hears Ctrl-C and SIGTERM at once. Where it leaves the items, because of
-a signal or an error, it sets a flag, which the kernel looks at in every forcing period, and numba
+The main thread waits, and hears Ctrl-C and SIGTERM at once. If it leaves the items, because of a
+signal or an error, it sets a flag. The kernel checks the flag in every forcing period, and numba
 before each of its passes over a function: a pass takes two seconds at the most, of the 10 that a
-first run compiles. So the thread ends by itself.
+first run compiles. So the second thread ends by itself.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ _END: Any = object()
 
 
 def in_background(items: Iterable[T], *, join: bool = True) -> Generator[T, None, None]:
-    """Yield items that are computed in another thread, one ahead; to be closed where it is left.
+    """Yield items that are computed in another thread, one ahead.
+
+    Close the generator if you leave it early.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def in_background(items: Iterable[T], *, join: bool = True) -> Generator[T, None
 
 
 def run_in_background(function: Callable[..., T], *arguments: Any) -> T:
-    """Return what a function returns, which runs in another thread as `in_background`."""
+    """Run a function in another thread, as `in_background` does, and return its result."""
     (result,) = in_background(function(*arguments) for _ in range(1))
     return result
 
@@ -71,7 +73,7 @@ def _waited(future: Future[T]) -> T:
 
 @contextmanager
 def given_up_by(flag: np.ndarray) -> Iterator[None]:
-    """End the work of this thread in the block, with a KeyboardInterrupt, once `flag` is set.
+    """Inside the ``with`` block, end this thread's work by KeyboardInterrupt once `flag` is set.
 
     Parameters
     ----------
@@ -87,19 +89,19 @@ def given_up_by(flag: np.ndarray) -> Iterator[None]:
 
 
 def interrupt() -> np.ndarray | None:
-    """Return the flag that ends the work of this thread, for the kernel; None in any other."""
+    """Return the flag that ends the work of this thread, or None if the thread has no flag."""
     return getattr(_this_thread, "flag", None)
 
 
 def check_given_up() -> None:
-    """Raise a KeyboardInterrupt in the thread of items that were left."""
+    """Raise KeyboardInterrupt if the work of this thread was given up."""
     flag = interrupt()
     if flag is not None and flag[0]:
         raise KeyboardInterrupt
 
 
 class _Compilation(event.Listener):
-    """Ends a compilation for items that were left, before the next pass over a function."""
+    """Ends a compilation of work that was given up, before the next pass over a function."""
 
     def on_start(self, event: event.Event) -> None:
         check_given_up()

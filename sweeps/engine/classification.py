@@ -17,8 +17,8 @@ from sweeps.analysis.class_changes import Label, labels
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.config.sweep import SweepConfig
+from sweeps.engine.as_dataset import as_dataset
 from sweeps.engine.compute import compute
-from sweeps.engine.results import as_dataset
 from vibroimpact.oscillator import Oscillator, mesh
 
 #: How often a motion that does not show its class is followed four times as long.

@@ -47,7 +47,7 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Yield a client of the cluster at an address, and keep logs off the terminal meanwhile.
+    """Yield a client of the cluster at an address, and disable all logging meanwhile.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _signals_kept_away() -> Iterator[None]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs off the terminal; what matters is told by the errors."""
+    """Disable all logging, of Dask and of everything else; the errors tell what matters."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

@@ -25,7 +25,7 @@ SOURCES = (
     "analysis/class_changes.py",
     "analysis/motion.py",
     "analysis/nearby_orbit.py",
-    "engine/results.py",
+    "engine/as_dataset.py",
     "analysis/selection.py",
 )
 

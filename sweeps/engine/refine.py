@@ -102,12 +102,12 @@ class Refinement:
         self.intervals = self._fewer(halves)
 
     def _fewer(self, intervals: list[Interval]) -> list[Interval]:
-        """Return as many intervals as are halved, and count the others."""
+        """Return at most ``MOST_INTERVALS``; add the number of the rest to `left_out`."""
         self.left_out += max(0, len(intervals) - MOST_INTERVALS)
         return intervals[:MOST_INTERVALS]
 
     def _middle(self, low: float, high: float) -> float:
-        """Return the middle of an interval, or the value of the grid that it misses by rounding."""
+        """Return the middle of an interval, or the grid value there if they differ by rounding."""
         middle = 0.5 * (low + high)
         value = self._values[np.searchsorted(self._values, middle - 1e-9 * (high - low))]
         return float(value) if low < value <= middle + 1e-9 * (high - low) else middle

@@ -10,8 +10,8 @@ import numpy as np
 from bokeh.models import ColumnDataSource, LegendItem
 
 from sweeps.analysis.exact_branches import Line
+from sweeps.engine.as_dataset import as_dataset
 from sweeps.engine.background import check_given_up
-from sweeps.engine.results import as_dataset
 from sweeps.explore.diagram import Diagram
 from sweeps.explore.view import View
 from sweeps.explore.worker import Step

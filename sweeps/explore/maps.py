@@ -13,7 +13,7 @@ from bokeh.layouts import column
 from bokeh.models import Div, Range1d
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.results import as_dataset
+from sweeps.engine.as_dataset import as_dataset
 from sweeps.explore.diagram import numbers
 from sweeps.explore.pixel_figure import PixelFigure, outer_edges
 from sweeps.explore.view import BASINS, View, bounds

@@ -15,7 +15,7 @@ from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.analysis.selection import Setting
 from sweeps.analysis.trajectories import continued_motion
-from sweeps.engine.results import as_dataset
+from sweeps.engine.as_dataset import as_dataset
 from sweeps.errors import Refused
 from sweeps.explore.diagram import numbers
 from sweeps.explore.view import View

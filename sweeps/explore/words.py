@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sweeps.plotting.words import as_variable, label
+from sweeps.plotting.quantity_words import as_variable, label
 
 #: The page has no formulas: they would need a typesetter of a megabyte.
 _LETTERS = {

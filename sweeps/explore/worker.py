@@ -1,4 +1,4 @@
-"""A thread that computes what was asked for last, and gives up what nobody waits for any more."""
+"""A thread that computes the newest request, and abandons work that a newer request replaces."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Step:
     name : str
         Of the place in the page that it fills; several steps may fill one, each better.
     key : object
-        What the result depends on: what the place holds already is not computed again, nor what
-        is worse.
+        What the result depends on: a step is skipped if its place already holds this result or a
+        better one of the same request.
     compute : callable
         Returns the result; in the thread of the worker.
     show : callable

@@ -9,12 +9,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.distinct_attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
+from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_axes
-from sweeps.analysis.table import Row, classes, parameter_axes, rows, shown_speeds
-from sweeps.analysis.unsettled import EXTENSIONS
 from sweeps.errors import Refused, shown_count
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
@@ -22,7 +22,7 @@ from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
-from sweeps.plotting.words import label
+from sweeps.plotting.quantity_words import label
 
 
 @in_style

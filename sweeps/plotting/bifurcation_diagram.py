@@ -19,8 +19,8 @@ from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import refuse_empty, select_line, split_directions
 from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.quantity_words import label
 from sweeps.plotting.scalar_panels import check_scalars, draw_scalar
-from sweeps.plotting.words import label
 from vibroimpact.oscillator import PARAMETERS
 
 #: More points than this are drawn as a density: single markers would merge into a blob.

@@ -17,7 +17,7 @@ from sweeps.plotting.canvas import add_legend
 from sweeps.plotting.labels import label_ordinate, log_spaced, set_scale
 from sweeps.plotting.palette import STATUS_COLOURS
 from sweeps.plotting.pixels import cell_edges
-from sweeps.plotting.words import label
+from sweeps.plotting.quantity_words import label
 from vibroimpact.status import Status
 
 #: Title of a legend of periodic classes.

@@ -186,7 +186,8 @@ def _ordinates(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
         return branch.phases % (2.0 * np.pi)
     rows = []
     for i in range(len(branch.values)):
-        oscillator = branch.orbit(i).oscillator  # that orbit may begin anew at another impact
+        # Not the orbit itself, which may number its impacts from another impact than the branch.
+        oscillator = branch.orbit(i).oscillator
         orbit = PeriodicOrbit(oscillator, branch.m, branch.phases[i], branch.speeds[i])
         rows.append(coordinates(orbit, coordinate, phase))
     return np.array(rows)
@@ -197,8 +198,8 @@ def _breaks(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
     steps = len(branch.values) - 1
     if coordinate in ("impact_v", "poincare_x") or not branch.q:
         return np.zeros(steps, int)
-    begin = 0.0 if coordinate == "impact_phase" else phase
-    turns = np.floor((branch.phases - begin) / (2.0 * np.pi))
+    wrap_phase = 0.0 if coordinate == "impact_phase" else phase
+    turns = np.floor((branch.phases - wrap_phase) / (2.0 * np.pi))
     jumps = (np.diff(turns, axis=0) != 0.0).any(axis=1)
     return np.where(jumps, -1, np.cumsum(jumps))
 

@@ -11,9 +11,9 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from sweeps.analysis.attractor_table import parameter_axes
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.selection import Cut, listed, swept_axes
-from sweeps.analysis.table import parameter_axes
 from sweeps.errors import Refused
 from sweeps.plotting.attractor_pictures import attractor_diagram, basins
 from sweeps.plotting.bifurcation_diagram import bifurcation

@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.analysis.selection import Setting
 from sweeps.plotting.canvas import Page, Picture, figure_of, printed_width
-from sweeps.plotting.words import label
+from sweeps.plotting.quantity_words import label
 from sweeps.store import DIRECTION, is_remarkable
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status

@@ -58,7 +58,7 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
 
 
 def scalars(dataset: xr.Dataset) -> list[str]:
-    """Name the variables that have a number, or the exponents, at every point."""
+    """List the variables with one number, or the Lyapunov exponents, per point."""
     return [
         name
         for name, variable in VARIABLES.items()

@@ -28,7 +28,7 @@ def count_pixels(
 
 
 def widened(low: float, high: float) -> tuple[float, float]:
-    """Return a range of values; of rounding errors about a constant, one as wide as that."""
+    """Return a range of values, widened to their size if they differ only by rounding."""
     size = max(abs(low), abs(high))
     if not high - low < 1e-6 * size:  # nor are NaN and infinity widened
         return low, high

@@ -11,7 +11,7 @@ from sweeps.analysis.selection import Cut, Setting, recorded
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.labels import add_title, label_ordinate
 from sweeps.plotting.marks import draw_points, draw_stop, widen_if_constant
-from sweeps.plotting.words import label
+from sweeps.plotting.quantity_words import label
 
 
 @in_style

@@ -13,7 +13,7 @@ from sweeps.analysis.selection import listed
 from sweeps.errors import Refused
 from sweeps.plotting.lines import scalars
 from sweeps.plotting.palette import DIRECTION_COLOURS
-from sweeps.plotting.words import label
+from sweeps.plotting.quantity_words import label
 
 #: Letters of a line of the label beside a panel.
 _LABEL_WIDTH = 16

@@ -20,7 +20,7 @@ from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_picture
 from sweeps.plotting.labels import add_title, mathtext
 from sweeps.plotting.marks import draw_stop
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
-from sweeps.plotting.words import as_variable, label
+from sweeps.plotting.quantity_words import as_variable, label
 
 #: Forcing periods that are computed where no trajectory was recorded.
 PERIODS = 4

@@ -2,7 +2,7 @@ from .blocks import Lost as Lost
 from .layout import ADDED as ADDED
 from .layout import Layout as Layout
 from .lock import only_writer as only_writer
-from .output import check_output as check_output
+from .path_checks import check_output as check_output
 from .reader import open_sweep as open_sweep
 from .reader import per_point as per_point
 from .reader import status_counts as status_counts

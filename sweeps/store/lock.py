@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from sweeps.errors import StoreError
-from sweeps.store.output import reason
+from sweeps.store.path_checks import reason
 
 #: What a lock file holds: nothing where its writer was killed before it wrote this.
 _TEXT = re.compile(rb"(?:vibroimpact lock of process (\d+)\n)?")

@@ -18,7 +18,7 @@ from sweeps.grid import Block
 from sweeps.interrupts import check
 from sweeps.store.layout import BLOCKS, COORDINATES, FORMAT_VERSION, Layout
 from sweeps.store.ledger import DamageError, Ledger, State, checksum
-from sweeps.store.output import open_regular, reason, refuse_version, refuse_without_ledger
+from sweeps.store.path_checks import open_regular, reason, refuse_version, refuse_without_ledger
 from sweeps.store.variables import VARIABLES
 from vibroimpact.status import Status
 
@@ -163,12 +163,12 @@ class SweepFile:
 
     def named(self, indices: Iterable[int]) -> str:
         """Name blocks by their number and the part of the grid that they cover; "" if none."""
-        texts = [f"block {i}{self._covered(self.layout.blocks[i])}" for i in indices]
+        texts = [f"block {i}{self._range_text(self.layout.blocks[i])}" for i in indices]
         more = f" and {len(texts) - 3} more" if len(texts) > 3 else ""
         return f"{', '.join(texts[:3])}{more} of {len(self.layout.blocks)}" if texts else ""
 
-    def _covered(self, block: Block) -> str:
-        """Say which part of the grid a block covers, where that is not all."""
+    def _range_text(self, block: Block) -> str:
+        """Return as text the part of the grid a block covers; "" if it is the whole grid."""
         ends = [
             f"{name} {values[cut][0]:g} to {values[cut][-1]:g}"
             for cut, (name, values) in zip(block, self.layout.axes.items(), strict=True)

@@ -1,4 +1,4 @@
-"""Replace a file by a new one when that is complete."""
+"""Replace a file by a new one once the new one is complete."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from sweeps.store.ledger import opened
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the name of a new, empty file, which replaces `path` at the end.
 
-    Where the block raises, `path` is as it was, and the new file is removed.
+    If `path` is a link, its target is replaced. If the ``with`` block raises, `path` stays as it
+    was, and the new file is removed.
     """
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
     with opened(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW):

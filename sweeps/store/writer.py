@@ -24,7 +24,7 @@ from sweeps.store.blocks import BlockFile
 from sweeps.store.creation import create, pack
 from sweeps.store.layout import Layout
 from sweeps.store.ledger import State, checksum
-from sweeps.store.output import check_output, reason
+from sweeps.store.path_checks import check_output, reason
 from sweeps.store.reader import sweep_file
 from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.resuming import refuse_other
@@ -35,7 +35,7 @@ from sweeps.store.variables import VARIABLES
 def sweep_writer(
     path: str | Path, layout: Layout, *, overwrite: bool = False, resume: bool = False
 ) -> Iterator[SweepWriter]:
-    """Create the file of a sweep, or go on with it; to be called by its `only_writer`.
+    """Create the file of a sweep, or go on with it; call it inside `only_writer`.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def sweep_writer(
     except BaseException as error:
         with suppress(Failed):  # the first failure is the one to tell
             writer.close()
-        if isinstance(error, StoreError):  # the file was accepted, and is not what it was
+        if isinstance(error, StoreError):  # the file passed its checks, and has changed since
             raise Failed(str(error)) from error
         raise
     writer.close()

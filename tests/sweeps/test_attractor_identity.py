@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
+from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.motion import Motion
-from sweeps.analysis.table import rows
 from sweeps.errors import Refused
 from sweeps_over_starts import cycle, hand_made, partition
 from vibroimpact.status import Status

@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 
 from commands import call
 from sweeps import attractors
-from sweeps.analysis.table import cut, rows
+from sweeps.analysis.attractor_table import cut, rows
 from sweeps.errors import Refused
 from sweeps.plotting import attractor_diagram, basins, plot
 from sweeps_over_starts import cycle, hand_made, partition

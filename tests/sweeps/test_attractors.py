@@ -6,8 +6,8 @@ import xarray as xr
 
 from commands import call
 from sweeps import attractors, load_config, open_sweep, run_sweep
+from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.motion import Motion
-from sweeps.analysis.table import rows
 from sweeps_over_starts import partition
 from vibroimpact import Oscillator, one_impact_orbit
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 import sweeps
 from sweeps import attractors, load_config, open_sweep, run_sweep
+from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.motion import Motion, classify
-from sweeps.analysis.table import rows
 from sweeps.plotting import plot
 from vibroimpact import Oscillator, one_impact_orbit
 

@@ -289,9 +289,9 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
     ("overrides", "said"),
     [
         (["refine.axis=omga"], "refine.axis = omga is unknown (did you mean omega?)"),
-        (["refine.axis=R"], "R must be the only swept axis, and swept are: omega"),
-        (["oscillator.R=[0.7, 0.8]"], "swept are: R, omega"),
-        (["oscillator.omega=2.0"], "swept are: none"),
+        (["refine.axis=R"], "R must be the only swept axis, but these are swept: omega"),
+        (["oscillator.R=[0.7, 0.8]"], "these are swept: R, omega"),
+        (["oscillator.omega=2.0"], "these are swept: none"),
         (["oscillator.omega=[2.0]"], "two or more values of it, in increasing order"),
         (["oscillator.omega=[2.1, 2.0]"], "two or more values of it, in increasing order"),
         (["refine.levels=0"], "refine.levels = 0 is not allowed; expected: how often"),

@@ -11,7 +11,7 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store.creation import create
 from sweeps.store.layout import FORMAT_VERSION
-from sweeps.store.output import check_output
+from sweeps.store.path_checks import check_output
 from sweeps.store.reader import open_sweep
 from sweeps.store.writer import sweep_writer
 

@@ -1,4 +1,4 @@
-"""Which sweeps can be refined."""
+"""Check that a sweep can be refined."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def refuse_refinement(
     record: RecordConfig,
     follow: FollowConfig | None,
 ) -> None:
-    """Refuse to refine a sweep along an axis, where that cannot be done.
+    """Refuse to refine a sweep that cannot be refined along an axis.
 
     Raises
     ------
@@ -28,8 +28,8 @@ def refuse_refinement(
         swept = ", ".join(axes) or "none"
         raise MisplacedError(
             ("refine", "axis"),
-            f"{axis} must be the only swept axis, and swept are: {swept}; expected: one axis, and "
-            "its name here",
+            f"{axis} must be the only swept axis, but these are swept: {swept}; expected: one "
+            "axis, and its name here",
         )
     if len(axes[axis]) < 2 or not (np.diff(axes[axis]) > 0.0).all():
         raise MisplacedError(
@@ -62,5 +62,5 @@ def refuse_refinement(
     if follow is not None and follow.direction == "both":
         raise MisplacedError(
             ("follow", "direction"),
-            "both branches cannot be refined at once; expected: up or down, or no refine",
+            "both directions cannot be refined at once; expected: up or down, or no refine",
         )

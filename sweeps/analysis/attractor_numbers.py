@@ -1,14 +1,14 @@
 """Track attractors from one parameter point to the next: one number for each along the axes.
 
-An attractor goes on at the next value of an axis as the one whose cycle is nearest, if each is the
-nearest to the other and they are no further apart than ``MAX_DISTANCE``; or, where a step moves the
-section by more, as the one on the same exact branch (`sweeps.analysis.exact_links`). It keeps its
-number through a flip: an orbit of m periods may go on as one of 2 m, or of m / 2, that lies near
-it, as the branches of a diagram do. It loses it in a jump, as at the end of a window.
+Two attractors at neighbouring values of an axis get one number if each cycle is the nearest to the
+other and they are no further apart than ``MAX_DISTANCE``; or, if a step moves the section by more,
+if both are on the same exact branch (`sweeps.analysis.exact_links`). An attractor keeps its number
+through a flip: an orbit of m periods may go on as a nearby orbit of 2 m or m / 2 periods, as the
+branches of a diagram do. It loses its number in a jump, as at the end of a window.
 
-Along the longest axis chains are made so, also over gaps of ``MAX_GAP`` of the axis: beside a flip
-the motion settles slowly, and for a few values no repetition is found. Along the other axes chains
-are joined, those with the longest border first, and never two that coexist somewhere; around a
+These links make chains along the longest axis, also over gaps of ``MAX_GAP`` of the axis: beside a
+flip the motion settles slowly, and for a few values no repetition is found. Along the other axes
+chains are joined, the longest border first, but never two chains that coexist somewhere. Around a
 cusp, where one attractor leads to another, the number therefore changes along some line.
 """
 
@@ -22,9 +22,9 @@ import numpy as np
 
 from vibroimpact.orbits.cycles import Cycles, distances
 
-#: Attractors further apart than this, relative to their greatest coordinate, are two.
+#: Attractors further apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2
-#: So many pairs are tried by their exact branches, each for some milliseconds.
+#: The most pairs that are tried by their exact branches, each for some milliseconds.
 MOST_BRANCHES = 1000
 #: The longest gap that is bridged, as a share of an axis.
 MAX_GAP = 1 / 32

@@ -13,14 +13,14 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import STARTS, PointNumbers, records
+from sweeps.analysis.longer_runs import orbit_speeds
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
-from sweeps.analysis.unsettled import orbit_speeds
 from sweeps.errors import Refused, shown_count, shown_range, table
 
-#: Kinds of motion that are listed and are no attractor.
+#: Kinds of motion that are listed but are not attractors.
 _UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
-#: Up to so many impact speeds are written out; of more, the slowest and the fastest.
+#: Up to this number, all impact speeds are written out; beyond it, the slowest and the fastest.
 _MOST_SPEEDS = 4
 
 

@@ -1,14 +1,15 @@
 """Follow motions whose record does not show their attractor, until it is known.
 
 A motion is followed on if it has not settled in its record: it neither repeats nor rests nor is
-chaotic. So is a motion that rests once in its record, since it rests again only if it is periodic,
-and chaos beside other attractors, which may be a long transient. Each extension makes the motion
-four times as long, from the last section on and with the method of the file. What has not settled
-then is on the stable orbit that it goes to (`sweeps.analysis.nearby_orbit`), if there is one.
+chaotic. So is a motion that rests once in its record, since it rests again only if it is periodic.
+So is chaos beside other attractors, since it may be a long transient. Each extension makes the
+motion four times as long, from the last section on and with the method of the file. A motion that
+still has not settled is given the stable orbit that it goes to (`sweeps.analysis.nearby_orbit`), if
+there is such an orbit.
 
-Chaos beside other attractors is followed on for as long as some of it ends. What never settles, as
-without damping, would take forever: nothing is followed beyond ``MOST_PERIODS`` forcing periods in
-all.
+Chaos beside other attractors is followed on for as long as some of these motions leave chaos.
+Motions that never settle, as without damping, would take forever: all motions together are followed
+for at most ``MOST_PERIODS`` forcing periods.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from vibroimpact.oscillator import POINT, Oscillator
 EXTENSIONS = 4
 #: Forcing periods that are recorded of a motion followed on: twice the longest repetition.
 _RECORD = 2 * LONGEST_PERIOD
-#: Forcing periods that are followed in all.
+#: The most forcing periods that all motions together are followed for.
 MOST_PERIODS = 300_000_000
-#: So many motions of a parameter point may fail to lead to an orbit, then no more are tried.
+#: After this many motions of a parameter point lead to no orbit, no more are tried.
 _MOST_FAILURES = 5
 #: Motions of which a longer run may show another kind.
 _OPEN = (Motion.UNDECIDED, Motion.NEUTRAL, Motion.CHAOTIC)
@@ -48,9 +49,10 @@ class Outcomes:
     Attributes
     ----------
     motion, period, impacts : ndarray of int, shape (n,)
-        The `Motion` at each point, and m and q where it is periodic, otherwise 0.
+        The `Motion` at each point, and m and q of a periodic motion, otherwise 0.
     followed : ndarray of bool, shape (n,)
-        Whether the motion was followed on, so that its record does not show it.
+        Whether the motion was followed on: then these values come from the longer run, not from
+        its record.
     cycles : dict of int to ndarray, shape (m, 2)
         The section states of the periodic motions that were followed on, by point.
     """
@@ -70,10 +72,10 @@ def outcomes(dataset: xr.Dataset, points: PointNumbers, extensions: int = EXTENS
     dataset : Dataset
         An opened sweep, or a cut through one, with ``period`` and the section.
     points : PointNumbers
-        Of it.
+        The points of `dataset`.
     extensions : int
-        How often a motion that has not settled is followed four times as long; 0: the records
-        alone decide.
+        How often a motion that has not settled is followed four times as long; with 0 the
+        records alone decide.
     """
     motion = classify(dataset).ravel()
     periodic = motion == Motion.PERIODIC
@@ -91,10 +93,10 @@ def outcomes(dataset: xr.Dataset, points: PointNumbers, extensions: int = EXTENS
 
 
 class _Extension:
-    """Follows motions on, and enters what they are."""
+    """Follows motions on, and stores the result."""
 
     def __init__(self, dataset: xr.Dataset, points: PointNumbers, result: Outcomes) -> None:
-        self._points, self._result = points, result
+        self._points, self._outcomes = points, result
         self._setting = Setting.of(dataset)
         self._exact = self._setting.method["impact"] == "exact"
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
@@ -107,7 +109,7 @@ class _Extension:
 
     def run(self, at: np.ndarray, extensions: int) -> None:
         """Follow the motions at points on, as often as `extensions` says."""
-        motion, left = self._result.motion, MOST_PERIODS
+        motion, left = self._outcomes.motion, MOST_PERIODS
         ended = np.ones(self._points.count, bool)
         for extension in range(1, extensions + 1):
             length = (4**extension - 4 ** (extension - 1)) * self._length
@@ -124,16 +126,16 @@ class _Extension:
             at = at[np.isin(motion[at], _OPEN)]
 
     def _worthwhile(self, at: np.ndarray, ended: np.ndarray) -> np.ndarray:
-        """Return which motions to follow: chaos only where it `ended` and beside other motions."""
-        motion, parameter = self._result.motion, self._points.parameter
+        """Return which motions to follow: chaos only beside settled motions and if some `ended`."""
+        motion, parameter = self._outcomes.motion, self._points.parameter
         settled = np.isin(motion, (Motion.PERIODIC, Motion.REST))
         beside = np.bincount(parameter[settled], minlength=self._points.count) > 0
         chaotic = motion[at] == Motion.CHAOTIC
         return ~chaotic | (beside & ended)[parameter[at]]
 
     def _follow(self, at: np.ndarray, transient: int) -> None:
-        """Follow motions over the transient and a record, and enter what that shows."""
-        result, setting = self._result, self._setting
+        """Follow motions over the transient and a record, and store what the record shows."""
+        setting = self._setting
         results = integrate(
             self._states[at],
             **setting.scheme,
@@ -148,20 +150,20 @@ class _Extension:
         period, impacts = period_class(x, v, results["impacts_per_period"])
         results |= {"period": period}
         motion = kinds(results, self._states["omega"][at], _RECORD)
-        result.followed[at] = True
-        result.motion[at] = motion
-        result.period[at] = np.where(motion == Motion.PERIODIC, period, 0)
-        result.impacts[at] = np.where(motion == Motion.PERIODIC, impacts, 0)
+        self._outcomes.followed[at] = True
+        self._outcomes.motion[at] = motion
+        self._outcomes.period[at] = np.where(motion == Motion.PERIODIC, period, 0)
+        self._outcomes.impacts[at] = np.where(motion == Motion.PERIODIC, impacts, 0)
         self._states["x0"][at], self._states["v0"][at] = x[:, -1], v[:, -1]
         failures: Counter[int] = Counter()
         for i, record in zip(at.tolist(), np.stack([x, v], axis=2), strict=True):
-            if result.motion[i] == Motion.PERIODIC:
-                result.cycles[i] = record[-result.period[i] :].copy()
-            elif self._exact and result.motion[i] in (Motion.UNDECIDED, Motion.NEUTRAL):
-                self._enter_orbit(i, record, failures)
+            if self._outcomes.motion[i] == Motion.PERIODIC:
+                self._outcomes.cycles[i] = record[-self._outcomes.period[i] :].copy()
+            elif self._exact and self._outcomes.motion[i] in (Motion.UNDECIDED, Motion.NEUTRAL):
+                self._store_orbit(i, record, failures)
 
-    def _enter_orbit(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
-        """Enter the stable orbit that a motion goes to, where there is one."""
+    def _store_orbit(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
+        """Store the stable orbit that a motion goes to, if there is one."""
         parameter = int(self._points.parameter[i])
         orbits = self._orbits.setdefault(parameter, [])
         class_and_cycle = next((orbit for orbit in orbits if goes_to(record, orbit[2])), None)
@@ -176,9 +178,10 @@ class _Extension:
                 return
             class_and_cycle = orbit.m, orbit.q, orbit.sections(self._setting.phase)
             orbits.append(class_and_cycle)
-        result = self._result
-        result.motion[i] = Motion.PERIODIC
-        result.period[i], result.impacts[i], result.cycles[i] = class_and_cycle
+        self._outcomes.motion[i] = Motion.PERIODIC
+        m, q, cycle = class_and_cycle
+        self._outcomes.period[i], self._outcomes.impacts[i] = m, q
+        self._outcomes.cycles[i] = cycle
 
 
 def orbit_speeds(
@@ -195,7 +198,7 @@ def orbit_speeds(
     states : ndarray, shape (n, 2)
         x and v at a section of each motion [length, length/time].
     m, q : ndarray of int, shape (n,)
-        Forcing periods and impacts per repetition: so many speeds are returned, increasing.
+        Forcing periods and impacts per repetition; q speeds are returned per motion, increasing.
     """
     setting = Setting.of(dataset)
     points = _at_states(dataset, at, *states.T)
