@@ -148,6 +148,7 @@ def test_an_identity_survives_an_impact_that_passes_the_section():
     assert len(set(along(points, 1)[:, 0])) == 1
 
 
+@pytest.mark.slow
 def test_identities_on_a_sweep_over_omega(computed_starts):
     """The orbit of one impact per period, stable from 1.26 on, through its flip at 2.655.
 

@@ -77,6 +77,7 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     ]
 
 
+@pytest.mark.slow
 def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
     dataset = computed_starts().load().copy(deep=True)
     dataset["status"][0, 0], dataset["status"][1, 1] = Status.PENDING, Status.UNRESOLVED

@@ -109,6 +109,7 @@ def test_an_attractor_that_no_record_shows_has_its_speeds(computed_starts):
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
     """Without damping and impacts: a sum of two frequencies, for ever."""
     dataset = computed_starts(

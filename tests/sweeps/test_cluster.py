@@ -100,6 +100,7 @@ def test_what_one_machine_began_a_cluster_ends_and_the_other_way_round(
     assert_same_bits("out.h5")
 
 
+@pytest.mark.slow
 def test_an_interrupt_takes_the_tasks_off_the_cluster(monkeypatch, client, small_blocks):
     on_write(monkeypatch, 2, stop)
     with pytest.raises(KeyboardInterrupt):

@@ -320,6 +320,7 @@ def test_another_duration_is_named(bases):
         open_sweep(base.path, verify=False)
 
 
+@pytest.mark.slow
 def test_damaged_blocks_of_an_incomplete_file_are_computed_again(bases):
     for name in ("empty", "begun", "torn"):
         base = bases[name]

@@ -59,6 +59,7 @@ def test_computed_points_are_on_the_stable_branches_to_rounding(exact, coordinat
         assert one.sizes[one.settled].max(initial=0.0) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_point_off_the_branch_by_so_much_is_told(exact):
     line = line_of(exact)
     line.dataset.load()

@@ -115,6 +115,7 @@ LOGARITHMIC = {
 }
 
 
+@pytest.mark.slow
 def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
     page = Page(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
     h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
@@ -307,6 +308,7 @@ def command(*arguments, cwd):
     return subprocess.run(run, cwd=cwd, capture_output=True, text=True, timeout=100)
 
 
+@pytest.mark.slow
 def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
     path = tmp_path / "wrong.yaml"
     path.write_text("oscillator: {h: 0.1, R: 2, omega: 1, f: 1}\n")
@@ -318,6 +320,7 @@ def test_a_wrong_configuration_is_refused_as_by_run(tmp_path):
     assert "absent.yaml" in absent.stderr
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_refused_as_by_plot(tmp_path):
     config = View.of(load_config(CONFIGS / "quickstart.yaml")).diagram(5)
     path = run_sweep(config, tmp_path / "run.h5")

@@ -91,6 +91,7 @@ def test_one_direction_has_no_dimension_and_is_that_of_both(way):
     xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
 
 
+@pytest.mark.slow
 def test_the_first_point_of_a_chain_starts_as_every_point():
     followed, alone = ran(configured()), ran(configured("follow=null"))
     for way, first in (("up", 0.6), ("down", 2.7)):

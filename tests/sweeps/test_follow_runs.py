@@ -82,6 +82,7 @@ def test_a_damaged_block_is_named_and_computed_again(monkeypatch):
     xr.testing.assert_identical(data("out.h5"), expected)
 
 
+@pytest.mark.slow
 def test_any_reader_finds_a_direction_by_its_name():
     ran(configured())
     with xr.open_dataset("out.h5", engine="h5netcdf") as dataset, open_sweep("out.h5") as ours:

@@ -136,6 +136,7 @@ def test_basins_with_a_clearance(scene):
     assert_allclose(table["2/1"].speeds, [orbit.v], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_grazing(scene):
     dataset = scene("grazing", f"oscillator.clearance={values(1.845, 1.9, 1.925)}")
     found = {}
@@ -185,6 +186,7 @@ def test_impacts_are_added_one_by_one_down_to_rest(scene):
     )
 
 
+@pytest.mark.slow
 def test_damping(scene):
     """3/2 and 4/3 by slow steps, too."""
     dataset = scene("damping", f"oscillator.h={values(0.1, 0.19, 0.25, 0.35, 0.5)}")

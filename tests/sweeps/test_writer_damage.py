@@ -89,6 +89,7 @@ def test_damaged_blocks_are_named_and_computed_again(tmp_path, whole, compressed
     xr.testing.assert_identical(data(path), whole)
 
 
+@pytest.mark.slow
 def test_a_file_damaged_elsewhere_is_not_resumed(tmp_path):
     path = tmp_path / "out.h5"
     fill_blocks(path, 2)

@@ -31,6 +31,7 @@ def random_points(n, seed):
     return points
 
 
+@pytest.mark.slow
 def test_random_points_end_decided():
     """2000 points, 50 periods: no NaN, nothing beyond the stop, a status that says what it is."""
     points = random_points(2000, 17)

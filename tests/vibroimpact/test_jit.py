@@ -59,6 +59,7 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     assert run(tmp_path) == (3.75, 0, 1)
 
 
+@pytest.mark.slow
 def test_compiled_code_runs_without_all_that_numba_can_compile(tmp_path):
     """SciPy is most of it. A function that is not in the cache yet is compiled all the same."""
     program = f"""{PROGRAM}
