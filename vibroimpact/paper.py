@@ -1,10 +1,10 @@
 """The paper's procedure to the letter, eqs (1)-(10): scalar, slow, and an oracle.
 
-This file shares no code with the kernel. It keeps what the kernel mends, so that it can be seen:
-the next step starts at t_0 + T_r, on a grid that is uniform no more, with the acceleration of
-eq. (10), which is that before the impact and off by 2h (1 + R) v after it: that makes the scheme
-first order where h > 0, and lets it miss the fourth impact of the third case at T = 2 pi/100.
-Where x_0 = 0 after a rebound, eq. (7) gives T_r = 0, time stops advancing and the procedure stalls.
+This file shares no code with the kernel. It shows what the kernel mends. After an impact the next
+step starts at t_0 + T_r, so the grid is no longer uniform. The step starts with the acceleration of
+eq. (10), which is that before the impact: after the impact it is off by 2h (1 + R) v. So the scheme
+is of first order if h > 0, and misses the fourth impact of the third case at T = 2 pi/100. If
+x_0 = 0 after a rebound, eq. (7) gives T_r = 0, time stops advancing and the procedure stalls.
 """
 
 from __future__ import annotations

@@ -49,9 +49,10 @@ NUMERICS = _numerics()
 def cache_folder() -> Path:
     """Return the folder of compiled code, which is named after the code that it was compiled from.
 
-    A cache that looks only at the file that holds a function would serve a stale kernel where a
+    A cache that looks only at the file that holds a function would serve a stale kernel after a
     helper in another file was edited; a name made of all sources cannot. The folder lies outside
-    the package: what pip did not install it would leave behind, to shadow the next one.
+    the package: pip would not remove such files on uninstall, and the folder left with them would
+    shadow the next version.
     """
     config: Any = numba.config  # its settings are made at run time, unseen by a type checker
     root = config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False)
@@ -79,10 +80,11 @@ class CompiledCode:
         self._folder = folder
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the form for a signature, or None where there is none that can be used.
+        """Return the form for a signature, or None if there is none that can be used.
 
         Numba's own cache first refreshes `context`, which imports all that numba can compile, and
-        SciPy: half the time of a short run. Of that, code on disk needs only the memory of arrays.
+        SciPy: half the time of a short run. Code on disk needs one part of that:
+        the memory of arrays.
         """
         if _unusable(self._folder) is not None:
             return None
@@ -115,7 +117,7 @@ class CompiledCode:
             _warn(self._folder, error.strerror or type(error).__name__)
 
     def flush(self) -> None:
-        """Forget nothing: what is compiled again is written again."""
+        """Do nothing: recompiled code overwrites its file."""
 
     def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
         """Return what the compiled form depends on, beside the package that names the folder."""
@@ -148,7 +150,7 @@ def _make(folder: Path) -> None:
 
 
 def _unusable(folder: Path) -> str | None:
-    """Say why what lies in a folder must not be executed; None where it may be."""
+    """Say why what lies in a folder must not be executed; None if it may be."""
     try:
         status = folder.lstat()
     except OSError as error:

@@ -1,7 +1,7 @@
 """The rule ``exact`` in the lanes: impacts mended side by side, in vectors.
 
 All lanes glide over a step, into a second row of states. Those that may have met the stop are
-listed, and mended in columns side by side by ``single_impact``. Where that proves nothing, the
+listed, and mended in columns side by side by ``single_impact``. If that proves nothing, the
 lane goes through ``exact_step`` alone, as a single orbit does.
 """
 
@@ -28,12 +28,12 @@ from vibroimpact.step.tangents import (
 )
 
 #: Points per block at the most; a power of 2.
-LANES = 256
+EXACT_LANES = 256
 # Lanes that one integer has a bit for; columns that are mended at a time; steps between two looks
 # at the tangent vectors.
 WORD, _COLUMNS, _STRIDE = 64, 8, 4
 # The distance of rows; not a power of two, which would put them all into one set of the cache.
-_ROW = LANES + 24
+_ROW = EXACT_LANES + 24
 
 # Where the rows of a block's workspace begin; row + i belongs to lane i, or to column i. The
 # states, and the tangent vectors, have two rows: for the starts of even steps, and of odd ones.
@@ -60,7 +60,7 @@ class Block(NamedTuple):
 @jit
 def new_block():
     """Return the memory of a block; one per thread."""
-    return Block(aligned(_SIZE), np.zeros(LANES + _COLUMNS, np.int64), new_scratch())
+    return Block(aligned(_SIZE), np.zeros(EXACT_LANES + _COLUMNS, np.int64), new_scratch())
 
 
 @jit(inline=True)
@@ -98,7 +98,7 @@ def put_pair(w, a, distance, pair):
 @jit
 def set_start(w, points, s):
     """Put every lane at its start, at a phase with the sine `s`."""
-    for i in range(LANES):
+    for i in range(EXACT_LANES):
         pt = points[min(i, points.size - 1)]  # a short block repeats its last point
         x, v, resting = start(pt, s)
         w[_Y + i], w[_W + i] = enter(x, v, pt)
@@ -109,7 +109,7 @@ def set_start(w, points, s):
 @jit
 def set_equations(w, points, step, coefficients):
     """Give every lane its equation and its flow for steps of that length."""
-    for i in range(LANES):
+    for i in range(EXACT_LANES):
         k = min(i, points.size - 1)
         if i == k:
             eq = equation_of(points[k], step)
@@ -124,17 +124,17 @@ def set_equations(w, points, step, coefficients):
 def glide_lanes(w, met, size, grid, n):
     """Take all lanes over step `n`; list those that may have met the stop, and return how many.
 
-    A lane that is at rest throughout the step is not among them.
+    A lane that is at rest throughout the step is not listed.
     """
     widest_vectors()
-    old, new, third = (n & 1) * _ROW, (~n & 1) * _ROW, grid.step / 3.0
+    old_row, new_row, third = (n & 1) * _ROW, (~n & 1) * _ROW, grid.step / 3.0
     s, c, theta = grid.table[SIN, n], grid.table[COS, n], grid.table[THETA, n] + grid.step
     listed = 0
     for q in range((size + WORD - 1) // WORD):
         first, bits = WORD * q, 0
         for i in range(first, first + WORD):
-            y, v, high = glide(flow_in(w, i), w[_Y + old + i], w[_W + old + i], s, c, third)
-            w[_Y + new + i], w[_W + new + i] = y, v
+            y, v, high = glide(flow_in(w, i), w[_Y + old_row + i], w[_W + old_row + i], s, c, third)
+            w[_Y + new_row + i], w[_W + new_row + i] = y, v
             bits |= bit(not high < 0.0, i - first)
         if first + WORD > size:
             bits &= (1 << (size - first)) - 1
@@ -142,7 +142,7 @@ def glide_lanes(w, met, size, grid, n):
             i = first + lowest_bit(bits)
             bits &= bits - 1
             if theta < w[_WAKE + i] - 1e-9:
-                w[_Y + new + i] = w[_W + new + i] = 0.0
+                w[_Y + new_row + i] = w[_W + new_row + i] = 0.0
                 w[_SLEPT + i] += 1.0
             else:
                 met[listed] = i
@@ -154,10 +154,10 @@ def glide_lanes(w, met, size, grid, n):
 def glide_all_tangents(w, n):
     """Take the tangent vectors of all lanes over step `n`."""
     widest_vectors()
-    old, new = (n & 1) * _ROW, (~n & 1) * _ROW
-    for i in range(LANES):
-        pair = glide_tangents(flow_in(w, i), pair_in(w, _TANGENTS + old + i, 2 * _ROW))
-        put_pair(w, _TANGENTS + new + i, 2 * _ROW, pair)
+    old_row, new_row = (n & 1) * _ROW, (~n & 1) * _ROW
+    for i in range(EXACT_LANES):
+        pair = glide_tangents(flow_in(w, i), pair_in(w, _TANGENTS + old_row + i, 2 * _ROW))
+        put_pair(w, _TANGENTS + new_row + i, 2 * _ROW, pair)
 
 
 @jit(refcounts=False)
@@ -183,15 +183,15 @@ def carry_columns(w, wave, step):
 
 @jit(refcounts=False)
 def mend_side_by_side(block, listed, grid, n):
-    """Find what impact each of the listed lanes has in step `n`."""
+    """Find the impact, if any, of each listed lane in step `n`."""
     w, met, table = block.w, block.met, grid.table
-    old, new = (n & 1) * _ROW, (~n & 1) * _ROW
+    old_row, new_row = (n & 1) * _ROW, (~n & 1) * _ROW
     for j in range(listed):
-        i = met[j] & (LANES - 1)  # so that LLVM sees that it is not negative
+        i = met[j] & (EXACT_LANES - 1)  # so that LLVM sees that it is not negative
         for q in range(8):
             w[_COLUMN + q * _ROW + j] = w[_EQUATION + q * _ROW + i]
-        w[_Y_0 + j], w[_W_0 + j] = w[_Y + old + i], w[_W + old + i]
-        w[_Y_T + j], w[_W_T + j] = w[_Y + new + i], w[_W + new + i]
+        w[_Y_0 + j], w[_W_0 + j] = w[_Y + old_row + i], w[_W + old_row + i]
+        w[_Y_T + j], w[_W_T + j] = w[_Y + new_row + i], w[_W + new_row + i]
     waves = table[SIN, n], table[COS, n], table[SIN, n + 1], table[COS, n + 1]
     for lo in range(0, listed, _COLUMNS):
         mend_columns(w[lo:], waves, grid.step)
@@ -199,32 +199,33 @@ def mend_side_by_side(block, listed, grid, n):
 
 @jit(refcounts=False)
 def mend_tangents(block, listed, grid, n):
-    """Carry the tangent vectors of the listed lanes with a single impact through it."""
+    """Carry the tangent vectors of each listed lane with a single impact through that impact."""
     w, met, _ = block
-    old, new = (n & 1) * _ROW, (~n & 1) * _ROW
+    old_row, new_row = (n & 1) * _ROW, (~n & 1) * _ROW
     for j in range(listed):
-        pair = pair_in(w, _TANGENTS + old + (met[j] & (LANES - 1)), 2 * _ROW)
+        pair = pair_in(w, _TANGENTS + old_row + (met[j] & (EXACT_LANES - 1)), 2 * _ROW)
         put_pair(w, _PAIR + j, _ROW, pair)
     for lo in range(0, listed, _COLUMNS):
         carry_columns(w[lo:], (grid.table[SIN, n], grid.table[COS, n]), grid.step)
     for j in range(listed):
         if w[_PROVED + j] == ONLY:
-            a = _TANGENTS + new + (met[j] & (LANES - 1))
+            a = _TANGENTS + new_row + (met[j] & (EXACT_LANES - 1))
             put_pair(w, a, 2 * _ROW, pair_in(w, _PAIR + j, _ROW))
 
 
 @jit(refcounts=False)
 def settle_columns(block, listed, points, grid, n, recording, tally):
-    """Take the lanes with a single impact to the end of step `n`, and record it.
+    """Take the lanes with a single impact to the end of step `n`, and record the impact.
 
-    Returns how many are left, in front of the list, with their first impacts in front of theirs.
+    Returns how many lanes are left. They are moved to the front of the list, and their first
+    impacts to the front of the columns.
     """
     w, met, _ = block
-    theta, new, left = grid.table[THETA, n], (~n & 1) * _ROW, 0
+    theta, new_row, left = grid.table[THETA, n], (~n & 1) * _ROW, 0
     for j in range(listed):
-        i = met[j] & (LANES - 1)
+        i = met[j] & (EXACT_LANES - 1)
         if w[_PROVED + j] == ONLY:
-            w[_Y + new + i], w[_W + new + i] = w[_Y_T + j], w[_W_T + j]
+            w[_Y + new_row + i], w[_W + new_row + i] = w[_Y_T + j], w[_W_T + j]
             if recording:
                 speed = w[_W_I + j] * points[i].omega
                 list_impact(tally.impacts[i], tally.sums[i], theta + w[_U + j], speed)
@@ -259,16 +260,17 @@ def stretch_lanes(w, points, parity, tally):
 def take_carefully(block, j, points, grid, n, recording, carrying, tally):
     """Take the lane at place `j` of the list over step `n`, with every impact in it."""
     w, met, scratch = block
-    i, old, new = met[j] & (LANES - 1), (n & 1) * _ROW, (~n & 1) * _ROW
+    i, old_row, new_row = met[j] & (EXACT_LANES - 1), (n & 1) * _ROW, (~n & 1) * _ROW
     pt, sums, table, step = points[i], tally.sums[i], grid.table, grid.step
     theta = table[THETA, n]
     eq, was_resting = equation_in(w, _EQUATION + i), w[_RESTING + i] > 0.0
     y, v, resting, n_events, rested, status, grazes = exact_step(
-        eq, pt, (w[_Y + old + i], w[_W + old + i], was_resting),
-        (w[_Y + new + i], w[_W + new + i]), (0.0, 0.0, w[_U + j], w[_W_I + j], w[_PROVED + j]),
+        eq, pt, (w[_Y + old_row + i], w[_W + old_row + i], was_resting),
+        (w[_Y + new_row + i], w[_W + new_row + i]),
+        (0.0, 0.0, w[_U + j], w[_W_I + j], w[_PROVED + j]),
         (theta, table[SIN, n], table[COS, n]), step, scratch,
     )  # fmt: skip
-    w[_Y + new + i], w[_W + new + i], w[_RESTING + i] = y, v, 1.0 if resting else 0.0
+    w[_Y + new_row + i], w[_W + new_row + i], w[_RESTING + i] = y, v, 1.0 if resting else 0.0
     w[_WAKE + i] = -math.inf
     if resting:
         w[_WAKE + i] = theta + step + pt.omega * time_to_release(theta + step, pt)
@@ -278,13 +280,13 @@ def take_carefully(block, j, points, grid, n, recording, carrying, tally):
         record_step(scratch.events, n_events, pt.clearance, rested, theta, pt, i, tally)
         sums.near_grazes += grazes
     if carrying:
-        pair = pair_in(w, _TANGENTS + old + i, 2 * _ROW)
+        pair = pair_in(w, _TANGENTS + old_row + i, 2 * _ROW)
         if was_resting:
             pair = 0.0, 0.0, 0.0, 0.0
         pair = carry_tangents(
             (eq, flow_in(w, i)), pair, scratch.events, n_events, theta, step, pt.omega
         )
-        put_pair(w, _TANGENTS + new + i, 2 * _ROW, pair)
+        put_pair(w, _TANGENTS + new_row + i, 2 * _ROW, pair)
 
 
 @jit(refcounts=False)
@@ -306,7 +308,7 @@ def advance(block, points, grid, recording, carrying, tally):
             stretch_lanes(w, points, n + 1, tally)
     if count & 1:
         for a in range(0, _FLOW if carrying else _TANGENTS, 2 * _ROW):  # the next step is even
-            for i in range(a, a + LANES):
+            for i in range(a, a + EXACT_LANES):
                 w[i] = w[i + _ROW]
 
 
@@ -326,7 +328,7 @@ def pass_section(w, points, k, step, tally):
 
 @jit
 def run_exact(block, points, run, tally):
-    """Run a block of at most ``LANES`` points from its start to the end of the record."""
+    """Run a block of at most ``EXACT_LANES`` points from its start to the end of the record."""
     w, transient, (_, lead, grid) = block.w, run.transient, run.stepping
     set_start(w, points, sine_at_start(lead, grid))
     # The lead-in is the period before the transient: `advance` is called, and compiled, once.

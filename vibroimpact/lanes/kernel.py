@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import claim, compiled, is_set, jit, widest_vectors
-from vibroimpact.lanes.exact import LANES as EXACT_LANES
-from vibroimpact.lanes.exact import WORD, new_block, run_exact
+from vibroimpact.lanes.exact import EXACT_LANES, WORD, new_block, run_exact
 from vibroimpact.lanes.plain import advance_plain, clear_sums, sum_up_plain
 from vibroimpact.lanes.reduced_step import mend_side_by_side
 from vibroimpact.lanes.tally import Tally, close_records, record_section, record_step, rows_of
@@ -145,7 +144,7 @@ def advance(block, steps, recording):
 def run_block(block, plain, run):
     """Run a block of at most ``LANES`` points from its start to the end of the record.
 
-    `plain` says if the rule is: as a literal, so that one of the two loops is not compiled.
+    `plain` says whether the rule is ``plain``. It is a literal, so that only one loop is compiled.
     """
     w, points, tally = block.w, block.points, block.tally
     transient, (method, lead, grid) = run.transient, run.stepping
@@ -223,7 +222,7 @@ def run_blocks(threads: int, run: Run) -> None:
     work = compiled(loops.get(run.stepping.method[0], take_mended), run)
     helpers = []
     with ThreadPoolExecutor(threads) as pool:
-        with suppress(RuntimeError):  # where no more can be started, those there are do the work
+        with suppress(RuntimeError):  # if no more can be started, the started ones do the work
             for _ in range(threads - 1):
                 helpers.append(pool.submit(work, run))
         work(run)

@@ -1,15 +1,15 @@
 """The rule ``reduced-step`` in the lanes: the impacts of a stride side by side, in vectors.
 
-A column of the workspace is one lane that meets its stop in the stride. What is mended here is what
-nearly every impact is: one in the stride, with a rebound that lasts to its end. The arithmetic is
-that of ``reduced_step``, without a branch; whatever else happens is left to it.
+A column of the workspace is one lane that meets its stop in the stride. Nearly every such lane has
+one impact, and a rebound that lasts to the end of the stride: these are mended here. The arithmetic
+is that of ``reduced_step``, without a branch; every other lane is left to ``reduced_step``.
 """
 
 from __future__ import annotations
 
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.lanes.tally import list_impact
-from vibroimpact.lanes.workspace import LANES, MET, OWN, STRIDE, V, X, glide
+from vibroimpact.lanes.workspace import LANES, MET, OWN, STRIDE, V, X, glide_lane
 from vibroimpact.step.integrators import (
     NEWMARK,
     RK4,
@@ -21,7 +21,7 @@ from vibroimpact.step.integrators import (
     verlet,
 )
 from vibroimpact.step.phases import COS, SIN, THETA
-from vibroimpact.step.reduced_step import single_impact
+from vibroimpact.step.reduced_step import single_chord_impact
 
 # Columns of a vector of 512 bits.
 _VECTOR = 8
@@ -51,11 +51,11 @@ def gather(w, columns, points, table, n):
         i = int(w[MET + j])
         x, v, safe, k = w[X + i], w[V + i], True, n
         for q in range(n, n + STRIDE - 1):
-            x_T, v_T, further = glide(w, i, x, v, table[SIN, q], table[COS, q])
+            x_T, v_T, further = glide_lane(w, i, x, v, table[SIN, q], table[COS, q])
             safe &= further
             x, v, k = select(safe, x_T, x), select(safe, v_T, v), k + safe
         s, c, pt = table[SIN, k], table[COS, k], points[i]
-        w[X_T + j], w[V_T + j], _ = glide(w, i, x, v, s, c)
+        w[X_T + j], w[V_T + j], _ = glide_lane(w, i, x, v, s, c)
         w[STEP + j], w[THETA_0 + j], w[S_0 + j], w[C_0 + j] = k, table[THETA, k], s, c
         w[X_0 + j], w[V_0 + j] = x, v
         w[OF_H + j], w[OF_R + j], w[OF_OMEGA + j] = pt.h, pt.R, pt.omega
@@ -69,7 +69,7 @@ def shorten_steps(w, columns, step):
     for j in range(columns):
         pt = parameters_of(w, j)
         T = step / pt.omega
-        T_r, w[V_TR + j], w[S_TR + j], w[C_TR + j], sure = single_impact(
+        T_r, w[V_TR + j], w[S_TR + j], w[C_TR + j], sure = single_chord_impact(
             w[X_0 + j], w[V_0 + j], w[X_T + j], w[V_T + j], w[THETA_0 + j], T, pt
         )
         w[T_R + j], w[REMAINDER + j], w[SINGLE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
@@ -116,7 +116,7 @@ def take_remainders(w, columns, integrator, points):
 def mend_side_by_side(w, met, points, integrator, grid, n, recording, tally):
     """Take the `met` lanes of row MET over the stride from step `n`.
 
-    Returns how many of them are left in it, not moved, because theirs is not a single impact.
+    Returns how many lanes are left in row MET, not moved, because a single impact is not certain.
     """
     gather(w, met, points, grid.table, n)
     shorten_steps(w, (met + _VECTOR - 1) // _VECTOR * _VECTOR, grid.step)
@@ -126,7 +126,7 @@ def mend_side_by_side(w, met, points, integrator, grid, n, recording, tally):
         i = int(w[MET + j])
         x, v, single = w[X_T + j], w[V_T + j], w[SINGLE + j] > 0.0
         for q in range(n + 1, n + STRIDE):
-            x_T, v_T, safe = glide(w, i, x, v, grid.table[SIN, q], grid.table[COS, q])
+            x_T, v_T, safe = glide_lane(w, i, x, v, grid.table[SIN, q], grid.table[COS, q])
             later = q > w[STEP + j]
             x, v = select(later, x_T, x), select(later, v_T, v)
             single &= safe | (not later)

@@ -55,7 +55,8 @@ def list_impact(ring, sums, phase, speed):
     """Count an impact, and put it into the ring of its lane."""
     if ring.shape[0] > 0:
         slot = sums.impacts % ring.shape[0]
-        for _ in range(2):  # two are enough, and an infinite phase ends
+        # Two subtractions are enough; a `while` would never end for an infinite phase.
+        for _ in range(2):
             phase -= 2.0 * math.pi if phase >= 2.0 * math.pi else 0.0
         ring[slot, 0], ring[slot, 1] = phase, speed
     sums.slowest_impact = min(sums.slowest_impact, speed)
@@ -84,7 +85,7 @@ def record_step(events, n, x_T, rested, theta, pt, row, tally):
 
 @jit(inline=True)
 def record_section(x, v, row, k, tally):
-    """Store the state of a point as section `k`, NaN where it overflowed."""
+    """Store the state of a point as section `k`; NaN if it overflowed."""
     finite = math.isfinite(x) and math.isfinite(v)
     tally.sections[row, k, 0] = x if finite else math.nan
     tally.sections[row, k, 1] = v if finite else math.nan

@@ -41,11 +41,11 @@ SIZE = OWN + 20 * LANES
 
 @jit
 def aligned(size):
-    """Return an array of so many zeros.
+    """Return an array of `size` zeros.
 
-    It begins at a line of the cache: a vector of 512 bits across two lines is read twice. Lanes
-    without a point are computed, too, and a processor takes ten times as long with what is left in
-    memory where that are subnormal numbers.
+    The array begins at a line of the cache: a vector of 512 bits across two lines is read twice.
+    Lanes without a point are computed, too. Memory that is not set to zero may hold subnormal
+    numbers, with which a processor takes ten times as long.
     """
     memory = np.zeros(size + 7)
     skipped = -(memory.ctypes.data // 8) % 8
@@ -82,27 +82,28 @@ def map_of(w, i):
 
 
 @jit(refcounts=False)
-def glide(w, i, x, v, s, c):
-    """Take lane `i` from (x, v) over a step; return also if it surely has not met its stop."""
+def glide_lane(w, i, x, v, s, c):
+    """Take lane `i` from (x, v) over a step; also return whether it is below its ``LEVEL`` then."""
     to_x, to_v = map_of(w, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
-    return x_T, v_T, x_T < w[LEVEL + i]  # a NaN is not
+    return x_T, v_T, x_T < w[LEVEL + i]  # False for a NaN
 
 
 @jit(inline=True)
 def glide_stride(w, table, n):
-    """Take every lane from step `n` over a stride, but those that may meet their stops in it.
+    """Take the lanes from step `n` over a stride.
 
-    Returns the bits of these.
+    A lane that may meet its stop in the stride stays where it is. Returns an integer with a bit set
+    for each such lane.
     """
     s0, s1, s2, s3 = table[SIN, n], table[SIN, n + 1], table[SIN, n + 2], table[SIN, n + 3]
     c0, c1, c2, c3 = table[COS, n], table[COS, n + 1], table[COS, n + 2], table[COS, n + 3]
     met = 0
     for i in range(LANES):
-        x, v, safe = glide(w, i, w[X + i], w[V + i], s0, c0)
-        x, v, safe_1 = glide(w, i, x, v, s1, c1)
-        x, v, safe_2 = glide(w, i, x, v, s2, c2)
-        x, v, safe_3 = glide(w, i, x, v, s3, c3)
+        x, v, safe = glide_lane(w, i, w[X + i], w[V + i], s0, c0)
+        x, v, safe_1 = glide_lane(w, i, x, v, s1, c1)
+        x, v, safe_2 = glide_lane(w, i, x, v, s2, c2)
+        x, v, safe_3 = glide_lane(w, i, x, v, s3, c3)
         safe &= safe_1 & safe_2 & safe_3
         w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
         met |= bit(not safe, i)
@@ -111,11 +112,11 @@ def glide_stride(w, table, n):
 
 @jit(inline=True)
 def glide_step(w, table, n):
-    """As ``glide_stride`` over the one step `n`."""
+    """As ``glide_stride``, over the single step `n`."""
     s, c = table[SIN, n], table[COS, n]
     met = 0
     for i in range(LANES):
-        x, v, safe = glide(w, i, w[X + i], w[V + i], s, c)
+        x, v, safe = glide_lane(w, i, w[X + i], w[V + i], s, c)
         w[X + i], w[V + i] = select(safe, x, w[X + i]), select(safe, v, w[V + i])
         met |= bit(not safe, i)
     return met
@@ -123,7 +124,7 @@ def glide_step(w, table, n):
 
 @jit(inline=True)
 def list_met(w, n_points, bits):
-    """Write the lanes whose bits are set to row MET, but those without a point; return how many."""
+    """List the lanes with a point whose bit is set, in row MET; return how many there are."""
     bits &= (1 << n_points) - 1
     n = 0
     while bits != 0:  # ends: one bit less each time

@@ -62,7 +62,7 @@ class Segment:
 
 
 class Track(NamedTuple):
-    """What was collected on a walk: its points, its special points, and whether it is closed."""
+    """The points of a walk, its special points, and whether it is closed."""
 
     points: list[Any]
     special: list[Any]
@@ -70,7 +70,10 @@ class Track(NamedTuple):
 
 
 def both_directions(walked: Callable[[np.ndarray], Track], tangent: np.ndarray) -> Track:
-    """Walk along a tangent and, unless that comes back, against it; in the order along it."""
+    """Walk along a tangent and, unless that walk is closed, against it.
+
+    Returns the points in order along the tangent.
+    """
     forward = walked(tangent)
     if forward.closed:
         return forward
@@ -81,7 +84,10 @@ def both_directions(walked: Callable[[np.ndarray], Track], tangent: np.ndarray) 
 
 @dataclass(frozen=True)
 class End:
-    """The last point of a walk, and what objects to going on; None where it is closed or lost."""
+    """The last point of a walk, and why it ends there.
+
+    `objection` is None if the walk is closed or lost.
+    """
 
     X: np.ndarray
     objection: Objection | None
@@ -96,9 +102,9 @@ def walk(
     Yields
     ------
     Segment
-        All of whose points are orbits.
+        A step, all of whose points are orbits.
     End
-        The last.
+        Comes last.
     """
     begin, first, objection = X, tangent, None
     for step in range(MOST_POINTS):

@@ -1,9 +1,9 @@
 """Curves of bifurcations in two parameters: flips, folds and grazes of periodic orbits.
 
 A curve is a branch with one condition more and two free parameters (``newton.py``), walked in both
-directions like a branch. On a curve of folds, cusps are where the parameters turn back together. On
-a curve of grazes, flips and folds meet it where the middle coefficient of det(S + mu T) vanishes;
-a curve of flips or folds ends there, and wherever its orbit grazes otherwise.
+directions like a branch. On a curve of folds, cusps are where the parameters turn back together. A
+curve of grazes meets curves of flips and of folds where the middle coefficient of det(S + mu T)
+vanishes; these end there, and wherever else their orbit grazes.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from vibroimpact.orbits.special_points import with_touch
 
 #: Kinds of curves, with their condition.
 KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
-#: A bifurcation is that of an orbit beside it if it is this near, in scaled unknowns.
+#: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
+#: unknowns.
 _BESIDE = 0.2
-#: A flight touches the stop where it is this near to it, in units of speed over frequency.
+#: A flight whose top is closer to the stop than this touches it, in units of speed over frequency.
 _TOUCHES = 1e-7
 
-#: Coefficients of det(S + mu T) below this are rounding; otherwise they are of the order of 1.
+#: Below this only rounding decides the sign of a coefficient of det(S + mu T); other coefficients
+#: are of the order of 1.
 _ROUNDING = 1e-12
 
 
@@ -43,7 +45,7 @@ class CurvePoint(NamedTuple):
     kind : str
         ``cusp``; on a curve of grazes ``flip`` and ``fold``, which meet it there; and the ends
         ``graze`` (another impact has no speed, or a flight touches the stop), ``rest``, ``edge``
-        and ``lost``; ``penetration`` where a flight meets the stop, but its touch is missed by more
+        and ``lost``; ``penetration`` if a flight crosses the stop, but its touch is missed by more
         than rounding, because Newton's method fails where two halves of the orbit become equal.
     values : ndarray, shape (2,)
         Of the two parameters.
@@ -182,7 +184,8 @@ def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
     orbits = step.orbits
     if kind == "graze":
         ends = [orbits.polynomial(X)[1] for X in (step.X, step.Y)]
-        # Without damping it may vanish all along; its signs are rounding then.
+        # Without damping the coefficient may be zero along the whole curve; then only rounding
+        # decides its sign.
         if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > _ROUNDING:
             X = step.root(lambda X: orbits.polynomial(X)[1])
             if X is not None:
@@ -204,7 +207,7 @@ def _heading(step: Segment, X: np.ndarray) -> np.ndarray:
 
 
 def _end_kind(orbits: Orbits, end: End) -> str:
-    """Say in what a walk ends that is not closed."""
+    """Say how a walk that is not closed ends."""
     if end.objection is None:
         return "lost"
     kinds = {"speed": "graze", "pass": "penetration"}
@@ -214,9 +217,9 @@ def _end_kind(orbits: Orbits, end: End) -> str:
 
 
 def _touches(orbits: Orbits, X: np.ndarray, objection: Objection) -> bool:
-    """Whether a flight that passes the stop comes as near to it as rounding."""
-    wider, Y = with_touch(orbits, X, objection)
-    osc, at = wider.oscillator(Y), objection.at
+    """Whether a flight that crosses the stop only touches it, to rounding."""
+    touching, Y = with_touch(orbits, X, objection)
+    osc, at = touching.oscillator(Y), objection.at
     tau = (Y[2 * at + 2] - Y[2 * at]) / osc.omega
     height, *_ = state_after(values_of(osc), Y[2 * at], Y[2 * at + 1] * orbits.speed, tau)
     return abs(height) < _TOUCHES * orbits.speed / osc.omega

@@ -5,10 +5,10 @@ any of the m on: a motion of m forcing periods can be reached at m phases. Dista
 states at matched places of two cycles, for the best of the rotations against each other, so that
 states that are nearly equal in one coordinate cannot be taken for each other.
 
-When an impact passes the section, the state there jumps from before to after it, though the motion
-does not. So a state just before an impact is near one just after it: they are as far apart as both
-are from the impact (Biemond, van de Wouw, Heemels & Nijmeijer 2013, IEEE Trans. Autom. Control 58,
-876-890).
+When the phase of an impact passes that of the section, the state at the section jumps from before
+the impact to after it, though the motion does not. So a state just before an impact is near one
+just after it: they are as far apart as both are from the impact (Biemond, van de Wouw, Heemels &
+Nijmeijer 2013, IEEE Trans. Autom. Control 58, 876-890).
 """
 
 from __future__ import annotations
@@ -94,13 +94,14 @@ def distances(a: Cycles, b: Cycles) -> np.ndarray:
     Parameters
     ----------
     a, b : Cycles
-        As many of both. Those of `b` may be k times as long; they are compared with k turns.
+        The same number in each. A cycle of `b` may be k times as long; it is compared with k turns
+        of `a`.
 
     Returns
     -------
     ndarray, shape (n,)
-        The largest difference of a coordinate, in the rotation where that is least, over the
-        greatest absolute coordinate of both cycles; 0 where all are 0.
+        The largest difference of a coordinate, in the rotation in which it is least, over the
+        greatest absolute coordinate of both cycles; 0 if all coordinates are 0.
     """
     turns = b.m // a.m
     result = np.empty(len(a))

@@ -53,12 +53,12 @@ class Axis:
 
     @property
     def span(self) -> float:
-        """Its length."""
+        """Length of the range."""
         return self.high - self.low
 
     @property
     def slack(self) -> float:
-        """Rounding of its values."""
+        """Rounding error of a value in the range."""
         return 1e-14 * max(abs(self.low), abs(self.high))
 
 
@@ -90,7 +90,7 @@ class Orbits:
     Parameters
     ----------
     orbit : PeriodicOrbit
-        One of them, with q >= 1; gives the other parameters and the unit of speed.
+        One of these orbits, with q >= 1; gives the other parameters and the unit of speed.
     axes : sequence of Axis
     condition, index : int
         The bifurcation of a curve (``newton.py``); `index` is the impact that grazes.
@@ -122,7 +122,10 @@ class Orbits:
         return X[2 * self.q :] * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at points; an edge that rounding misses is met."""
+        """Return the free parameters at points.
+
+        A value within rounding of an edge is set to that edge.
+        """
         values = X[..., 2 * self.q :] * self.spans
         for j, axis in enumerate(self.axes):
             for edge in (axis.low, axis.high):
@@ -156,7 +159,7 @@ class Orbits:
         if newton.correct(system, X, planes, _MOST_ITERATIONS) < 0:
             return None
         if system.condition == newton.GRAZE and len(planes) < len(self.axes):
-            X[2 * system.graze + 1] = 0.0  # it is, to rounding
+            X[2 * system.graze + 1] = 0.0  # the speed is, to rounding
         return X
 
     def at(self, X: np.ndarray, value: float, axis: int = 0) -> np.ndarray | None:

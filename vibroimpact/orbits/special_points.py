@@ -1,9 +1,9 @@
 """Where a branch bifurcates within a step or ends: its flips, folds and grazes, to rounding.
 
 The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``elimination.py``). A
-graze, where an impact's speed or the height of a flight between two impacts is zero, is an impact
-of speed zero, and found by one condition. An orbit of twice the period becomes one of half its
-period where its two halves change places.
+graze is where an impact's speed is zero, or where a flight between two impacts touches the stop.
+Both count as an impact of speed zero, so one condition finds them. An orbit of twice the period
+becomes one of half its period where its two halves change places.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from vibroimpact.orbits.flights import state_after
 from vibroimpact.orbits.linear_system import parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
-#: A bifurcation is that of a walk if it is this near to it, in scaled unknowns.
+#: A bifurcation that was found belongs to the walk if it is closer to it than this, in scaled
+#: unknowns.
 NEARBY_DISTANCE = 1e-3
 
 
@@ -34,7 +35,7 @@ def bifurcations(
     ----------
     step : Segment
     before, after : (float, float, float)
-        c0, c1, c2 of the characteristic polynomial at its ends.
+        c0, c1, c2 of the characteristic polynomial at the ends of the step.
     """
     orbits, located = step.orbits, []
     for kind, condition, mu in (("flip", newton.FLIP, -1.0), ("fold", newton.FOLD, 1.0)):
@@ -61,7 +62,7 @@ def _apart(orbits: Orbits, X: np.ndarray, Y: np.ndarray) -> float:
 
 
 def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
-    """Return what a branch ends in.
+    """Return how a branch ends.
 
     Parameters
     ----------
@@ -73,33 +74,36 @@ def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
     Returns
     -------
     kind : str
-        ``edge``, ``lost``; ``graze``, or ``rest`` where the force presses, or ``penetration`` where
-        a flight meets the stop and no graze is found.
+        ``edge``, ``lost``; ``graze``, or ``rest`` if the force presses, or ``penetration`` if a
+        flight crosses the stop and no graze is found.
     X : ndarray
         The last point.
     orbit : PeriodicOrbit
-        At a graze it has the impact of speed zero.
+        At a graze the impact of speed zero is one of its impacts.
     """
     X, objection = end.X, end.objection
     if objection is None:
         return "lost", X, orbits.orbit(X)
     if objection.kind in ("edge", "rest"):
         return objection.kind, X, orbits.orbit(X)
-    wider, Y, index = orbits, X, objection.at
+    grazing, Y, index = orbits, X, objection.at
     if objection.kind == "pass":
-        wider, Y = with_touch(orbits, X, objection)
+        grazing, Y = with_touch(orbits, X, objection)
         index += 1
-    Z = wider.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
-    if Z is None or not _apart(wider, Z, Y) < NEARBY_DISTANCE:
+    Z = grazing.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
+    if Z is None or not _apart(grazing, Z, Y) < NEARBY_DISTANCE:
         return "penetration", X, orbits.orbit(X)
-    osc = wider.oscillator(Z)
+    osc = grazing.oscillator(Z)
     pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
-    last = Z if wider is orbits else np.delete(Z, [2 * index, 2 * index + 1])
-    return "graze" if pulls else "rest", last, wider.orbit(Z)
+    last = Z if grazing is orbits else np.delete(Z, [2 * index, 2 * index + 1])
+    return "graze" if pulls else "rest", last, grazing.orbit(Z)
 
 
 def with_touch(orbits: Orbits, X: np.ndarray, objection: Objection) -> tuple[Orbits, np.ndarray]:
-    """Return a point with one impact of speed zero more, where a flight that passes is highest."""
+    """Return the orbits and the point with one more impact, of speed zero.
+
+    The impact is at the top of the flight that crosses the stop.
+    """
     at, values = objection.at, parameters_at(orbits.system, X)
     omega, theta, v = orbits.oscillator(X).omega, X[2 * at], X[2 * at + 1] * orbits.speed
     tau = (objection.where - theta) / omega
@@ -115,7 +119,10 @@ def with_touch(orbits: Orbits, X: np.ndarray, objection: Objection) -> tuple[Orb
 
 
 def halving(step: Segment) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return where within a step the orbit becomes one of half the period, and that; if it does."""
+    """Return where within a step the orbit becomes one of half the period, and that orbit.
+
+    None if it does not.
+    """
     orbits, q = step.orbits, step.orbits.q
     if orbits.m % 2 or q % 2:
         return None
@@ -147,7 +154,7 @@ def doubling(orbits: Orbits, X: np.ndarray, speed: float) -> tuple[np.ndarray, n
     ----------
     orbits : Orbits
     X : ndarray
-        A point of these, at a flip.
+        A point of `orbits`, at a flip.
     speed : float
         The unit of speed of the orbits of twice the period.
     """

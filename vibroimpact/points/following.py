@@ -18,8 +18,8 @@ import numpy as np
 
 from vibroimpact.status import Status
 
-#: Points, and whether their starts are states at the section, to results of shape (n, ...).
-Run = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
+#: Maps points, and whether they start at the section, to results of shape (n, ...).
+RunPoints = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
 
 _FAILED = [int(status) for status in Status if status.failed]
 
@@ -29,10 +29,10 @@ def follow(
     along: int,
     axis: str,
     directions: Sequence[str],
-    run: Run,
+    run: RunPoints,
     advance: Callable[[int], object],
 ) -> dict[str, np.ndarray]:
-    """Compute the points of a box along one of whose axes each starts from its neighbour.
+    """Compute the points of a box. Along one axis, each starts from its neighbour's last state.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def follow(
     directions : sequence of str
         ``up`` from the least value on, or ``down`` from the greatest, or both.
     run : callable
-        What computes points.
+        Computes points.
     advance : callable
-        Is given the number of points after every call of `run`.
+        Receives the number of points after every call of `run`.
 
     Returns
     -------
@@ -71,11 +71,11 @@ def follow(
 
 
 def _next(
-    lanes: np.ndarray, before: Mapping[str, np.ndarray], run: Run, *, moving_stop: bool
+    lanes: np.ndarray, before: Mapping[str, np.ndarray], run: RunPoints, *, moving_stop: bool
 ) -> dict[str, np.ndarray]:
-    """Compute one point of every chain, given the results of those before, if there are any.
+    """Compute one point of every chain, given the results of the points before, if any.
 
-    `moving_stop` says whether the stop can have moved past their states.
+    `moving_stop` says whether the stop can have moved past the last states of those points.
     """
     if not before:
         return run(lanes, False)
@@ -102,7 +102,7 @@ class _Collected:
         self.arrays: dict[str, np.ndarray] = {}
 
     def put(self, rows: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
-        """Add the results of the points in `rows`; a trajectory may be longer than all before."""
+        """Add the results of the points in `rows`; a longer trajectory widens the arrays."""
         for name, values in results.items():
             array = self.arrays.get(name)
             if array is None:

@@ -53,7 +53,7 @@ class Launch(NamedTuple):
 
 @jit(inline=True)
 def is_first(w, w_i, t, E, step):
-    """Whether a flight from the stop at w < 0 that is back after `t` was not back before."""
+    """Whether the return at `t` is proved to be the first of a flight from the stop at w < 0."""
     n = t / step
     n *= n
     return (w_i > 0.0) & (fma(E, n * n, (w - w_i) * t * (1.0 / 3.0)) < 0.0)
@@ -66,7 +66,7 @@ def bounce(eq, launch, E, left, step):
     Returns
     -------
     t, w_i : float
-        Its length, and w at its end; -1 and 0 where that is not proved.
+        Length of the rebound, and w at its end; -1 and 0 if they are not proved.
     """
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
@@ -84,7 +84,9 @@ def bounce(eq, launch, E, left, step):
         newton = g / d
         change = fma(newton * newton, e / d, newton)
         t -= change
-        if abs(change) <= 1e-6 * t:  # the next change would be its cube, the slope's its square
+        # As shares of t, the next change would be about the cube of this one, and that of the slope
+        # its square.
+        if abs(change) <= 1e-6 * t:
             w_i = t * fma(-2.0 * e, change, d)
             if t < longest and is_first(w, w_i, t, E, step):
                 return t, w_i
@@ -99,7 +101,7 @@ def short_bounce(eq, launch):
     Returns
     -------
     t, w_i : float
-        Its length, and w at its end; -1 and 0 where it is not short.
+        Length of the rebound, and w at its end; -1 and 0 if it is not short.
     """
     w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
     rates = eq.root - eq.of_w + 1.0
@@ -150,9 +152,10 @@ def wave_after(s, c, dt, theta):
 def time_to_rest(v, theta, s, c, left, pt):
     """Return the time until the chatter after a rebound at speed `v` is complete, and the status.
 
-    It begins at phase `theta`, with sine `s` and cosine `c`. The time is inf where the chatter is
-    not complete within the time `left`, or its sum is not yet exact. Where R is so near to 1 that
-    it would take very many bounces, it is 0 once they are short, and the status says so.
+    The chatter begins at phase `theta`, with sine `s` and cosine `c`. The time is inf if the
+    chatter is not complete within the time `left`, or its sum is not yet exact. If R is so near to
+    1 that the chatter would take very many bounces, the time is 0 once the bounces are short, and
+    the status says so.
     """
     a = pressing(s, pt)
     if not a > 0.0:
@@ -175,7 +178,7 @@ def time_to_rest(v, theta, s, c, left, pt):
 
 @jit(inline=True)
 def phase_to_rest(eq, launch, theta, left, pt):
-    """As ``time_to_rest``, in the units of ``flow.py``, and asked only where it can say more."""
+    """As ``time_to_rest``, in the units of ``flow.py``; calls it only if the time may be finite."""
     press = fma(eq.of_sin, launch.s, eq.of_1)
     slow = -launch.w * (eq.root - eq.of_w + 1.0) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
     if not (slow or pt.R > _ENDLESS):

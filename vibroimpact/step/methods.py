@@ -12,23 +12,23 @@ from vibroimpact.step.phases import Phases, lead_in, one_period
 from vibroimpact.step.rules import IMPACT_RULES
 from vibroimpact.step.stability import least_stable_steps
 
-#: More steps per forcing period are not chosen, and the rule ``exact`` is refused where it needs
-#: more.
+#: More steps per forcing period are not chosen, and the rule ``exact`` is refused if it needs more.
 MOST_STEPS = 1_000_000
 #: The steps per forcing period of the paper.
 PAPER_STEPS = 100
 
 
 def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
-    """Return the steps per forcing period where none are asked for.
+    """Return the steps per forcing period if none are asked for.
 
-    For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or as
-    many as the integrator needs to be stable at every point, if there are as many.
+    For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or
+    more if the integrator needs more to be stable at every point, unless that is more than
+    ``MOST_STEPS``.
 
     Raises
     ------
     ValueError
-        If that is more than ``MOST_STEPS``.
+        If the rule ``exact`` needs more than ``MOST_STEPS``.
     """
     h, p, omega = points["h"], points["p"], points["omega"]
     if impact != "exact":
@@ -73,7 +73,8 @@ def stepping(
     Raises
     ------
     ValueError
-        If a name is unknown, the rule does not take the integrator, or it needs more steps.
+        If a name is unknown, the rule does not take the integrator, or the rule ``exact`` needs
+        more steps than `steps_per_period` or ``MOST_STEPS``.
     """
     for name, value, table in (
         ("integrator", integrator, INTEGRATORS),

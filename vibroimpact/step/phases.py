@@ -42,7 +42,7 @@ def _phases(start: float, span: float, count: int) -> Phases:
 def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> Phases:
     """Return the steps from t = 0 to the section's `phase`, none longer than the grid's.
 
-    There is none where the start is `at_section` already.
+    No steps if the start is `at_section` already.
     """
     if at_section:
         return _phases(phase, 0.0, 0)

@@ -11,8 +11,8 @@ What the literal procedure leaves open, and how it is closed here:
 
 - A rebound starts on the stop, x_0 = clearance, where eq. (7) gives T_r = 0 for ever. The root
   at the launch is divided out: eq. (7) is applied to (x - clearance) / t, which is -R v at the
-  launch. This is exact for a constant acceleration, as the step of an integrator of second order
-  is; to a step much longer than the flight, which sees another acceleration, it is not applied:
+  launch. This is exact for a constant acceleration, as in a step of an integrator of second
+  order. It is not applied to a step much longer than the flight, where the acceleration differs:
   the step is cut to twice the flight, and so on.
 - A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved. A
   speed that is zero to rounding counts as zero, because semi-implicit Euler brings every rebound
@@ -50,16 +50,16 @@ from vibroimpact.step.trigonometry import sin_cos
 #: A rebound shorter than this many steps counts as rest.
 SHORTEST_FLIGHT = 1e-3
 # A crossing after this many halvings of the step is contact, and a flight shorter than this share
-# of it is none: where the state at the stop is rounding, the step would be cut for ever.
+# of it is none: if only rounding decides the state at the stop, the step would be cut for ever.
 _MAX_HALVINGS = 24
 _SHORTEST_CUT = 2.0**-20
 _MAX_CUTS = 100
-# More cuts than this in one step are not made: what needs them is far from what the rule resolves.
+# More cuts than this in one step are not made: a motion that needs them is not resolved anyway.
 _MAX_CUTS_OF_STEP = 4 * MAX_FLIGHTS
-# A speed v_Tr below this share of that at the start is rounding.
+# A speed v_Tr below this share of the speed at the start is zero, to rounding.
 _SLOWEST = 1e-6
 
-# The rounding of a phase: so much after a release the force surely presses no more.
+# The rounding of a phase: this long after a release the force certainly presses no more.
 _ROUNDING = 2e-14
 
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
@@ -67,7 +67,7 @@ _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
 @jit(inline=True)
 def plain(x_T, v_T, T, pt, scratch):
-    """Rule (2)-(5) at the end of a step that ended at (x_T, v_T), not surely before the stop."""
+    """Rule (2)-(5) at the end (x_T, v_T) of a step that may have met the stop."""
     if not ((x_T >= pt.clearance) & (v_T > 0.0)):
         return x_T, v_T, 0
     return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
@@ -97,7 +97,7 @@ def linear_impact_after_launch(v, x_T, v_T, T, clearance):
 def cubic_impact(integrator, launch, end, T, pt, coefficients):
     """Time of the impact on the cubic Hermite interpolant of a step, and the speed there.
 
-    The speed is that of a step of that length; 0 where the interpolant does not cross.
+    The speed is that after a step of that length; 0 if the interpolant does not cross the stop.
     """
     (x, v, s, c), (x_T, v_T) = launch, end
     rise = x_T - x
@@ -163,11 +163,11 @@ def fly(method, launch, end, span, pt, coefficients):
 
 
 @jit(inline=True)
-def single_impact(x, v, x_T, v_T, theta, T, pt):
-    """The impact of a step that starts off the stop, eqs (6)-(9), and if it surely is one.
+def single_chord_impact(x, v, x_T, v_T, theta, T, pt):
+    """The impact of a step that starts off the stop, eqs (6)-(9), and whether it certainly is one.
 
-    Without a branch, for the lanes of ``lanes/reduced_step.py``: what is not sure goes through
-    ``reduced_step``, whose arithmetic this is.
+    Without a branch, for the lanes of ``lanes/reduced_step.py``. A step that is not `sure` goes
+    through ``reduced_step``, which has the same arithmetic.
 
     Returns
     -------
@@ -195,8 +195,8 @@ def single_impact(x, v, x_T, v_T, theta, T, pt):
 def time_to_rest(v, theta, s, left, T, pt):
     """Return the time until the chatter that follows a rebound at speed `v` is complete.
 
-    It begins at phase `theta`, with sine `s`. inf where it is not complete within the time `left`
-    of a step of length `T`.
+    The chatter begins at phase `theta`, with sine `s`. The time is inf if the chatter is not
+    complete within the time `left` of a step of length `T`.
     """
     a = pressing(s, pt)
     if not a > 0.0:
@@ -227,7 +227,7 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
     Returns
     -------
     x, v : float
-        State at the end of the step; NaN where it could not be resolved.
+        State at the end of the step; NaN if the step could not be resolved.
     resting : bool
         Whether the mass is at rest on the stop there.
     n : int

@@ -1,13 +1,13 @@
 """A step with a single impact: found, proved to be the first and the only one, and mended.
 
 One function without a branch, ``single_impact``, for a column of a vector as for a single orbit.
-It holds for nearly every step that meets the stop; what it cannot prove is left to ``exact.py``.
+It holds for nearly every step that meets the stop; the other steps are left to ``exact.py``.
 
 - The first guess of the impact is the inverse cubic interpolant of the step where it rises steeply
   at both ends, else a parabola. The flight is expanded about the nearer end of the step, where 16
   powers are enough, and Newton's method with two further terms of the reversed series is applied
-  twice, first to the terms up to t^8. What it leaves is estimated, and where that is not below
-  rounding nothing is proved.
+  twice, first to the terms up to t^8. The error that is left is estimated; if it is not below
+  rounding, nothing is proved.
 - The flight before the impact is below the stop, and so is that after it, if the Bernstein
   coefficients of ``flow.py`` say so: for the first, from (y_0, w_0) to (0, w_i) in the time u; for
   the second, from (0, -R w_i) to the end of the step in the time r.
@@ -129,8 +129,8 @@ def single_impact(eq, start, end, waves, step, polish):
     u, w_i : float
         Time of the impact since the start of the step, and w before it.
     proved : float
-        ``NOTHING``, ``FIRST`` or ``ONLY``; the results before hold where it is ``ONLY``, the last
-        two of them also where it is ``FIRST``.
+        ``NOTHING``, ``FIRST`` or ``ONLY``. With ``ONLY`` y, w, u and w_i hold; with ``FIRST`` only
+        u and w_i; with ``NOTHING`` none.
     """
     (y_0, w_0), (y_T, w_T), (s_0, c_0, s_T, c_T), per_step = start, end, waves, 1.0 / step
     u = guess(start, end, step)
@@ -149,8 +149,8 @@ def single_impact(eq, start, end, waves, step, polish):
         y, d, e = all_terms(k, t)
         j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
         change, left = newton_step(y, d, e, j, per_step)
-        f = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])
-        w_i = fma(fma(fma(-f, change, 3.0 * j), change, -2.0 * e), change, d)
+        fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])  # derivative, over 3!
+        w_i = fma(fma(fma(-fourth, change, 3.0 * j), change, -2.0 * e), change, d)
         t -= change
         change = abs(change) * per_step
         left *= change

@@ -59,7 +59,8 @@ def time_to_release(theta, pt):
     level = pt.p * pt.p * pt.clearance
     s, c = sin_cos(theta)
     a = pressing(s, pt)
-    # Where the force begins to press, the sign of a is rounding: the release is the next one.
+    # If the force is about to press, only rounding decides the sign of a; the release meant is the
+    # following one.
     begins = abs(level) < pt.f and a > -1e-14 * pt.f and c < 0.0
     if not (a > 0.0 or begins):
         return 0.0
@@ -67,8 +68,8 @@ def time_to_release(theta, pt):
         return math.inf
     turn = -math.asin(level / pt.f)
     angle = (turn - theta) % (2.0 * math.pi)
-    # The force has pressed since pi - turn or later: a longer wait is a release that theta has
-    # passed by its rounding.
+    # The force begins to press at pi - turn, so the wait is at most pi + 2 turn. A longer one means
+    # that theta is just past a release, by rounding: release now.
     return angle / pt.omega if angle < 1.5 * math.pi + turn else 0.0
 
 
