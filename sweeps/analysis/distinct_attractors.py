@@ -33,7 +33,7 @@ from sweeps.analysis.selection import Setting
 from sweeps.errors import Refused
 from vibroimpact.orbits.cycles import TOLERANCE
 
-#: Motions that count as an attractor; of the others it is not known whether they stay.
+#: Motions that count as an attractor; whether the others stay as they are is not known.
 COUNTED_MOTIONS = (Motion.PERIODIC, Motion.REST, Motion.CHAOTIC)
 
 
@@ -46,7 +46,7 @@ def attractors(
     ----------
     dataset : Dataset
         An opened sweep, or a cut through one, with ``period`` and the section; ``lyapunov`` is
-        used where there.
+        used if the sweep has it.
     tolerance : float
         Within which section states, x and v / omega, are the same; relative to the greatest of the
         cycle.
@@ -68,7 +68,7 @@ def attractors(
         repetition of a periodic one, otherwise 0;
         ``section_x``, ``section_v``: a state on it; ``representative``: the number of the start it
         is from, in C order over the axes of starts in the order of the file; ``settled``: whether
-        the record of that start shows it.
+        the record of that start shows the attractor.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _members(
 
 
 def _settled_members(of_point: np.ndarray, heads: np.ndarray, ends: Outcomes) -> np.ndarray:
-    """Return a point on each attractor, one whose record shows it where there is one."""
+    """Return a point on each attractor, if possible one whose record shows the attractor."""
     shown = np.flatnonzero((of_point >= 0) & ~ends.followed)
     attractor, first = np.unique(of_point[shown], return_index=True)
     replaced = ends.followed[heads[attractor]]

@@ -193,17 +193,17 @@ def coordinates(orbit: PeriodicOrbit, coordinate: str, phase: float) -> np.ndarr
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far the points that follow stable branches of one class are from these.
+    """How far computed points of one class are from the stable branches that they follow.
 
     Attributes
     ----------
     m, q : int
     values : ndarray, shape (k,)
-        Of the axis, where a computed point repeats so and there is a stable orbit.
+        Values of the axis at which a computed point has this class and there is a stable orbit.
     sizes : ndarray, shape (k,)
         The largest deviation in its record, in the unit of the coordinate.
     settled : ndarray of bool, shape (k,)
-        Where the orbit's multipliers reduce a deviation to rounding within the transient.
+        Whether the orbit's multipliers reduce a deviation to rounding within the transient.
     """
 
     m: int

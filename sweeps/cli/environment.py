@@ -1,4 +1,4 @@
-"""What is set around a command: refused where a library would end in a traceback."""
+"""Check the environment of a command: refuse settings that would end in a traceback."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def check_csv(path: Path | None) -> None:
 
 
 def inches(text: str | None) -> float | None:
-    """Read a width with its unit, where one is given."""
+    """Read a width with its unit, or None if no width is given."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*([0-9.]+)\s*(in|cm|mm|pt)\s*", text)
@@ -56,7 +56,7 @@ def inches(text: str | None) -> float | None:
 
 
 def interval(text: str) -> tuple[float, float] | None:
-    """Read LOW:HIGH; None where it is not two finite numbers of which the first is smaller."""
+    """Read LOW:HIGH; return None unless these are finite and LOW is smaller."""
     low, _, high = text.partition(":")
     try:
         ends = float(low), float(high)
@@ -66,7 +66,7 @@ def interval(text: str) -> tuple[float, float] | None:
 
 
 def limits(option: str, text: str | None) -> tuple[float, float] | None:
-    """Read the limits of an axis, where they are given."""
+    """Read the limits of an axis if they are given."""
     ends = None if text is None else interval(text)
     if text is not None and ends is None:
         raise Refused(
@@ -138,7 +138,7 @@ def named(file: Path) -> Iterator[None]:
 
 
 def say_moved(requested: Cut, cut: Cut, verb: str) -> None:
-    """Say where a value that was asked for is not on the grid, and which one was taken."""
+    """Name each requested value that is not on the grid, and the value taken instead."""
     for name, value in requested.items():
         if value != cut[name]:
             text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"

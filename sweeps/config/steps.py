@@ -46,12 +46,12 @@ def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
 
 
 def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
-    """Refuse `steps` per period where the integrator is unstable with them at one of `points`.
+    """Refuse `steps` per period if they make the integrator unstable at one of `points`.
 
     Raises
     ------
     MisplacedError
-        Says where, what the limit is there, and how many steps would do.
+        Names the point, the limit there, and how many steps would do.
     """
     all_least = least_stable_steps(integrator, points["h"], points["p"], points["omega"])
     least = all_least.max()

@@ -106,7 +106,7 @@ class SweepConfig(Group):
     @model_validator(mode="before")
     @classmethod
     def _output_from_name(cls, data: Any) -> Any:
-        """Name the output after the sweep, where it is not given."""
+        """Name the output after the sweep if no output is given."""
         if isinstance(data, dict) and "name" in data and "output" not in data:
             return {**data, "output": f"{data['name']}.h5"}
         return data
@@ -247,7 +247,7 @@ class SweepConfig(Group):
 
     @property
     def directions(self) -> tuple[str, ...]:
-        """Each way in which an axis is followed; none where none is."""
+        """The directions in which an axis is followed; empty if no axis is."""
         if self.follow is None:
             return ()
         return ("up", "down") if self.follow.direction == "both" else (self.follow.direction,)
@@ -258,7 +258,7 @@ class SweepConfig(Group):
         return self.grid.size * max(1, len(self.directions))
 
     def to_yaml(self) -> str:
-        """Return the configuration with every default but without where and how it is stored.
+        """Return the configuration with every default, but without the output and its compression.
 
         Loading it gives the same sweep: the same values and steps, and the axes in the same order.
         """
@@ -276,7 +276,7 @@ class SweepConfig(Group):
             plain["method"]["steps_per_period"] = self.steps
         options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
         text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
-        # Written for a terminal, too: what it would obey is escaped, where YAML reads it back.
+        # If a terminal would obey a character, the text is escaped; YAML reads both forms alike.
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
 
 

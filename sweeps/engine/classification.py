@@ -29,7 +29,7 @@ Results = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class ClassifiedPoint:
-    """A value of the swept axis with the class of its motion, None where that is not known.
+    """A value of the swept axis with the class of its motion, or None if the class is not known.
 
     The results are the variables of the file at this point.
     """
@@ -83,7 +83,7 @@ class Classifier:
         return points
 
     def classify(self, values: np.ndarray, results: Results) -> list[ClassifiedPoint]:
-        """Find the class behind each record, and where that is not what it shows, record anew.
+        """Find the class behind each record; if that is a periodic orbit, record the orbit itself.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Classifier:
         results = self._run(
             np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0
         )
-        # A record may be too short to show m, or q where it is not of whole repetitions.
+        # A record may be too short to show m; it shows q only if it is of whole repetitions.
         results["period"][:], results["period_impacts"][:] = label.m, label.q
         row = {name: array[0] for name, array in results.items()}
         return ClassifiedPoint(point.value, label, row)
@@ -135,7 +135,7 @@ class Classifier:
         points = mesh({self._axis: values}, self._config.grid.fixed)
         if starts is not None:
             points["x0"], points["v0"] = starts.T
-            points["x0"] = np.minimum(points["x0"], points["clearance"])  # as where it is followed
+            points["x0"] = np.minimum(points["x0"], points["clearance"])  # as in a followed sweep
         return compute(config, points, self._threads, at_section=starts is not None)
 
     def _oscillator(self, value: float) -> Oscillator:

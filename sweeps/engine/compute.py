@@ -33,8 +33,8 @@ SOURCES = (
 def numerics(config: SweepConfig) -> str:
     """Name the code that determines the data of a sweep.
 
-    That is all of `vibroimpact`, whose results the engine only passes on, and, where the sweep is
-    refined, ``SOURCES``.
+    That code is all of `vibroimpact`, whose results the engine only passes on; of a refined sweep
+    also ``SOURCES``.
     """
     if config.refine is None:
         return NUMERICS
@@ -82,8 +82,8 @@ def compute_block(
     ----------
     config : SweepConfig
     block : Block
-        One of the file's: with a slice over the directions before those over the axes, where an
-        axis is followed up and down.
+        One of the file's. If an axis is followed up and down, a slice over the directions comes
+        before those over the axes.
     threads : int or None
         Threads to use, None for all. The results do not depend on it.
     advance : callable, optional

@@ -88,6 +88,6 @@ class Branches:
 
 
 def _depends_on(view: View) -> Any:
-    """Return what the branches in a window depend on; None where none are wanted."""
+    """Return what the branches in a window depend on, or None if no branches are wanted."""
     fixed = {name: value for name, value in view.values.items() if name != view.axis}
     return (view.axis, view.ordinate, fixed, view.record["phase"]) if view.exact else None

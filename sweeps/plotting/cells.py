@@ -80,7 +80,7 @@ def draw_map(panel: Axes, cut: xr.Dataset, kinds: Sequence[Cells], title_end: st
         Its ``status`` has the ordinate and the abscissa as dimensions, both increasing.
     kinds : sequence of Cells
     title_end : str
-        Added to the title of the legend, where there are periodic classes.
+        Added to the title of the legend if there are periodic classes.
     """
     y, x = (cut[name] for name in cut["status"].dims)
     set_scale(panel.xaxis, x.values)

@@ -29,7 +29,7 @@ from sweeps.store import DIRECTION
 class Kind(NamedTuple):
     """A kind of picture: the function that draws it, and its options beside `at`.
 
-    It chooses so many `axes` to show where they are not given, and shows the `whole` ones besides.
+    It shows the `whole` axes and `axes` others, of which it chooses those that are not given.
     """
 
     draw: Callable[..., Figure]
@@ -127,11 +127,11 @@ def default_kind(dataset: xr.Dataset, at: Cut | None = None, **options: Any) -> 
     Returns
     -------
     str
-        ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, where x0
+        ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, if x0
         or v0 was swept, the period recorded, and no start chosen by the options, ``basins`` if
-        nothing else was swept and ``attractors`` if a parameter was. Otherwise, where two
-        parameters were swept, the period recorded, and none of the two chosen, ``map``. Otherwise
-        ``bifurcation`` where an axis was swept, ``trajectory`` if there is one, and ``section``.
+        nothing else was swept and ``attractors`` if a parameter was. Otherwise, if two
+        parameters were swept, the period recorded, and neither of them chosen, ``map``. Otherwise
+        ``bifurcation`` if an axis was swept, ``trajectory`` if there is one, else ``section``.
     """
     for option, kind in (("quantity", "map"), ("periods", "trajectory")):
         if option in options:

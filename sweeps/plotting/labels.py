@@ -28,14 +28,14 @@ _NARROW = 4.2
 
 
 def label_colour_bar(bar: Colorbar, variable: xr.DataArray) -> None:
-    """Label a colour bar, in several lines where the words are long."""
+    """Label a colour bar, in several lines if the words are long."""
     words = variable.attrs["long_name"]
     gap = "\n" if len(words) > _BAR_LABEL - 12 else " "  # about what symbol and unit take
     bar.set_label(label(variable.assign_attrs(long_name=fill(words, _BAR_LABEL)), gap))
 
 
 def label_ordinate(panel: Axes, variable: xr.DataArray) -> None:
-    """Label the ordinate of a panel, in two lines where the picture is narrow."""
+    """Label the ordinate of a panel, in two lines if the picture is narrow."""
     narrow = isinstance(figure := figure_of(panel), Picture) and figure.get_figwidth() < _NARROW
     panel.set_ylabel(label(variable, "\n" if narrow else " "))
 

@@ -15,7 +15,7 @@ def count_pixels(
     columns : ndarray of int, shape (k,)
         The column of each point, all of them in the panel.
     values : ndarray, shape (k, width)
-        Of the ordinate; NaN where there is none.
+        Values of the ordinate; NaN for a missing value.
     shape : (int, int)
     low, high : float
         Range of the ordinate.

@@ -46,7 +46,7 @@ def trajectory(
         As for `sweeps.plotting.bifurcation`.
     periods : int, optional
         Forcing periods to compute with the method of the sweep, from the last state of the section
-        on. By default the trajectory of the file is drawn or, where there is none, ``PERIODS``.
+        on. By default the trajectory of the file is drawn or, if it has none, ``PERIODS``.
     page : Page, optional
         Its limits are those of x over t.
     ax : three Axes, optional

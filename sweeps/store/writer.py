@@ -319,7 +319,7 @@ def _fitted(arrays: Mapping[str, np.ndarray], width: int) -> dict[str, np.ndarra
     """Cut or pad the trajectories to a width."""
 
     def cut_or_padded(array: np.ndarray) -> np.ndarray:
-        """Return an array of that width along its last axis."""
+        """Return an array whose last axis has the length `width`."""
         missing = [(0, 0)] * (array.ndim - 1) + [(0, max(0, width - array.shape[-1]))]
         return np.pad(array[..., :width], missing, constant_values=math.nan)
 
