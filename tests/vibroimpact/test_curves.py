@@ -162,6 +162,42 @@ def test_no_flips_and_folds_meet_a_graze_where_their_condition_vanishes_all_alon
     assert [point.kind for point in found.special] == ["edge", "edge"]
 
 
+def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
+    """The rounding of c1 grows with the period."""
+    scene = Oscillator(h=0.0, R=0.9, omega=12 * 1.95, f=1.0)
+    start = branch(one_impact(scene, 12), "omega", 0.6 * scene.omega, 1.3 * scene.omega)
+    (graze,) = [point for point in start.special if point.kind == "graze"]
+    ranges = ("omega", 0.5 * scene.omega, 1.5 * scene.omega), ("R", 0.2, 0.97)
+    found = bifurcation_curve(graze.orbit, "graze", *ranges)
+    assert len(found.values) > 10
+    assert not {"flip", "fold"} & {point.kind for point in found.special}
+
+
+@pytest.mark.parametrize(("low", "high", "count"), [(0.06, 0.08, 7), (0.08, 0.1, 4)])
+def test_flips_and_folds_meet_the_graze_of_a_strongly_damped_free_oscillation(low, high, count):
+    """They do at omega = 2 Omega / k, where c1 itself is of the order of exp(-h T)."""
+    omega = 0.5 * (low + high)
+    f = math.hypot(1.0 - omega**2, omega)
+    still = Oscillator(h=0.5, R=0.8, omega=omega, f=0.99 * f, clearance=1.0)
+    orbit = solved(still, 1, np.empty(0), np.empty(0))
+    found = bifurcation_curve(orbit, "graze", ("f", 0.8 * f, 1.2 * f), ("omega", low, high))
+    meetings = [2.0 * math.sqrt(0.75) / k for k in range(1, 40)]
+    expected = sorted(omega for omega in meetings if low < omega < high)
+    assert len(expected) == count
+    for kind in ("flip", "fold"):
+        places = sorted(p.values[1] for p in found.special if p.kind == kind)
+        assert places == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("width", [1e-7, 1e-8])
+def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
+    scene = Oscillator(h=0.05, R=0.8, omega=2.65888454668484, f=1.0)
+    ranges = [(x, getattr(scene, x) - width, getattr(scene, x) + width) for x in ("omega", "R")]
+    found = bifurcation_curve(one_impact(scene), "flip", *ranges)
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert sorted(point.values[1] for point in found.special) == [0.8 - width, 0.8 + width]
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
     found = bifurcation_curve(one_impact(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))

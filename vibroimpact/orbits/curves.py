@@ -8,6 +8,7 @@ vanishes; these end there, and wherever else their orbit grazes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -31,10 +32,9 @@ KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
 _BESIDE = 0.2
 #: A flight whose top is closer to the stop than this touches it, in units of speed over frequency.
 _TOUCHES = 1e-7
-
-#: Below this only rounding decides the sign of a coefficient of det(S + mu T); other coefficients
-#: are of the order of 1.
-_ROUNDING = 1e-12
+#: Below this times (2h + p + omega) T exp(-h T), only rounding decides the sign of a coefficient of
+#: det(S + mu T).
+_ROUNDING = 1e3 * 2.0**-52
 
 
 class CurvePoint(NamedTuple):
@@ -186,7 +186,7 @@ def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
         ends = [orbits.polynomial(X)[1] for X in (step.X, step.Y)]
         # Without damping the coefficient may be zero along the whole curve; then only rounding
         # decides its sign.
-        if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > _ROUNDING:
+        if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > _rounding(orbits, step.X):
             X = step.root(lambda X: orbits.polynomial(X)[1])
             if X is not None:
                 yield from (("flip", X), ("fold", X))
@@ -197,6 +197,13 @@ def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
             X = step.root(lambda X: float(_heading(step, X) @ turn))
             if X is not None:
                 yield "cusp", X
+
+
+def _rounding(orbits: Orbits, X: np.ndarray) -> float:
+    """Return a bound on the rounding of c1, which decays as the flow over the m periods does."""
+    osc = orbits.oscillator(X)
+    T = 2.0 * math.pi * orbits.m / osc.omega
+    return _ROUNDING * (2.0 * osc.h + osc.p + osc.omega) * T * math.exp(-osc.h * T)
 
 
 def _heading(step: Segment, X: np.ndarray) -> np.ndarray:

@@ -22,8 +22,9 @@ from vibroimpact.orbits.linear_system import inner, largest, linearised, solutio
 NONE, FLIP, FOLD, GRAZE = range(4)
 
 #: Step of the central differences of a condition: it varies over far less than an orbit does where
-#: all impacts of a long orbit are slow.
-_DIFFERENCE = 1e-9
+#: all impacts of a long orbit are slow. A parameter in units of a narrow span is a large number:
+#: the step is at least this share of it, far above its rounding, but at most that of an orbit.
+_DIFFERENCE, _DIFFERENCE_SHARE, _LONGEST_DIFFERENCE = 1e-9, 1e-12, 6e-6
 #: The iteration ends after a step below the first, or one below the second that is no smaller than
 #: half the one before it.
 _CONVERGED, _STALLED = 1e-12, 1e-7
@@ -48,13 +49,15 @@ def _gradient(system, X, along):
     """Return the derivative of the condition along a vector."""
     if system.condition == GRAZE:
         return along[2 * system.graze + 1]
-    Y = np.empty(X.size)
+    Y, step = np.empty(X.size), _DIFFERENCE
+    for i in range(2 * system.q, X.size):
+        step = max(step, min(_DIFFERENCE_SHARE * abs(X[i]), _LONGEST_DIFFERENCE))
     for i in range(X.size):
-        Y[i] = X[i] + _DIFFERENCE * along[i]
+        Y[i] = X[i] + step * along[i]
     above = condition_value(system, Y)
     for i in range(X.size):
-        Y[i] = X[i] - _DIFFERENCE * along[i]
-    return (above - condition_value(system, Y)) / (2.0 * _DIFFERENCE)
+        Y[i] = X[i] - step * along[i]
+    return (above - condition_value(system, Y)) / (2.0 * step)
 
 
 @jit
