@@ -16,8 +16,8 @@ from sweeps.store.ledger import opened
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the name of a new, empty file, which replaces `path` at the end.
 
-    If `path` is a link, its target is replaced. If the ``with`` block raises, `path` stays as it
-    was, and the new file is removed.
+    Links in `path` must be resolved: a link at `path` would itself be replaced, not its target. If
+    the ``with`` block raises, `path` stays as it was, and the new file is removed.
     """
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
     with opened(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW):
