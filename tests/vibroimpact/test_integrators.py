@@ -1,6 +1,7 @@
 """Each step as a map, its order, and the exact flow against series of hundreds of digits."""
 
 import math
+import re
 
 import naive
 import numpy as np
@@ -54,7 +55,12 @@ def test_every_integrator_has_its_own_code():
     """Two rows with one code would be one integrator under two names."""
     codes = [row.code for row in INTEGRATORS.values()]
     assert sorted(codes) == list(range(len(codes)))
-    assert all(row.step.__doc__ for row in INTEGRATORS.values())
+
+
+@ALL
+def test_the_docstring_of_an_integrator_names_its_source(name):
+    """Authors and the year in parentheses."""
+    assert re.search(r"[A-Z][a-z]+ \((1[7-9]|20)\d\d\),\s", INTEGRATORS[name].step.__doc__)
 
 
 @ALL

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kernel_cases import METHODS, PERIOD, assert_same, one, random_points, steps_for
-from vibroimpact import Status, integrate
+from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.flight import LONGEST_STEP
@@ -42,6 +42,22 @@ def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone()
     assert not np.isinf(out["poincare_x"]).any()
     once_lost = np.isnan(out["poincare_x"][bad])
     assert (np.diff(once_lost.astype(int), axis=1) >= 0).all()
+
+
+def test_the_impacts_before_an_overflow_are_kept_in_time_order():
+    """An unstable step gains speed up to an impact of infinite speed, which is not kept."""
+    for omega in (1.2, 1.4, 1.5):
+        out = integrate(
+            Oscillator(h=0.0, R=1.0, omega=omega, f=1e150, p=30.0).at(),
+            integrator="rk4",
+            impact="plain",
+            steps_per_period=40,
+            transient=0,
+            periods=40,
+            impacts=4,
+        )
+        assert out["status"] == Status.NON_FINITE
+        assert (np.diff(out["impact_v"]) > 0.0).all()
 
 
 def test_an_overflow_in_the_transient_is_seen():

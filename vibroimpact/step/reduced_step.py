@@ -1,7 +1,7 @@
 """The impact rules of time stepping: ``plain``, ``reduced-step`` and ``cubic``.
 
 ``plain`` is the rule (2)-(5) at the end of the step. ``reduced-step`` is the paper's
-procedure, eqs (6)-(10): the step is shortened to the impact, found by linear interpolation,
+procedure, eqs (6)-(9): the step is shortened to the impact, found by linear interpolation,
 the rule is applied there, and the remainder of the step follows, so that the state is back
 on the common grid. (``paper.py`` keeps the literal form, which restarts the grid at the impact.)
 ``cubic`` finds the impact on the cubic Hermite interpolant of the step instead, and takes a step
