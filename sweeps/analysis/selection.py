@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from sweeps.errors import Refused, nearest, suggestion
+from sweeps.errors import Refused
 from sweeps.store import DIRECTION
+from sweeps.text import nearest, suggestion
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from sweeps.bench.accuracy_speed import Measurement
 from sweeps.bench.scenes import CHATTER, FLIP, FLIP_SCENE, GRAZING, ORBIT_ERRORS
 from sweeps.bench.work_precision import MEAN, NO_DIGIT, Line, cheapest
-from sweeps.errors import table
+from sweeps.text import table
 
 STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
 #: The steps per period, and of the peers the tolerance, at which errors are shown.

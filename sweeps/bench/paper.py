@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sweeps.bench.scenes import METHODS
-from sweeps.errors import table
+from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES

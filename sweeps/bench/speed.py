@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import track
 
 from sweeps.bench.costs import scene
-from sweeps.errors import table
+from sweeps.text import table
 from vibroimpact import integrate
 from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
 from vibroimpact.step.methods import default_steps

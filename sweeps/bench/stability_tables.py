@@ -10,7 +10,7 @@ import numpy as np
 from sweeps.bench.failures import FAILURES, STEPS, Failure
 from sweeps.bench.scenes import Method
 from sweeps.bench.stability import LONGEST, ZETAS, Limits
-from sweeps.errors import table
+from sweeps.text import table
 
 #: Behind a figure that is a failure.
 MARK = "!"

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.errors import Refused, nearest, suggestion
+from sweeps.errors import Refused
+from sweeps.text import nearest, suggestion
 
 
 def init(

@@ -7,7 +7,8 @@ import resource
 import warnings
 from pathlib import Path
 
-from sweeps.errors import Failed, Refused, shortened
+from sweeps.errors import Failed, Refused
+from sweeps.text import shortened
 
 #: Address space that a command takes before it computes a point, and for each core [bytes]. With
 #: less, OpenBLAS waits forever for the memory of its threads.

@@ -8,7 +8,7 @@ import warnings
 
 import typer
 
-from sweeps.errors import printable
+from sweeps.text import printable
 
 
 def say(text: object, *, error: bool = False, end: bool = True) -> None:

@@ -17,7 +17,8 @@ from sweeps.config.messages import dotted, explained, shown, without_echoes
 from sweeps.config.schema import key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Key
-from sweeps.errors import ConfigError, shortened, shown_count
+from sweeps.errors import ConfigError
+from sweeps.text import shortened, shown_count
 
 #: A longer file is none that was typed; a long axis is better given as a range.
 _MOST_BYTES = 250_000

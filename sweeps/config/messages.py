@@ -11,7 +11,7 @@ from sweeps.config.names import meant
 from sweeps.config.schema import RecordConfig, Trajectory, key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Group, Key, MisplacedError, Range
-from sweeps.errors import shortened, suggestion
+from sweeps.text import shortened, suggestion
 
 #: What pydantic calls an error of a number or a truth value, in the words of the messages.
 _PROBLEMS = {

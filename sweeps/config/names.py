@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from sweeps.errors import nearest
+from sweeps.text import nearest
 
 #: Other names of each key: symbols of the literature, words of other programs.
 _OTHER_NAMES = {

@@ -35,7 +35,7 @@ from sweeps.config.values import (
     plain_integer,
     plain_number,
 )
-from sweeps.errors import nearest, shortest, suggestion
+from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.methods import MOST_STEPS

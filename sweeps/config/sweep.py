@@ -38,8 +38,8 @@ from sweeps.config.values import (
     null,
     one_of,
 )
-from sweeps.errors import printable, shortest
 from sweeps.grid import Grid
+from sweeps.text import printable, shortest
 from vibroimpact.step.methods import MOST_STEPS, default_steps
 
 #: How a complete file can be compressed.

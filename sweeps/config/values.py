@@ -20,7 +20,7 @@ from pydantic import (
     model_validator,
 )
 
-from sweeps.errors import nearest, suggestion
+from sweeps.text import nearest, suggestion
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]

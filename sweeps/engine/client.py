@@ -13,8 +13,9 @@ from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
-from sweeps.errors import Refused, shortened
+from sweeps.errors import Refused
 from sweeps.interrupts import check, raised_at_once
+from sweeps.text import shortened
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster

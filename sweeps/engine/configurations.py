@@ -9,8 +9,9 @@ import yaml
 
 from sweeps.config.loading import load_config, parse_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import Refused, nearest, suggestion
+from sweeps.errors import Refused
 from sweeps.store import open_sweep
+from sweeps.text import nearest, suggestion
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 

@@ -11,9 +11,10 @@ import psutil
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import computation, compute
-from sweeps.errors import StoreError, shown_bytes
+from sweeps.errors import StoreError
 from sweeps.grid import Grid
 from sweeps.store import bytes_per_point
+from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.lanes.kernel import lanes_per_block
 from vibroimpact.step.rules import IMPACT_RULES

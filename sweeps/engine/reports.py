@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.errors import (
-    Failed,
-    StoreError,
-    in_units,
-    shown_bytes,
-    shown_count,
-    shown_duration,
-    table,
-)
+from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
     VARIABLES,
@@ -26,6 +18,7 @@ from sweeps.store import (
     per_point,
     status_counts,
 )
+from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, table
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

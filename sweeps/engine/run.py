@@ -21,7 +21,6 @@ from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
 from sweeps.engine.reports import plan
 from sweeps.engine.workers import Computer, computer_for
-from sweeps.errors import printable
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.store import (
@@ -33,6 +32,7 @@ from sweeps.store import (
     open_sweep,
     sweep_writer,
 )
+from sweeps.text import printable
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -15,7 +15,7 @@ from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_axes
-from sweeps.errors import Refused, shown_count
+from sweeps.errors import Refused
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
 from sweeps.plotting.labels import add_title, label_ordinate, set_scale
@@ -23,6 +23,7 @@ from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
 from sweeps.plotting.quantity_words import label
+from sweeps.text import shown_count
 
 
 @in_style

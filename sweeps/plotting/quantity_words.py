@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import xarray as xr
 
-from sweeps.errors import in_units
 from sweeps.store import VARIABLES
+from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 

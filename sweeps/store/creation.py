@@ -17,12 +17,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sweeps.errors import in_units
 from sweeps.grid import box_shape
 from sweeps.interrupts import check
 from sweeps.store.layout import BLOCKS, COORDINATES, Layout
 from sweeps.store.ledger import ROW, Span, State, checksum, ledger_size, opened, seal, write_all
 from sweeps.store.variables import DIRECTION, DIRECTION_MEANING, RECORDS, VARIABLES
+from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 

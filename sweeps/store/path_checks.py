@@ -9,9 +9,10 @@ import stat
 from pathlib import Path
 from typing import NoReturn
 
-from sweeps.errors import StoreError, shown_bytes
+from sweeps.errors import StoreError
 from sweeps.store.layout import FORMAT, FORMAT_VERSION
 from sweeps.store.ledger import DamageError
+from sweeps.text import shown_bytes
 
 #: Endings that name another kind of file, which a slip would give to the data.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")

@@ -12,7 +12,7 @@ import xarray as xr
 
 import sweeps
 from commands import SMALL, accepted, call, refused
-from sweeps.errors import printable
+from sweeps.text import printable
 
 CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]

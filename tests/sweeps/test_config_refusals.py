@@ -5,7 +5,8 @@ import pytest
 from configurations import oscillator, refusal
 from sweep_files import load
 from sweeps.config.loading import load_config
-from sweeps.errors import ConfigError, printable
+from sweeps.errors import ConfigError
+from sweeps.text import printable
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
 

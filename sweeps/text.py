@@ -1,0 +1,91 @@
+"""How messages and tables show words and numbers."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+
+def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
+    """Return the valid word that is most like `name` in any case; None if all differ too much.
+
+    `least` is the share of the letters that must agree, from 0 to 1.
+    """
+    folded = {word.casefold(): word for word in valid}
+    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=least)
+    return folded[match[0]] if match else None
+
+
+def suggestion(word: str | None) -> str:
+    """Ask whether a word was meant, as an addition to an error; nothing if there is none."""
+    return f" (did you mean {word}?)" if word else ""
+
+
+def printable(text: str) -> str:
+    """Escape what a terminal would obey or hide: all but printable characters and line ends."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """Put a text on one line, and cut it to at most so many characters."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 3] + "..."
+
+
+def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
+    """Align the columns of rows of equal length, two spaces apart.
+
+    The first `words` columns are aligned left, the others right; by default all left.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    left = len(widths) if words is None else words
+    aligned = [str.ljust] * left + [str.rjust] * (len(widths) - left)
+    lines = (
+        [align(cell, width) for align, cell, width in zip(aligned, row, widths, strict=True)]
+        for row in rows
+    )
+    return "\n".join("  ".join(line).rstrip() for line in lines)
+
+
+def shortest(value: float) -> str:
+    """Write a number with as many digits as it needs: 7, not 7.0."""
+    return repr(float(value)).removesuffix(".0")
+
+
+def in_units(unit: str, units: Mapping[str, str]) -> str:
+    """Write a unit in those chosen for length and time: mm/s^2 for length/time^2."""
+    return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)
+
+
+def shown_range(values: Sequence[float | str]) -> str:
+    """Write what values range over, as in 0.5 .. 0.9; every one of them where they are words."""
+    if any(isinstance(value, str) for value in values):
+        return ", ".join(sorted({str(value) for value in values}))
+    low, high = min(map(float, values)), max(map(float, values))
+    return f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}"
+
+
+def shown_count(number: int, noun: str) -> str:
+    """Write a number of things, as in 1 point or 1,200 points."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+def shown_bytes(size: float) -> str:
+    """Write a size in bytes with its unit, as in 1.2 GB."""
+    units = ["B", "kB", "MB", "GB", "TB"]
+    while size >= 1000.0 and len(units) > 1:
+        size /= 1000.0
+        del units[0]
+    return f"{size:.3g} {units[0]}"
+
+
+def shown_duration(seconds: float) -> str:
+    """Write a time in seconds with the unit that suits it; "unknown" for NaN."""
+    if math.isnan(seconds):
+        return "unknown"
+    for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):
+        if seconds < limit:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 86400:,.3g} days"
