@@ -204,6 +204,8 @@ def _opened(path: Path, stack: ExitStack) -> SweepFile:
             "what is in it cannot be trusted; run its configuration again with --overwrite"
         ) from None
     except OSError as error:
+        if os.fstat(descriptor).st_nlink == 0:  # a run has just replaced it, and HDF5 wants a name
+            return _opened(path, stack)
         raise StoreError(f"{path} cannot be read, it may be truncated: {reason(error)}") from error
 
 

@@ -1,7 +1,9 @@
 """What is written to a file comes back, to this package and to xarray."""
 
 import itertools
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -187,6 +189,23 @@ def test_a_partial_file_says_what_is_pending(tmp_path):
             if variable.dtype == "float64":
                 assert np.isnan(dataset[name].values[pending]).all()
                 assert np.isfinite(dataset[name].values[~pending]).all()
+
+
+def test_a_file_that_is_replaced_while_it_is_opened_is_opened_again(tmp_path, monkeypatch):
+    """As a run does with a file that is refined, compressed or widened."""
+    path, copy = tmp_path / "out.h5", tmp_path / "copy.h5"
+    write_blocks(path, whole(GRID))
+    shutil.copy(path, copy)
+    open_hdf5 = h5py.File
+
+    def replaced(*arguments):
+        monkeypatch.setattr(h5py, "File", open_hdf5)
+        copy.replace(path)
+        return open_hdf5(*arguments)
+
+    monkeypatch.setattr(h5py, "File", replaced)
+    with open_sweep(path) as dataset:
+        assert not copy.exists() and status_counts(dataset)[Status.PENDING] == 0
 
 
 def test_it_is_read_lazily(tmp_path):
