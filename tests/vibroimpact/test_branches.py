@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.family import Axis, Orbits
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.orbits.switching import doubled_branch
@@ -97,6 +98,18 @@ def test_every_orbit_of_a_branch_is_one():
         closed = one_impact_orbit(replace(LIGHT, omega=float(found.values[i])))
         assert found.speeds[i, 0] == pytest.approx(closed.v, abs=1e-13)
         assert found.stable[i] == (closed.stable and found.orbit(i).stable)
+
+
+@pytest.mark.parametrize(("speed", "kept"), [(-1e-3, -1e-3), (-1e-13, 0.0), (1e-13, 0.0)])
+def test_only_rounding_is_taken_for_a_speed_of_zero(speed, kept):
+    """A negative speed that is not rounding is no graze, and shows."""
+    osc = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
+    closed = one_impact_orbit(osc)
+    start = solved(osc, 1, np.array([closed.phase]), np.array([closed.v]))
+    orbits = Orbits(start, (Axis("omega", 2.0, 3.0),))
+    X = orbits.start.copy()
+    X[1] = speed
+    assert orbits.orbit(X).speeds[0] == kept * orbits.speed
 
 
 def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():

@@ -9,6 +9,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
+from vibroimpact.orbits.family import Orbits
 from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
@@ -127,6 +128,23 @@ def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega,
         if speeds.min() > 0.01:
             orbit = PeriodicOrbit(replace(SCENE, f=f, omega=omega), m, phases, speeds)
             assert np.abs(orbit.multipliers + 1.0).min() < 1e-10
+
+
+@pytest.mark.parametrize(("fails_below", "kind"), [(1e-7, "graze"), (1e-4, "lost")])
+def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, kind):
+    """Newton's method fails where an impact is slower than a share of the unit of speed."""
+    corrected = Orbits.corrected
+
+    def fails(self, *arguments):
+        X = corrected(self, *arguments)
+        return None if X is not None and 0.0 < X[1 : 2 * self.q : 2].min() < fails_below else X
+
+    monkeypatch.setattr(Orbits, "corrected", fails)
+    start = one_impact(replace(SCENE, omega=0.81, f=0.35), 2)
+    found = bifurcation_curve(start, "flip", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
+    assert {point.kind for point in found.special} == {"edge", kind}
+    (end,) = [point for point in found.special if point.kind == kind]
+    assert end.orbit.speeds.min() == pytest.approx(1.2 * fails_below, rel=0.1)
 
 
 def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():

@@ -32,6 +32,9 @@ KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
 _BESIDE = 0.2
 #: A flight whose top is closer to the stop than this touches it, in units of speed over frequency.
 _TOUCHES = 1e-7
+#: An impact that is slower than this where a walk ends grazes, in the unit of speed. Where all
+#: impacts of a long orbit graze at once, Newton's method fails at 1e-6.
+_GRAZES = 1e-5
 #: Below this times (2h + p + omega) T exp(-h T), only rounding decides the sign of a coefficient of
 #: det(S + mu T).
 _ROUNDING = 1e3 * 2.0**-52
@@ -44,9 +47,10 @@ class CurvePoint(NamedTuple):
     ----------
     kind : str
         ``cusp``; on a curve of grazes ``flip`` and ``fold``, which meet it there; and the ends
-        ``graze`` (another impact has no speed, or a flight touches the stop), ``rest``, ``edge``
-        and ``lost``; ``penetration`` if a flight crosses the stop, but its touch is missed by more
-        than rounding, because Newton's method fails where two halves of the orbit become equal.
+        ``graze`` (another impact has no speed, to 1e-5 of the unit of speed, or a flight touches
+        the stop), ``rest``, ``edge`` and ``lost`` (Newton's method fails before any of these);
+        ``penetration`` if a flight crosses the stop, but its touch is missed by more than rounding,
+        because Newton's method fails where two halves of the orbit become equal.
     values : ndarray, shape (2,)
         Of the two parameters.
     orbit : PeriodicOrbit
@@ -217,10 +221,11 @@ def _end_kind(orbits: Orbits, end: End) -> str:
     """Say how a walk that is not closed ends."""
     if end.objection is None:
         return "lost"
-    kinds = {"speed": "graze", "pass": "penetration"}
-    if end.objection.kind == "pass" and _touches(orbits, end.X, end.objection):
-        return "graze"
-    return kinds.get(end.objection.kind, end.objection.kind)
+    if end.objection.kind == "speed":
+        return "graze" if end.X[2 * end.objection.at + 1] < _GRAZES else "lost"
+    if end.objection.kind == "pass":
+        return "graze" if _touches(orbits, end.X, end.objection) else "penetration"
+    return end.objection.kind
 
 
 def _touches(orbits: Orbits, X: np.ndarray, objection: Objection) -> bool:

@@ -22,7 +22,7 @@ from vibroimpact.oscillator import Oscillator
 _NAMES = [field.name for field in fields(Oscillator)]
 #: Iterations of the corrector.
 _MOST_ITERATIONS = 8
-#: A speed below this, in units of the largest, counts as zero: a graze.
+#: A speed smaller than this, in the unit of speed, is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
 
 
@@ -138,15 +138,13 @@ class Orbits:
         return replace(self.osc, **dict(zip(names, self.kept(X).tolist(), strict=True)))
 
     def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return phases and speeds at points; a speed below 0, by rounding, is 0."""
-        z = X[..., : 2 * self.q]
-        return z[..., ::2], np.maximum(z[..., 1::2], 0.0) * self.speed
+        """Return phases and speeds at points; a speed that is zero to rounding is zero."""
+        phases, speeds = X[..., : 2 * self.q : 2], X[..., 1 : 2 * self.q : 2]
+        return phases, np.where(np.abs(speeds) < _ZERO_SPEED, 0.0, speeds) * self.speed
 
     def orbit(self, X: np.ndarray) -> PeriodicOrbit:
-        """Return the orbit at a point; a speed that is zero to rounding is zero."""
-        phases, speeds = self.impacts(X)
-        speeds = np.where(speeds < _ZERO_SPEED * self.speed, 0.0, speeds)
-        return orbit_of(self.oscillator(X), self.m, phases, speeds)
+        """Return the orbit at a point."""
+        return orbit_of(self.oscillator(X), self.m, *self.impacts(X))
 
     def corrected(
         self, X: np.ndarray, planes: np.ndarray, condition: int | None = None, index: int = 0
