@@ -40,23 +40,13 @@ from vibroimpact.step.flight import (
     value_and_slope,
 )
 from vibroimpact.step.flow import Equation, equation_of, impulse
+from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.trigonometry import sin_cos
 
 #: A flight counts as below the stop where it passes it by less than so many roundings.
 _ROUNDINGS = 32.0 * 2.0**-52
 #: Longest flight, in units of the fastest rate of the system.
 _LONGEST = 1e6
-
-
-class Parameters(NamedTuple):
-    """The parameters of an oscillator, in the order of its fields."""
-
-    h: float
-    R: float
-    omega: float
-    f: float
-    p: float
-    clearance: float
 
 
 class Flight(NamedTuple):
