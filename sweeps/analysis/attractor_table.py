@@ -96,12 +96,12 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
-    listed = frame["number"].values >= 0
-    frame = frame[listed]
+    is_there = frame["number"].values >= 0
+    frame = frame[is_there]
     points = PointNumbers.of(dataset)
     file = np.empty((points.count, len(points.start) // points.count), np.int64)
     file[points.parameter, points.start] = np.arange(len(points.start))
-    parameter = np.flatnonzero(listed) // result.sizes["coexisting"]
+    parameter = np.flatnonzero(is_there) // result.sizes["coexisting"]
     place = file[parameter, frame["representative"]]
     speeds = _speeds(dataset, place, frame["q"].values)
     hidden = np.flatnonzero(~frame["settled"] & (frame["q"] > 0))

@@ -31,7 +31,7 @@ class Lost(Failed):
     """The file was removed, replaced or changed by another program while it was written."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BlockFile:
     """A file that is open for writing blocks, from `BlockFile.opened`; its size does not change.
 

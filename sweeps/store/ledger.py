@@ -88,7 +88,7 @@ def opened(path: Path, flags: int) -> Iterator[int]:
         os.close(descriptor)
 
 
-@dataclass
+@dataclass(eq=False)
 class Ledger:
     """The ledger of a file that is open as `descriptor`.
 
