@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any
 
 import numba
+from llvmlite.binding import Linkage
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
@@ -52,11 +53,34 @@ class _MergedLibrary(JITCodeLibrary):
         """Do nothing: only code that raises exceptions or calls Python needs an environment."""
 
 
+class _WholeLibrary(JITCodeLibrary):
+    """The code of a function that Python calls, with that of all functions that it calls.
+
+    No other library needs these. LLVM knows it if they are internal, and then passes them what
+    they use of their arguments: of an array the address, not the seven numbers that describe it.
+    """
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if function.linkage == Linkage.linkonce_odr:
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
+
 class _MergingCompiler(Compiler):
     """Compiles a function for its callers in compiled code."""
 
     def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
         super().__init__(typing, target, _MergedLibrary(target.codegen(), "merged"), *arguments)
+
+
+class _WholeCompiler(Compiler):
+    """Compiles a function for Python."""
+
+    def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
+        whole = _WholeLibrary(target.codegen(), "whole")
+        whole.enable_object_caching()
+        super().__init__(typing, target, whole, *arguments)
 
 
 def jit(
@@ -96,7 +120,7 @@ def jit(
         "forceinline": forced_inline,
         "no_cfunc_wrapper": True,
     }
-    dispatcher: Any = numba.njit(function, **options)
+    dispatcher: Any = numba.njit(function, pipeline_class=_WholeCompiler, **options)
     dispatcher._cache = CompiledCode(function, cache_folder())
 
     @cache
