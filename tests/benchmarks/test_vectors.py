@@ -8,7 +8,9 @@ import pytest
 
 from limits import cpu_features
 from vibroimpact import Oscillator
-from vibroimpact.lanes.exact import carry_columns, glide_lanes, mend_columns, new_block
+from vibroimpact.lanes.columns import carry_columns, mend_columns, new_columns
+from vibroimpact.lanes.exact import glide_lanes
+from vibroimpact.lanes.exact_block import force_lanes, new_memory
 from vibroimpact.lanes.kernel import Lanes, advance
 from vibroimpact.lanes.plain import advance_plain
 from vibroimpact.lanes.reduced_step import shorten_steps, take_remainders
@@ -57,15 +59,17 @@ def test_the_hot_loops_are_packed_and_fused():
     method = IMPACT_RULES["cubic"].code, INTEGRATORS["rk4"].code
     block = Lanes(w, new_scratch(), points, method, tally)
     assert packed(advance, (block, grid, False)) >= FUSED
-    exact = new_block()
-    assert packed(glide_lanes, (exact.w, exact.met, 64, grid, 0)) >= 10
+    exact = new_memory()
+    arguments = exact.w, exact.met, 64, exact.added[0], grid.step, 0
+    assert packed(glide_lanes, arguments) >= 8
+    assert packed(force_lanes, (exact.w, exact.added[0], 0.0, 1.0)) >= 4
 
 
 def test_exact_impacts_side_by_side_are_packed_and_fused():
     """The series of a flight, its root, and the response to the impulse; of tangent vectors two."""
-    w = new_block().w
-    assert packed(mend_columns, (w, (0.0, 1.0, 0.5, 0.8), 0.5)) >= 130
-    assert packed(carry_columns, (w, (0.0, 1.0), 0.5)) >= 70
+    c = new_columns()
+    assert packed(mend_columns, (c, 4, (0.0, 1.0, 0.5, 0.8), 0.5)) >= 130
+    assert packed(carry_columns, (c, 4, (0.0, 1.0), 0.5)) >= 70
 
 
 def test_impacts_side_by_side_are_packed_and_fused():

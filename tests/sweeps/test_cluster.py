@@ -332,9 +332,9 @@ def test_a_block_is_worth_sending(client):
     for seconds in (5.0, 50.0, 500.0):
         limits = computer.block_limits(seconds, size)
         assert limits["least"] / size * seconds * WORKERS == pytest.approx(0.5, rel=0.01)
-        assert block_size(sweep, **limits) >= limits["least"] - 256  # whole blocks of lanes
+        assert block_size(sweep, **limits) >= limits["least"] - 128  # whole sets of lanes
     assert computer.block_limits(0.01, size)["least"] == size
     computer._workers = dict.fromkeys(range(100), 32)
     assert computer.block_limits(1000.0, size)["least"] == 10  # a hundred a second
-    # Twenty blocks a process would have 500 points; two full sets of lanes are the least.
-    assert block_size(sweep, blocks=20 * 100) == 512 < block_size(sweep)
+    # Twenty blocks a process would have 500 points: three full sets of lanes.
+    assert block_size(sweep, blocks=20 * 100) == 384 < block_size(sweep)

@@ -15,7 +15,7 @@ from sweeps.engine.plan import block_size, estimate, expected_seconds, reserved_
 from sweeps.engine.run import run_sweep
 from sweeps.errors import StoreError
 from sweeps.store.layout import Layout
-from vibroimpact.lanes.exact import EXACT_LANES
+from vibroimpact.lanes.exact_block import EXACT_LANES
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}

@@ -15,7 +15,7 @@ from vibroimpact.lanes.tally import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
 from vibroimpact.step.exact import steps_needed
-from vibroimpact.step.flow import Equation, Flow, equation_of, flow_of
+from vibroimpact.step.flow import Equation, Flow, Forcing, equation_of, flow_of
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.log import trace
 from vibroimpact.step.methods import stepping
@@ -47,12 +47,13 @@ def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
         if method[0] == PLAIN:
             n = plain(x_T, v_T, step / pt.omega, pt, scratch)[2]
         elif method[0] == EXACT:
-            eq = Equation(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7])
-            flow = Flow(
-                r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16], r[17], r[18], r[19]
+            eq = Equation(r[0], r[1], r[2], r[3], r[4])
+            flow = (
+                Flow(r[5], r[6], r[7], r[8], r[9], r[10], r[11]),
+                Forcing(r[12], r[13], r[14], r[15], r[16], r[17]),
             )
             if consistent:
-                eq = equation_of(pt, step)
+                eq = equation_of(pt)
                 flow = flow_of(eq, step, scratch.coefficients)
             n = take_exact_step(eq, flow, start, at, (x_T, v_T), step, pt, scratch)[3]
         else:

@@ -11,7 +11,7 @@ from vibroimpact import Oscillator
 from vibroimpact.step.exact import is_below
 from vibroimpact.step.flight import LONGEST_STEP, TERMS, expand, first_crossing
 from vibroimpact.step.flight import value_and_slope as evaluate
-from vibroimpact.step.flow import bend, equation_of, flow_of, glide, impulse
+from vibroimpact.step.flow import equation_of, flow_of, forced, glide, impulse
 from vibroimpact.step.methods import default_steps
 from vibroimpact.step.single_impact import FIRST, ONLY, single_impact
 
@@ -30,8 +30,8 @@ def test_a_step_is_the_flow_to_rounding(h, omega, p, clearance):
     pt = Oscillator(h=h, R=0.5, omega=omega, f=1.3, p=p, clearance=clearance).at(-50.0)[0]
     step = LONGEST_STEP / (2 * h + p + omega) * omega
     c = np.empty(TERMS)
-    eq = equation_of(pt, step)
-    flow = flow_of(eq, step, c)
+    eq = equation_of(pt)
+    flow, forcing = flow_of(eq, step, c)
     osc = naive.oscillator(h, 0.5, omega, 1.3, p)
     for y, v, theta in ((-0.4, 0.9, 0.3), (-1.0, 0.0, 4.0), (-2.0, -3.0, 5.5)):
         s, k = math.sin(theta), math.cos(theta)
@@ -43,7 +43,7 @@ def test_a_step_is_the_flow_to_rounding(h, omega, p, clearance):
             true = naive.flow(osc, x, v, s, k, u * step / omega)
             assert value == pytest.approx(float(true[0] - clearance), abs=1e-15 * scale)
             assert slope / step * omega == pytest.approx(float(true[1]), abs=6e-15 * scale)
-        y_T, w_T, _ = glide(flow, y, v / omega, s, k, step / 3)
+        y_T, w_T, _, _ = glide(flow, y, v / omega, forced(forcing, s, k), step)
         assert y_T == pytest.approx(float(true[0] - clearance), abs=1e-15 * scale)
         assert w_T * omega == pytest.approx(float(true[1]), abs=4e-15 * scale)
 
@@ -53,7 +53,7 @@ def test_the_response_to_an_impulse(h, omega, p, clearance):
     """Of y and w, within the longest step, to rounding."""
     pt = Oscillator(h=h, R=0.5, omega=omega, f=1.3, p=p).at()[0]
     step = LONGEST_STEP / (2 * h + p + omega) * omega
-    eq, osc = equation_of(pt, step), naive.oscillator(h, 0.5, omega, 0.0, p)
+    eq, osc = equation_of(pt), naive.oscillator(h, 0.5, omega, 0.0, p)
     for share in (1e-9, 0.1, 0.5, 1.0):
         x, v = naive.flow(osc, 0.0, omega, 0.0, 1.0, share * step / omega)
         of_y, of_w = impulse(eq.of_w, eq.of_y, share * step)
@@ -70,7 +70,7 @@ def random_step(rng):
     )  # fmt: skip
     pt = osc.at(-9.0)[0]
     step = 2.0 * math.pi / (default_steps(osc.at(-9.0), "exact") * int(rng.choice([1, 1, 2, 7])))
-    eq, c = equation_of(pt, step), np.empty(TERMS)
+    eq, c = equation_of(pt), np.empty(TERMS)
     flow = flow_of(eq, step, c)
     w = rng.normal() * 10.0 ** rng.uniform(-3, 1)
     y, theta = -abs(w) * step * rng.exponential() * rng.choice([1e-3, 0.3, 1.0]), rng.uniform(0, 7)
@@ -84,14 +84,14 @@ def test_the_bounds_are_bounds():
     rng = np.random.default_rng(4)
     passed, met, tightest, u = 0, 0, math.inf, np.linspace(0.0, 1.0, 101)
     for _ in range(5000):
-        eq, flow, step, (y, w), theta, c = random_step(rng)
+        _, flow, step, (y, w), theta, c = random_step(rng)
         flight = np.polynomial.Polynomial(c)
         fourth = np.abs(flight.deriv(4)(u)).max() / 72
-        E = bend(eq, y, w)
+        added = forced(flow[1], math.sin(theta), math.cos(theta))
+        _, _, E, high = glide(flow[0], y, w, added, step)
         assert fourth <= E
         if fourth > 0.0:
             tightest = min(tightest, E / fourth)
-        _, _, high = glide(flow, y, w, math.sin(theta), math.cos(theta), step / 3)
         highest = flight(u).max()
         proved = high < 0.0 or is_below(c, 1.0, E, 2) or is_below(c, 1.0, E, 4)
         assert not proved or highest < 0.0 or highest == y == 0.0
@@ -106,11 +106,12 @@ def test_what_is_proved_of_a_single_impact_holds():
     rng = np.random.default_rng(5)
     only, first, crossings, u = 0, 0, 0, np.linspace(0.0, 1.0, 101)
     for _ in range(5000):
-        eq, _, step, (y, w), theta, c = random_step(rng)
+        eq, flow, step, (y, w), theta, c = random_step(rng)
         end = evaluate(c, 0, 1.0)
-        end = end[0], end[1] / step
+        added = forced(flow[1], math.sin(theta), math.cos(theta))
+        free = end[0], end[1] / step, glide(flow[0], y, w, added, step)[2]
         waves = tuple(q(theta + d) for d in (0.0, step) for q in (math.sin, math.cos))
-        y_1, w_1, t, w_i, proved = single_impact(eq, (y, w), end, waves, step, 1)
+        y_1, w_1, t, w_i, proved = single_impact(eq, (y, w), free, waves, step, 1)
         root, _ = first_crossing(c, 0, 1.0)
         crossings += root > 0.0
         if proved < FIRST:
@@ -139,7 +140,7 @@ def test_what_is_proved_of_a_single_impact_holds():
 
 def test_no_impact_is_proved_from_what_is_no_number():
     """Infinite states, and none."""
-    eq = equation_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0], 0.5)
+    eq = equation_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
     for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
         for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):
-            assert single_impact(eq, start, end, (0.0, 1.0, 0.5, 0.9), 0.5, 1)[4] < ONLY
+            assert single_impact(eq, start, (*end, 0.1), (0.0, 1.0, 0.5, 0.9), 0.5, 1)[4] < ONLY

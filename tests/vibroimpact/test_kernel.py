@@ -57,6 +57,21 @@ def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
     assert (rested > 30) == (rule != "plain")  # Euler, which keeps bouncing, at 39
 
 
+@pytest.mark.parametrize("n", [64, 65])
+def test_lanes_whose_forces_are_kept_or_computed_step_by_step(n):
+    """The most steps a period whose forces are kept, and one more: each lane is a single orbit."""
+    points = random_points(30, seed=3)
+    points["omega"] += 1.0
+    arguments = {"steps_per_period": n, "phase": 1.0}
+    out = integrate(points, transient=2, periods=2, at_section=True, **arguments)
+    for i, point in enumerate(points):
+        given = {name: float(point[name]) for name in POINT.names}
+        x0, v0 = given.pop("x0"), given.pop("v0")
+        tr = simulate(Oscillator(**given), 4, x0=x0, v0=v0, **arguments)
+        np.testing.assert_array_equal(out["poincare_x"][i], tr.section_x[-2:])
+        np.testing.assert_array_equal(out["poincare_v"][i], tr.section_v[-2:])
+
+
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_rest_after_the_first_impact_of_a_stride_is_the_single_orbits(integrator):
     """A small R: the chatter is complete within the step in which it begins, or not quite."""

@@ -8,6 +8,7 @@ from vibroimpact.jit.intrinsics import (
     fma,
     is_set,
     lowest_bit,
+    not_negative,
     select,
     widest_vectors,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "is_set",
     "jit",
     "lowest_bit",
+    "not_negative",
     "select",
     "widest_vectors",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
@@ -32,13 +33,15 @@ def select(context, condition, a, b):
 def widest_vectors(context):
     """Let LLVM use the widest vectors of the processor in the calling function.
 
-    By default it keeps to 256 bits where the processor has 512.
+    By default it keeps to 256 bits where the processor has 512, and puts vectors that it has no
+    register for across two lines of the cache.
     """
 
     def generate(context, builder, signature, arguments):
         attributes = builder.function.attributes
         set.add(attributes, '"prefer-vector-width"="512"')
         attributes.add("noinline")
+        attributes.alignstack = 64
         return context.get_dummy_value()
 
     return types.void(), generate
@@ -91,3 +94,19 @@ def lowest_bit(context, bits):
         return builder.cttz(arguments[0], context.get_constant(types.boolean, 1))
 
     return types.int64(types.int64), generate
+
+
+@intrinsic
+def not_negative(context, array, first):
+    """An integer with a bit for each of 64 elements from `first` on that is 0, more, or NaN."""
+
+    def generate(context, builder, signature, arguments):
+        row = context.make_array(signature.args[0])(context, builder, arguments[0])
+        vector = ir.VectorType(ir.DoubleType(), 64)
+        start = builder.gep(row.data, [arguments[1]])
+        numbers = builder.load(builder.bitcast(start, vector.as_pointer()), align=8)
+        zeros = ir.Constant(vector, [0.0] * 64)
+        negative = builder.fcmp_ordered("<", numbers, zeros)
+        return builder.not_(builder.bitcast(negative, ir.IntType(64)))
+
+    return types.int64(array, types.intp), generate

@@ -88,7 +88,7 @@ def integrate(
     n = points.size
     tally = Tally(
         sections=np.empty((n, periods, 2)),
-        impacts=np.full((n, impacts, 2), np.nan),
+        impacts=np.empty((n, impacts, 2)),
         sums=np.zeros(n, dtype=SUMS),
     )
     tally.sums["slowest_impact"] = np.inf

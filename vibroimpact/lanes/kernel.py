@@ -18,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import claim, compiled, is_set, jit, widest_vectors
-from vibroimpact.lanes.exact import EXACT_LANES, WORD, new_block, run_exact
+from vibroimpact.lanes.columns import VECTOR
+from vibroimpact.lanes.exact import run_exact
+from vibroimpact.lanes.exact_block import EXACT_LANES, new_memory
 from vibroimpact.lanes.plain import advance_plain, clear_sums, sum_up_plain
 from vibroimpact.lanes.reduced_step import mend_side_by_side
 from vibroimpact.lanes.tally import Tally, close_records, record_section, record_step, rows_of
@@ -44,6 +46,9 @@ from vibroimpact.step.one_step import take_step
 from vibroimpact.step.phases import COS, SIN, THETA, sine_at_start
 from vibroimpact.step.rules import EXACT, PLAIN, REDUCED_STEP
 from vibroimpact.step.stop import Scratch, new_scratch, time_to_release
+
+# Points that a block with exact impacts has where there are others; fewer take nearly as long.
+_FEWEST = 64
 
 
 class Run(NamedTuple):
@@ -81,8 +86,9 @@ def lanes_per_block(rule: int, points: int, threads: int) -> int:
     """Return how many points to take side by side, so that every thread has some."""
     if rule != EXACT:
         return LANES
-    share = -(-points // threads)
-    return min(EXACT_LANES, max(1, -(-share // WORD)) * WORD)
+    share = max(1, -(-points // threads))
+    blocks = -(-share // EXACT_LANES)  # as many for every thread
+    return max(_FEWEST, -(-share // (blocks * VECTOR)) * VECTOR)
 
 
 class Lanes(NamedTuple):
@@ -202,12 +208,12 @@ def take_mended(run):
 @jit
 def take_exact(run):
     """Run blocks with the rule ``exact``: the work of one thread."""
-    block = new_block()
+    memory = new_memory()
     lanes = run.lanes
     lo = lanes * claim(run.claimed)
     while lo < run.points.size:  # ends: the counter only rises
         tally = rows_of(run.tally, lo, lo + lanes)
-        run_exact(block, run.points[lo : lo + lanes], run, tally)
+        run_exact(memory, run.points[lo : lo + lanes], run, tally)
         close_records(tally, is_set(run.interrupt))
         lo = lanes * claim(run.claimed)
 

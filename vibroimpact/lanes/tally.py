@@ -95,9 +95,11 @@ def record_section(x, v, row, k, tally):
 
 @jit
 def put_in_order(ring, count):
-    """Unroll a ring that received `count` impacts into time order."""
+    """Unroll a ring that received `count` impacts into time order, with NaN where it has room."""
     size = ring.shape[0]
-    if count > size > 0:
+    if count < size:
+        ring[count:] = math.nan
+    elif count > size > 0:
         impacts, oldest = ring.copy(), count % size
         for k in range(size):
             place = oldest + k if oldest + k < size else oldest + k - size

@@ -74,7 +74,7 @@ def _divide(tau, pt):
     """Divide a flight into steps."""
     n = max(1.0, math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
     T = tau / n
-    return Flight(int(n), T, pt.omega * T, equation_of(pt, pt.omega * T))
+    return Flight(int(n), T, pt.omega * T, equation_of(pt))
 
 
 @jit

@@ -52,6 +52,12 @@ class Launch(NamedTuple):
 
 
 @jit(inline=True)
+def rates_of(eq):
+    """Return the sum of the rates of the system, (2h + p + omega) / omega."""
+    return math.sqrt(-eq.of_y) - eq.of_w + 1.0
+
+
+@jit(inline=True)
 def is_first(w, w_i, t, E, step):
     """Whether the return at `t` is proved to be the first of a flight from the stop at w < 0."""
     n = t / step
@@ -104,7 +110,7 @@ def short_bounce(eq, launch):
         Length of the rebound, and w at its end; -1 and 0 if it is not short.
     """
     w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
-    rates = eq.root - eq.of_w + 1.0
+    rates = rates_of(eq)
     a, b = eq.of_w, eq.of_y
     d2 = fma(a, w, fs + eq.of_1)
     d3 = fma(a, d2, fma(b, w, fc))
@@ -180,7 +186,7 @@ def time_to_rest(v, theta, s, c, left, pt):
 def phase_to_rest(eq, launch, theta, left, pt):
     """As ``time_to_rest``, in the units of ``flow.py``; calls it only if the time may be finite."""
     press = fma(eq.of_sin, launch.s, eq.of_1)
-    slow = -launch.w * (eq.root - eq.of_w + 1.0) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
+    slow = -launch.w * rates_of(eq) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
     if not (slow or pt.R > _ENDLESS):
         return math.inf, _CERTIFIED
     speed, per_time = -launch.w * pt.omega, 1.0 / pt.omega

@@ -40,7 +40,6 @@ from vibroimpact.step.flight import (
     first_crossing,
     value_and_slope,
 )
-from vibroimpact.step.flow import bend
 from vibroimpact.step.single_impact import FIRST, ONLY, single_impact
 from vibroimpact.step.stop import (
     IMPACT,
@@ -126,12 +125,12 @@ def is_near_graze(flight, turn):
 
 
 @jit(inline=True)
-def polished(eq, start, end, impact, phase, step):
+def polished(eq, start, free, impact, phase, step):
     """Look again for an impact that is not proved, most often a slow one; as ``single_impact``."""
-    if not (start[0] < 0.0 < end[0] and impact[4] < FIRST):
+    if not (start[0] < 0.0 < free[0] and impact[4] < FIRST):
         return impact
     s_T, c_T = sin_cos(phase[0] + step)
-    return single_impact(eq, start, end, (phase[1], phase[2], s_T, c_T), step, _POLISH)
+    return single_impact(eq, start, free, (phase[1], phase[2], s_T, c_T), step, _POLISH)
 
 
 @jit(inline=True)
@@ -192,7 +191,7 @@ def log_impact(events, impact, pt):
 
 
 @jit(refcounts=False)
-def exact_step(eq, pt, start, end, impact, phase, step, scratch):
+def exact_step(eq, pt, start, free, impact, phase, step, scratch):
     """One step with every impact in it.
 
     Parameters
@@ -201,8 +200,8 @@ def exact_step(eq, pt, start, end, impact, phase, step, scratch):
     pt : record of dtype ``POINT``
     start : (float, float, bool)
         y, w at the start of the step, and whether the mass is at rest on the stop there.
-    end : (float, float)
-        Its undisturbed end.
+    free : (float, float, float)
+        y_T, w_T and E of the step as if there were no stop, from ``glide``.
     impact : 5 floats
         The result of ``single_impact`` for the step, where it is not ``ONLY``.
     phase : (float, float, float)
@@ -229,7 +228,8 @@ def exact_step(eq, pt, start, end, impact, phase, step, scratch):
     stop, per_time = pt.clearance, 1.0 / pt.omega
     t, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
     undisturbed = True  # no impact yet, so that `end` is the end of the step
-    E, impact = bend(eq, y, w), polished(eq, (y, w), end, impact, phase, step)
+    end, E = (free[0], free[1]), free[2]
+    impact = polished(eq, (y, w), free, impact, phase, step)
     if impact[4] == ONLY:
         return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
     dt, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]

@@ -17,7 +17,7 @@ V + V_0, and differentiating (P), with a = -of_w and b = -of_y,
     |y'''|  <= A_3 = a A_2 + b (V + V_0) + |of_sin|,
     |y''''| <= A_4 = a A_3 + b A_2 + |of_sin|,
 
-all linear in V. ``Equation.bend_v`` and ``bend_1`` are the factors of V and 1 in A_4 step^4 / 72.
+all linear in V.
 
 **A curve below the stop.** Let a curve run from (y_0, w_0) to (y_1, w_1) in the time t, and
 E = A_4 t^4 / 72. It differs from its cubic Hermite interpolant by y''''(xi) s^2 (t - s)^2 / 24, and
@@ -27,8 +27,9 @@ so it is below the quartic with the Bernstein coefficients
 
 Where none of these is positive and one inside is negative, the curve is below the stop between its
 ends. The **guard** is a bound of them all over a whole step: with P = y_0 + w_0 step / 3 and
-Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0. A share
-``SLACK`` of what the step covers is added to it, for rounding, and so that no near graze is safe.
+Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0. Twice the
+share ``SLACK`` of what the step covers is added to the E of a whole step, for rounding, and so that
+no near graze is safe.
 """
 
 from __future__ import annotations
@@ -47,64 +48,53 @@ INVERSE_FACTORIALS = tuple(1.0 / math.factorial(k) for k in range(21))
 
 
 class Equation(NamedTuple):
-    """Equation (P) of one parameter point, and the bound of the fourth derivative over a step.
-
-    ``root`` is p / omega.
-    """
+    """Equation (P) of one parameter point."""
 
     of_w: float
     of_y: float
     of_sin: float
     of_1: float
     R: float
-    root: float
-    bend_v: float
-    bend_1: float
 
 
 class Flow(NamedTuple):
-    """The map of a step without impacts, and the guard.
+    """The map of a step without impacts and force, and the factors of |y|, |w| and 1 in its E.
 
-    y_T - y = yy y + yw w + ys sin(theta) + yc cos(theta) + y1, and the same for w_T - w: with the
-    differences, what rounding leaves of the map does not add up over many short steps.
+    y_T - y = yy y + yw w and w_T - w = wy y + ww w: with the differences, what rounding leaves of
+    the map does not add up over many short steps.
     """
 
     yy: float
     yw: float
+    wy: float
+    ww: float
+    bend_y: float
+    bend_w: float
+    bend_1: float
+
+
+class Forcing(NamedTuple):
+    """What is added to y and w in a step: ys sin(theta) + yc cos(theta) + y1, and the same of w."""
+
     ys: float
     yc: float
     y1: float
-    wy: float
-    ww: float
     ws: float
     wc: float
     w1: float
-    guard_y: float
-    guard_1: float
 
 
 @jit
-def equation_of(pt, step):
-    """Return the ``Equation`` of a parameter point for steps of that length."""
-    ww = pt.omega * pt.omega
-    a, b, f = 2.0 * pt.h / pt.omega, pt.p * pt.p / ww, pt.f / ww
-    load = pt.p * pt.p * pt.clearance / ww
-    root, greatest = pt.p / pt.omega, f + abs(load)
-    # The factors of V and of 1 in the bounds of the derivatives.
-    V_0 = greatest * step
-    two_V, two_1 = a + root, (a + root) * V_0 + greatest
-    three_V, three_1 = a * two_V + b, a * two_1 + b * V_0 + f
-    share = step**4 / 72.0 * (1.0 + 1e-9)  # rounded up
-    bend_v = share * (a * three_V + b * two_V)
-    return Equation(
-        -a, -b, -f, -load, pt.R, root, bend_v, share * (a * three_1 + b * two_1 + f)
-    )  # fmt: skip
+def equation_of(pt):
+    """Return the ``Equation`` of a parameter point."""
+    ww, pp = pt.omega * pt.omega, pt.p * pt.p
+    return Equation(-2.0 * pt.h / pt.omega, -pp / ww, -pt.f / ww, -pp * pt.clearance / ww, pt.R)
 
 
 @jit
 def flow_of(eq, step, c):
-    """Return the ``Flow`` of steps of that length; `c` is memory for the terms of a series."""
-    free = Equation(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R, eq.root, eq.bend_v, eq.bend_1)
+    """Return ``Flow`` and ``Forcing`` of steps of that length; `c` is memory for a series."""
+    free = Equation(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
     expand(free, 1.0, 0.0, 0.0, 0.0, step, c)
     c[0] = 0.0
     yy, wy = value_and_slope(c, 0, 1.0)
@@ -118,51 +108,69 @@ def flow_of(eq, step, c):
     yc, wc = value_and_slope(c, 0, 1.0)
     expand(eq, 0.0, 0.0, 0.0, 0.0, step, c)
     y1, w1 = value_and_slope(c, 0, 1.0)
-    greatest = abs(eq.of_sin) + abs(eq.of_1)
-    guard_y = 0.5 * eq.bend_v * (1.0 + eq.root) + SLACK
-    guard_1 = 0.5 * eq.bend_1 + SLACK * greatest * step * step
-    return Flow(
-        yy, yw, ys, yc, y1, wy / step, ww / step, ws / step, wc / step, w1 / step, guard_y, guard_1
-    )
+    bend_y, bend_w, bend_1 = bound_of_bend(eq, step)
+    flow = Flow(yy, yw, wy / step, ww / step, bend_y, bend_w, bend_1)
+    return flow, Forcing(ys, yc, y1, ws / step, wc / step, w1 / step)
 
 
 @jit(inline=True)
-def glide(flow, y, w, s, c, third):
-    """Take a state at phase (s, c) over a step as if there were no stop.
+def bound_of_bend(eq, step):
+    """Return the factors of |y|, |w| and 1 in the E of a whole step."""
+    a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
+    root, greatest = math.sqrt(b), f + abs(eq.of_1)
+    # The factors of V and of 1 in the bounds of the derivatives.
+    V_0 = greatest * step
+    two_V, two_1 = a + root, (a + root) * V_0 + greatest
+    three_V, three_1 = a * two_V + b, a * two_1 + b * V_0 + f
+    share = step**4 / 72.0 * (1.0 + 1e-9)  # rounded up
+    of_V, of_1 = share * (a * three_V + b * two_V), share * (a * three_1 + b * two_1 + f)
+    slack = 2.0 * SLACK
+    return of_V * root + slack, of_V + slack, of_1 + slack * greatest * step * step
+
+
+@jit(inline=True)
+def forced(forcing, s, c):
+    """Return what is added to y and w in a step from the phase with sine `s` and cosine `c`."""
+    added_y = fma(forcing.ys, s, fma(forcing.yc, c, forcing.y1))
+    return added_y, fma(forcing.ws, s, fma(forcing.wc, c, forcing.w1))
+
+
+@jit(inline=True)
+def glide(flow, y, w, added, step):
+    """Take a state over a step as if there were no stop.
 
     Parameters
     ----------
-    third : float
-        A third of the step.
+    flow : Flow
+    added : (float, float)
+        As from ``forced``.
+    step : float
 
     Returns
     -------
     y_T, w_T : float
+    E : float
+        The bound of its fourth derivative, see above.
     high : float
         Below 0 only where the mass cannot have met the stop in the step.
     """
-    y_T = y + fma(flow.yy, y, fma(flow.yw, w, fma(flow.ys, s, fma(flow.yc, c, flow.y1))))
-    w_T = w + fma(flow.wy, y, fma(flow.ww, w, fma(flow.ws, s, fma(flow.wc, c, flow.w1))))
-    band = fma(max(abs(y), abs(w)), flow.guard_y, flow.guard_1)
-    return y_T, w_T, max(max(fma(third, w, y), fma(-third, w_T, y_T)) + band, y_T)
+    third = step * (1.0 / 3.0)
+    y_T = y + fma(flow.yy, y, fma(flow.yw, w, added[0]))
+    w_T = w + fma(flow.wy, y, fma(flow.ww, w, added[1]))
+    E = fma(flow.bend_w, abs(w), fma(flow.bend_y, abs(y), flow.bend_1))
+    return y_T, w_T, E, max(fma(0.5, E, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
 
 
 @jit(inline=True)
-def enter(x, v, pt):
+def enter(x, v, clearance, omega):
     """Return the state (y, w) of (x, v)."""
-    return x - pt.clearance, v / pt.omega
+    return x - clearance, v / omega
 
 
 @jit(inline=True)
-def leave(y, w, pt):
+def leave(y, w, clearance, omega):
     """Return the state (x, v) of (y, w)."""
-    return y + pt.clearance, w * pt.omega
-
-
-@jit(inline=True)
-def bend(eq, y, w):
-    """Return A_4 step^4 / 72 for a step from (y, w)."""
-    return fma(eq.bend_v, fma(eq.root, abs(y), abs(w)), eq.bend_1)
+    return y + clearance, w * omega
 
 
 @jit(forced_inline=True)

@@ -15,7 +15,17 @@ from vibroimpact.jit import jit
 from vibroimpact.status import Status
 from vibroimpact.step.exact import exact_step, log_impact
 from vibroimpact.step.flight import TERMS
-from vibroimpact.step.flow import Equation, Flow, enter, equation_of, flow_of, glide, leave
+from vibroimpact.step.flow import (
+    Equation,
+    Flow,
+    Forcing,
+    enter,
+    equation_of,
+    flow_of,
+    forced,
+    glide,
+    leave,
+)
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.phases import COS, SIN, THETA
 from vibroimpact.step.reduced_step import plain, reduced_step
@@ -33,21 +43,21 @@ class Prepared(NamedTuple):
     to_x, to_v : 4 floats
         The rows of the affine map of the integrator.
     eq : Equation
-    flow : Flow
+    flow : (Flow, Forcing)
         What the rule ``exact`` needs.
     """
 
     to_x: tuple[float, float, float, float]
     to_v: tuple[float, float, float, float]
     eq: Equation
-    flow: Flow
+    flow: tuple[Flow, Forcing]
 
 
 @jit
 def prepare(integrator, steps, pt):
     """Return what is needed of a point for steps of that length."""
     m = affine_map(integrator, steps.step / pt.omega, pt)
-    eq = equation_of(pt, steps.step)
+    eq = equation_of(pt)
     flow = flow_of(eq, steps.step, np.empty(TERMS))
     return Prepared(m[:4], m[4:], eq, flow)
 
@@ -56,7 +66,7 @@ def prepare(integrator, steps, pt):
 def to_state(rule, x, v, resting, pt):
     """Return the state of an orbit at (x, v)."""
     if rule == EXACT:
-        x, v = enter(x, v, pt)
+        x, v = enter(x, v, pt.clearance, pt.omega)
     return x, v, resting
 
 
@@ -65,7 +75,7 @@ def from_state(rule, state, pt):
     """Return (x, v) of the state of an orbit."""
     x, v, _ = state
     if rule == EXACT:
-        x, v = leave(x, v, pt)
+        x, v = leave(x, v, pt.clearance, pt.omega)
     return x, v
 
 
@@ -105,6 +115,7 @@ def take_exact_step(eq, flow, state, phase, end_wave, step, pt, scratch):
 
     Parameters
     ----------
+    flow : (Flow, Forcing)
     phase : (float, float, float)
         Phase at the start of the step, its sine and its cosine.
     end_wave : (float, float)
@@ -115,15 +126,15 @@ def take_exact_step(eq, flow, state, phase, end_wave, step, pt, scratch):
     As from ``exact.exact_step``.
     """
     (y, w, _), (_, s, c) = state, phase
-    y_T, w_T, high = glide(flow, y, w, s, c, step / 3.0)
+    y_T, w_T, E, high = glide(flow[0], y, w, forced(flow[1], s, c), step)
     if high < 0.0:
         return y_T, w_T, False, 0, 0.0, 0, 0
     waves = s, c, end_wave[0], end_wave[1]
-    impact = single_impact(eq, (y, w), (y_T, w_T), waves, step, 1)
+    impact = single_impact(eq, (y, w), (y_T, w_T, E), waves, step, 1)
     if impact[4] == ONLY:
         n = log_impact(scratch.events, impact, pt)
         return impact[0], impact[1], False, n, 0.0, 0, 0
-    return exact_step(eq, pt, state, (y_T, w_T), impact, phase, step, scratch)
+    return exact_step(eq, pt, state, (y_T, w_T, E), impact, phase, step, scratch)
 
 
 @jit

@@ -1,7 +1,8 @@
 """A step with a single impact: found, proved to be the first and the only one, and mended.
 
-One function without a branch, ``single_impact``, for a column of a vector as for a single orbit.
-It holds for nearly every step that meets the stop; the other steps are left to ``exact.py``.
+Six stages without a branch, each for a column of a vector as for a single orbit; ``single_impact``
+is all of them. They hold for nearly every step that meets the stop; the other steps are left to
+``exact.py``.
 
 - The first guess of the impact is the inverse cubic interpolant of the step where it rises steeply
   at both ends, else a parabola. The flight is expanded about the nearer end of the step, where 16
@@ -16,10 +17,10 @@ It holds for nearly every step that meets the stop; the other steps are left to 
 
 from __future__ import annotations
 
-import math
+import numpy as np
 
 from vibroimpact.jit import fma, jit, select
-from vibroimpact.step.flow import INVERSE_FACTORIALS, bend, impulse
+from vibroimpact.step.flow import INVERSE_FACTORIALS, impulse
 
 #: What Newton's method may leave of the time of an impact, as a share of the step, and its last
 #: change, for the speed.
@@ -80,6 +81,38 @@ def all_terms(k, t):
 
 
 @jit(forced_inline=True)
+def guess(start, end, step):
+    """Guess where a step from `start` to `end`, states (y, w), rises through 0.
+
+    Returns
+    -------
+    late : float
+        0 where that is in the first half of the step, 1 where it is in the second half.
+    t : float
+        Its time since the start of the step, or, negative, since its end.
+    """
+    # The place of the root, and w at both ends, in units of the step and of the rise.
+    inverse = 1.0 / (end[0] - start[0])
+    u, a, b = -start[0] * inverse, start[1] * inverse * step, end[1] * inverse * step
+    steep = (a > 0.25) & (b > 0.25)
+    cubic = u * (1.0 - u) * fma((1.0 - u) * b, 1.0 - a, -u * a * (1.0 - b))
+    # Single precision is enough for a guess, and faster.
+    root = np.sqrt(np.float32(max(fma(4.0 * u, 1.0 - a, a * a), 0.0)))
+    above, below = select(steep, cubic, 2.0 * u), select(steep, a * b, a + np.float64(root))
+    u = select(steep, u, 0.0) + np.float64(np.float32(above) / np.float32(below))
+    late = select(u > 0.5, 1.0, 0.0)
+    return late, (u - late) * step
+
+
+@jit(forced_inline=True)
+def expand_near(eq, start, end, waves, late):
+    """Expand a step about the end that `late` names, as ``series``."""
+    (s_0, c_0, s_T, c_T), at_end = waves, late > 0.0
+    y, w = select(at_end, end[0], start[0]), select(at_end, end[1], start[1])
+    return series(eq, y, w, select(at_end, s_T, s_0), select(at_end, c_T, c_0))
+
+
+@jit(forced_inline=True)
 def newton_step(y, d, e, j, per_step):
     """Return by how much t exceeds a root of y, and what that leaves of the excess, as a share.
 
@@ -95,32 +128,91 @@ def newton_step(y, d, e, j, per_step):
 
 
 @jit(forced_inline=True)
-def guess(start, end, step):
-    """Guess where a step from `start` to `end`, states (y, w), rises through 0; as a share."""
-    y_0, w_0 = start
-    rise, w_0, w_1 = end[0] - y_0, step * w_0, step * end[1]
-    u = -y_0 / rise
-    left = 1.0 - u
-    cubic = u + u * left * (left * (rise / w_0 - 1.0) - u * (rise / w_1 - 1.0))
-    steep = (w_0 > 0.25 * rise) & (w_1 > 0.25 * rise)
-    root = math.sqrt(max(fma(-4.0 * (rise - w_0), y_0, w_0 * w_0), 0.0))
-    return select(steep, cubic, -2.0 * y_0 / (w_0 + root))
+def approach(k, t, step):
+    """Improve the guess `t` of a root, with the terms of a series up to t^8."""
+    y, d, e = first_terms(k, t)
+    j = fma(fma(fma(20.0 * k[6], t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
+    change, _ = newton_step(y, d, e, j, 1.0 / step)
+    return t - change
 
 
 @jit(forced_inline=True)
-def single_impact(eq, start, end, waves, step, polish):
+def first_impact(start, y_T, E, near, k, values, step):
+    """Find an impact to rounding, and prove that it is the first.
+
+    Parameters
+    ----------
+    start : (float, float)
+    y_T, E : float
+        As in ``single_impact``.
+    near : (float, float)
+        The improved guess, as from ``guess``.
+    k : 9 floats or more
+        The series there.
+    values : 3 floats
+        Value, slope and half the second derivative of all its terms at the guess.
+    step : float
+
+    Returns
+    -------
+    u, r : float
+        Time of the impact since the start of the step, and left until its end.
+    w_i : float
+    proved : float
+        ``NOTHING`` or ``FIRST``.
+    """
+    (y_0, w_0), (late, t), (y, d, e), per_step = start, near, values, 1.0 / step
+    j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
+    change, left = newton_step(y, d, e, j, per_step)
+    fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])  # derivative, over 3!
+    w_i = fma(fma(fma(-fourth, change, 3.0 * j), change, -2.0 * e), change, d)
+    t -= change
+    change = abs(change) * per_step
+    converged = (left * change < _RESIDUAL) & (change < _LAST_CHANGE)
+    begin = late * step
+    u, r = t + begin, (step - begin) - t
+    n = u * per_step
+    n *= n
+    middle = fma(E, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
+    below = max(max(y_0, fma(w_0, u, 4.0 * y_0)), middle) < 0.0
+    first = below & converged & (min(min(y_T, w_i), min(u, r)) > 0.0)
+    return u, r, w_i, select(first, FIRST, NOTHING)
+
+
+@jit(forced_inline=True)
+def rebound(eq, free, r, w_i, proved, step):
+    """Take an impact to the end of the step, and prove that there is no other.
+
+    Parameters as from ``first_impact``, results as from ``single_impact``.
+    """
+    (y_T, w_T, E), per_step = free, 1.0 / step
+    of_y, of_w = impulse(eq.of_w, eq.of_y, r)
+    launch = eq.R * w_i
+    kick = w_i + launch
+    y, w = fma(-kick, of_y, y_T), fma(-kick, of_w, w_T)
+    n = r * per_step
+    n *= n
+    middle = fma(E, n * n, fma((launch + w) * (-1.0 / 3.0), r, y))
+    only = max(max(y, fma(-w, r, 4.0 * y)), middle) < 0.0
+    return y, w, select(only & (proved == FIRST), ONLY, proved)
+
+
+@jit(forced_inline=True)
+def single_impact(eq, start, free, waves, step, polish):
     """Mend a step that may have met the stop.
 
     Parameters
     ----------
     eq : Equation
-    start, end : (float, float)
-        The state (y, w) at the start of the step, and at its undisturbed end.
+    start : (float, float)
+        The state (y, w) at the start of the step.
+    free : (float, float, float)
+        y_T, w_T and E of the step as if there were no stop, from ``glide``.
     waves : 4 floats
         Sine and cosine of the phase at the start of the step, and at its end.
     step : float
     polish : int
-        How often Newton's method is applied to all terms of the series: once is mostly enough.
+        How often the guess is improved: once is mostly enough.
 
     Returns
     -------
@@ -132,42 +224,11 @@ def single_impact(eq, start, end, waves, step, polish):
         ``NOTHING``, ``FIRST`` or ``ONLY``. With ``ONLY`` y, w, u and w_i hold; with ``FIRST`` only
         u and w_i; with ``NOTHING`` none.
     """
-    (y_0, w_0), (y_T, w_T), (s_0, c_0, s_T, c_T), per_step = start, end, waves, 1.0 / step
-    u = guess(start, end, step)
-    late = u > 0.5
-    begin, t = select(late, step, 0.0), step * select(late, u - 1.0, u)
-    k = series(
-        eq, select(late, y_T, y_0), select(late, w_T, w_0), select(late, s_T, s_0),
-        select(late, c_T, c_0),
-    )  # fmt: skip
-    y, d, e = first_terms(k, t)
-    j = fma(fma(fma(20.0 * k[6], t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
-    change, _ = newton_step(y, d, e, j, per_step)
-    t -= change
-    w_i, left, change = 0.0, 1.0, 1.0
+    late, t = guess(start, free, step)
+    k = expand_near(eq, start, free, waves, late)
     for _ in range(polish):
-        y, d, e = all_terms(k, t)
-        j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
-        change, left = newton_step(y, d, e, j, per_step)
-        fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])  # derivative, over 3!
-        w_i = fma(fma(fma(-fourth, change, 3.0 * j), change, -2.0 * e), change, d)
-        t -= change
-        change = abs(change) * per_step
-        left *= change
-    converged = (left < _RESIDUAL) & (change < _LAST_CHANGE)
-    u, r = t + begin, (step - begin) - t
-    E = bend(eq, y_0, w_0)
-    n = u * per_step
-    n *= n
-    middle = fma(E, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
-    below = max(max(y_0, fma(w_0, u, 4.0 * y_0)), middle) < 0.0
-    first = below & converged & (min(min(y_T, w_i), min(u, r)) > 0.0)
-    of_y, of_w = impulse(eq.of_w, eq.of_y, r)
-    launch = eq.R * w_i
-    kick = w_i + launch
-    y, w = fma(-kick, of_y, y_T), fma(-kick, of_w, w_T)
-    n = r * per_step
-    n *= n
-    middle = fma(E, n * n, fma((launch + w) * (-1.0 / 3.0), r, y))
-    only = max(max(y, fma(-w, r, 4.0 * y)), middle) < 0.0
-    return y, w, u, w_i, select(first, select(only, ONLY, FIRST), NOTHING)
+        t = approach(k, t, step)
+    values, (y_T, _, E) = all_terms(k, t), free
+    u, r, w_i, proved = first_impact(start, y_T, E, (late, t), k, values, step)
+    y, w, proved = rebound(eq, free, r, w_i, proved, step)
+    return y, w, u, w_i, proved
