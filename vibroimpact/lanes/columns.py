@@ -21,7 +21,7 @@ from vibroimpact.step.single_impact import (
 from vibroimpact.step.tangents import tangents_through_impact
 
 #: Columns that are mended at a time, and those in one vector.
-COLUMNS, VECTOR = 32, 8
+COLUMNS, VECTOR = 64, 8
 #: The distance of rows; not a power of two, which would put them all into few sets of the cache.
 ROW = COLUMNS + VECTOR
 

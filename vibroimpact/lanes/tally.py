@@ -101,9 +101,7 @@ def put_in_order(ring, count):
         ring[count:] = math.nan
     elif count > size > 0:
         impacts, oldest = ring.copy(), count % size
-        for k in range(size):
-            place = oldest + k if oldest + k < size else oldest + k - size
-            ring[k, 0], ring[k, 1] = impacts[place, 0], impacts[place, 1]
+        ring[: size - oldest], ring[size - oldest :] = impacts[oldest:], impacts[:oldest]
 
 
 @jit(inline=True)
