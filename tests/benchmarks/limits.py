@@ -41,9 +41,9 @@ LIMITS = {
     "cubic, newmark": (9.5, 13.5),
     "cubic, rk4": (11.1, 15.4),
     "cubic, exact": (12.8, 16.4),
-    "exact, exact": (3.4, 9.62),
-    "chatter": (140.0, 214.0),
-    "Lyapunov exponents on / off": (2.62, 3.0),
+    "exact, exact": (2.6, 3.3),
+    "chatter": (125.0, 130.0),
+    "Lyapunov exponents on / off": (2.1, 2.2),
     "the calling thread's share of all threads' time": (0.9, 0.9),
     # A short sweep: starting, laying out and writing take longer than the kernel.
     "run, from YAML to the closed file / kernel alone": (5.5, 5.5),
