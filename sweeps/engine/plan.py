@@ -26,8 +26,9 @@ _BLOCK_MEMORY = 64 * 2**20
 _BLOCKS_HELD = 5
 #: Time steps of one block at most, all points together, so that it takes about a second.
 _BLOCK_STEPS = 200_000_000
-#: Points of a block at least, where there are as many and memory for them.
-_LEAST_BLOCK = 128
+#: Sets of lanes in a block at least, where there are as many and memory for them: the threads share
+#: them.
+_LEAST_SETS = 4
 #: A sweep is reported and written in at least this many blocks where it has the points.
 _BLOCKS = 50
 
@@ -97,7 +98,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     least : int
         Points that a block has where they fit into memory.
     blocks : int
-        A sweep has at least so many blocks where it has two full sets of lanes for each.
+        A sweep has at least so many blocks where it has four full sets of lanes for each.
 
     Raises
     ------
@@ -105,6 +106,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
         If there is not enough memory for one point, or one chain of points.
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
+    sets = _LEAST_SETS * lanes
     chain_memory = chain * _memory_per_point(config)
     available = _available_memory()
     if _BLOCKS_HELD * chain_memory > available:
@@ -114,12 +116,12 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
             f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
         )
     # Full sets of lanes are worth more memory, where there is plenty.
-    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
+    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, sets * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
-    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
-    wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
-    # Whole blocks of lanes, where there is room for one: a short one costs as much as a full one.
+    most = max(config.grid.size // chain // max(blocks, _BLOCKS), sets)
+    wanted = max(min(most, max(work, sets)), math.ceil(least / chain))
+    # Whole sets of lanes, where there is room for one: they fill the vectors.
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
@@ -155,7 +157,7 @@ def _available_memory() -> int:
 
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return how long a sweep will take, from trials of few points and ever more periods."""
-    # No more than a block holds: a few points take as long as a full set of lanes.
+    # No more than a block holds: few points take nearly as long as a full set of lanes.
     count = min(2 * _lanes(config) * (threads or ALL_THREADS), _side_by_side(config))
     # Of few lanes, several calls: one point need not be like the others.
     calls = [
@@ -182,7 +184,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
 
 
 def _lanes(config: SweepConfig) -> int:
-    """Return how many points a thread computes side by side at the most."""
+    """Return how many points a single thread computes side by side."""
     chains = config.grid.size // _chain(config)
     return lanes_per_block(IMPACT_RULES[config.method.impact].code, chains, 1)
 

@@ -8,6 +8,7 @@ import pytest
 
 from limits import cpu_features
 from vibroimpact import Oscillator
+from vibroimpact.jit.compiling import WholeCompiler
 from vibroimpact.lanes.columns import carry_columns, mend_columns, new_columns
 from vibroimpact.lanes.exact import glide_lanes
 from vibroimpact.lanes.exact_block import force_lanes, new_memory
@@ -44,9 +45,11 @@ def packed(loop, arguments):
     Compiled anew, since of what comes from the disk cache numba shows no assembly.
     """
     options = {k: v for k, v in loop.targetoptions.items() if k not in ("cache", "nopython")}
-    anew = numba.njit(loop.py_func, **options)
+    anew = numba.njit(loop.py_func, pipeline_class=WholeCompiler, **options)
     anew.compile(tuple(map(numba.typeof, arguments)))
-    return len(re.findall(packed_instructions(), "\n".join(anew.inspect_asm().values())))
+    code = "\n".join(anew.inspect_asm().values())
+    assert ".weak" not in code  # what only compiled code calls is internal
+    return len(re.findall(packed_instructions(), code))
 
 
 def test_the_hot_loops_are_packed_and_fused():

@@ -35,7 +35,7 @@ def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
         with_memory(monkeypatch, memory)
         sizes.append(block_size(sweep))
         assert estimate(sweep).memory <= memory
-    assert sizes[0] == 2 * EXACT_LANES
+    assert sizes[0] == 4 * EXACT_LANES
     assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
 
 

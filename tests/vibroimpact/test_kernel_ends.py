@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from kernel_cases import METHODS, PERIOD, assert_same, one, random_points, steps_for
-from vibroimpact import Oscillator, Status, integrate
+from vibroimpact import Oscillator, Status, integrate, simulate
+from vibroimpact.lanes.exact_block import LANE_ROW, TANGENTS, new_memory, set_start
 from vibroimpact.lanes.kernel import LANES
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.flight import LONGEST_STEP
@@ -152,6 +153,25 @@ def test_a_mass_that_never_leaves_the_stop():
         assert out["impacts_per_period"] == 0.0
         np.testing.assert_array_equal(out["poincare_x"], -2.0)
         np.testing.assert_array_equal(out["poincare_v"], 0.0)
+
+
+def test_what_is_at_rest_before_the_first_section_is_not_counted():
+    """A mass at rest at the start, with a section shortly after; against a single orbit."""
+    osc, phase = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=-0.5), 0.45
+    begins, ends = np.transpose(simulate(osc, 2, x0=-0.5).rests)
+    inside = np.minimum(ends, phase + PERIOD) - np.maximum(begins, phase)
+    out = integrate(osc.at(-0.5), transient=0, periods=1, phase=phase, steps_per_period=50)
+    assert begins[0] == 0.0 and ends[0] > phase
+    expected = inside[inside > 0.0].sum() / PERIOD
+    assert out["rest_fraction"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_lanes_without_a_point_have_no_tangent_vectors():
+    """They would shrink until they are subnormal, and slow."""
+    memory = new_memory()
+    set_start(memory.w, random_points(5), 0.0)
+    rows = memory.w[TANGENTS : TANGENTS + 8 * LANE_ROW].reshape(8, LANE_ROW)
+    assert (rows[::2, :5].any(axis=0)).all() and not rows[:, 5:].any()
 
 
 def test_unknown_names_are_refused():

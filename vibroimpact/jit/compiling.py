@@ -63,7 +63,7 @@ class _WholeLibrary(JITCodeLibrary):
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr:
-                function.linkage = "internal"
+                function.linkage = Linkage.internal
         super()._optimize_final_module()
 
 
@@ -74,7 +74,7 @@ class _MergingCompiler(Compiler):
         super().__init__(typing, target, _MergedLibrary(target.codegen(), "merged"), *arguments)
 
 
-class _WholeCompiler(Compiler):
+class WholeCompiler(Compiler):
     """Compiles a function for Python."""
 
     def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
@@ -120,7 +120,7 @@ def jit(
         "forceinline": forced_inline,
         "no_cfunc_wrapper": True,
     }
-    dispatcher: Any = numba.njit(function, pipeline_class=_WholeCompiler, **options)
+    dispatcher: Any = numba.njit(function, pipeline_class=WholeCompiler, **options)
     dispatcher._cache = CompiledCode(function, cache_folder())
 
     @cache

@@ -33,8 +33,8 @@ def select(context, condition, a, b):
 def widest_vectors(context):
     """Let LLVM use the widest vectors of the processor in the calling function.
 
-    By default it keeps to 256 bits where the processor has 512, and puts vectors that it has no
-    register for across two lines of the cache.
+    By default it keeps to 256 bits where the processor has 512. The stack is aligned, so that a
+    vector put there for want of a register lies in one line of the cache.
     """
 
     def generate(context, builder, signature, arguments):

@@ -1,8 +1,9 @@
 """Impacts mended side by side: the stages of ``single_impact``, each for many columns at once.
 
-A column is a lane that may have met the stop. LLVM makes a loop over vectors of each stage. In one
-loop over all stages every operation would wait for the one before it; from a short loop a processor
-begins with the next vectors meanwhile.
+A column is a copy of a lane that may have met the stop. LLVM makes a loop over vectors of each
+stage. All stages in one loop would be a long chain of operations, each of which waits for the one
+before it; the chain of a single stage is so short that a processor computes several vectors at the
+same time.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ ROW = COLUMNS + VECTOR
 # Where the rows of the columns begin; row + j belongs to column j. They hold the equation, the
 # states at both ends of the step, its E, the tangent vectors, the impact, and what is proved of it.
 EQUATION = 0
-Y_0, W_0, Y_T, W_T, BEND, PAIR = range(5 * ROW, 11 * ROW, ROW)
+Y_0, W_0, Y_T, W_T, E, PAIR = range(5 * ROW, 11 * ROW, ROW)
 U, W_I, PROVED = range(PAIR + 4 * ROW, PAIR + 7 * ROW, ROW)
 # What one stage hands to the next: the guess, the series, its value and derivatives, and the time
 # left after the impact.
@@ -64,16 +65,8 @@ def put_pair(w, a, distance, pair):
 
 
 @jit(inline=True)
-def _first_terms_in(c, j):
-    k = _SERIES + j
-    return (
-        c[k], c[k + ROW], c[k + 2 * ROW], c[k + 3 * ROW], c[k + 4 * ROW], c[k + 5 * ROW],
-        c[k + 6 * ROW], c[k + 7 * ROW], c[k + 8 * ROW],
-    )  # fmt: skip
-
-
-@jit(inline=True)
-def _all_terms_in(c, j):
+def _series_in(c, j):
+    """Return the series of column `j`."""
     k = _SERIES + j
     return (
         c[k], c[k + ROW], c[k + 2 * ROW], c[k + 3 * ROW], c[k + 4 * ROW], c[k + 5 * ROW],
@@ -85,6 +78,7 @@ def _all_terms_in(c, j):
 
 @jit(inline=True)
 def _put_series(c, j, terms):
+    """Set the series of column `j`."""
     k = _SERIES + j
     (
         c[k], c[k + ROW], c[k + 2 * ROW], c[k + 3 * ROW], c[k + 4 * ROW], c[k + 5 * ROW],
@@ -107,18 +101,18 @@ def mend_columns(c, vectors, waves, step):
         eq = equation_in(c, EQUATION + j, ROW)
         _put_series(c, j, expand_near(eq, start, end, waves, c[_LATE + j]))
     for j in range(count):
-        c[_T + j] = approach(_first_terms_in(c, j), c[_T + j], step)
+        c[_T + j] = approach(_series_in(c, j), c[_T + j], step)
     for j in range(count):
         v = _VALUES + j
-        c[v], c[v + ROW], c[v + 2 * ROW] = all_terms(_all_terms_in(c, j), c[_T + j])
+        c[v], c[v + ROW], c[v + 2 * ROW] = all_terms(_series_in(c, j), c[_T + j])
     for j in range(count):
-        v, start, near = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), (c[_LATE + j], c[_T + j])
+        v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), (c[_LATE + j], c[_T + j])
         c[U + j], c[_R + j], c[W_I + j], c[PROVED + j] = first_impact(
-            start, c[Y_T + j], c[BEND + j], near, _first_terms_in(c, j),
+            start, c[Y_T + j], c[E + j], guessed, _series_in(c, j),
             (c[v], c[v + ROW], c[v + 2 * ROW]), step,
         )  # fmt: skip
     for j in range(count):
-        eq, free = equation_in(c, EQUATION + j, ROW), (c[Y_T + j], c[W_T + j], c[BEND + j])
+        eq, free = equation_in(c, EQUATION + j, ROW), (c[Y_T + j], c[W_T + j], c[E + j])
         c[Y_T + j], c[W_T + j], c[PROVED + j] = rebound(
             eq, free, c[_R + j], c[W_I + j], c[PROVED + j], step
         )

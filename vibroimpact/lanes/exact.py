@@ -11,7 +11,6 @@ import math
 
 from vibroimpact.jit import is_set, jit, lowest_bit, not_negative, widest_vectors
 from vibroimpact.lanes.columns import (
-    BEND,
     COLUMNS,
     EQUATION,
     PAIR,
@@ -23,6 +22,7 @@ from vibroimpact.lanes.columns import (
     W_T,
     Y_0,
     Y_T,
+    E,
     U,
     carry_columns,
     equation_in,
@@ -31,11 +31,12 @@ from vibroimpact.lanes.columns import (
     put_pair,
 )
 from vibroimpact.lanes.exact_block import (
-    BENDS,
-    EQUATIONS,
+    EQUATION_SIZE,
     EXACT_LANES,
     FLOW,
     HIGH,
+    LANE_E,
+    LANE_EQUATION,
     LANE_ROW,
     RESTING,
     SLEPT,
@@ -58,8 +59,10 @@ from vibroimpact.step.single_impact import ONLY
 from vibroimpact.step.stop import time_to_release
 from vibroimpact.step.tangents import carry_tangents, glide_tangents, orthonormalise
 
-# Steps between two looks at the tangent vectors; lanes that ``not_negative`` has a bit for.
-_STRIDE, _WORD = 4, 64
+# Steps between two looks at the tangent vectors.
+_STRIDE = 4
+# Lanes that ``not_negative`` has a bit for.
+_WORD = 64
 
 
 @jit(refcounts=False)
@@ -68,7 +71,7 @@ def glide_lanes(w, met, size, added, step, n):
     widest_vectors()
     old_row, new_row = (n & 1) * LANE_ROW, (~n & 1) * LANE_ROW
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
-        y, v, w[BENDS + i], w[HIGH + i] = glide(
+        y, v, w[LANE_E + i], w[HIGH + i] = glide(
             flow_in(w, i), w[Y + old_row + i], w[W + old_row + i], (added[0, i], added[1, i]),
             step,
         )  # fmt: skip
@@ -86,27 +89,27 @@ def glide_lanes(w, met, size, added, step, n):
 
 
 @jit(refcounts=False)
-def glide_all_tangents(w, n):
-    """Take the tangent vectors of all lanes over step `n`."""
+def glide_all_tangents(w, size, n):
+    """Take the tangent vectors of the first lanes over step `n`."""
     widest_vectors()
     old_row, new_row = (n & 1) * LANE_ROW, (~n & 1) * LANE_ROW
-    for i in range(EXACT_LANES):
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
         pair = glide_tangents(flow_in(w, i), pair_in(w, TANGENTS + old_row + i, 2 * LANE_ROW))
         put_pair(w, TANGENTS + new_row + i, 2 * LANE_ROW, pair)
 
 
 @jit(refcounts=False)
 def mend_side_by_side(memory, lo, count, grid, n, carrying):
-    """Find the impact, if any, of so many listed lanes from `lo` on in step `n`, in the columns."""
+    """Copy `count` listed lanes, from place `lo` on, into columns, and mend step `n` there."""
     w, met, c, _, _ = memory
     table, old_row, new_row = grid.table, (n & 1) * LANE_ROW, (~n & 1) * LANE_ROW
     for j in range(count):
         i = met[lo + j] & (EXACT_LANES - 1)  # so that LLVM sees that it is not negative
         for q in range(5):
-            c[EQUATION + q * ROW + j] = w[EQUATIONS + 8 * i + q]
+            c[EQUATION + q * ROW + j] = w[LANE_EQUATION + EQUATION_SIZE * i + q]
         c[Y_0 + j], c[W_0 + j] = w[Y + old_row + i], w[W + old_row + i]
         c[Y_T + j], c[W_T + j] = w[Y + new_row + i], w[W + new_row + i]
-        c[BEND + j] = w[BENDS + i]
+        c[E + j] = w[LANE_E + i]
         if carrying:
             put_pair(c, PAIR + j, ROW, pair_in(w, TANGENTS + old_row + i, 2 * LANE_ROW))
     wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
@@ -117,7 +120,10 @@ def mend_side_by_side(memory, lo, count, grid, n, carrying):
 
 @jit(refcounts=False)
 def settle(block, lo, count, grid, n, recording, carrying):
-    """Take these lanes to the end of step `n`; those without a proved single impact one by one."""
+    """Take the lanes of these columns to the end of step `n`.
+
+    A lane without a proved single impact is taken there by itself.
+    """
     (w, met, c, _, _), points, tally = block
     theta, new_row = grid.table[THETA, n], (~n & 1) * LANE_ROW
     for j in range(count):
@@ -125,7 +131,8 @@ def settle(block, lo, count, grid, n, recording, carrying):
         if c[PROVED + j] != ONLY:
             if theta + grid.step < w[WAKE + i] - 1e-9:  # at rest throughout the step
                 w[Y + new_row + i] = w[W + new_row + i] = 0.0
-                w[SLEPT + i] += 1.0
+                if recording:
+                    w[SLEPT + i] += 1.0
             else:
                 take_carefully(block, i, j, grid, n, recording, carrying)
             continue
@@ -164,10 +171,10 @@ def take_carefully(block, i, j, grid, n, recording, carrying):
     old_row, new_row = (n & 1) * LANE_ROW, (~n & 1) * LANE_ROW
     pt, sums, table, step = points[i], tally.sums[i], grid.table, grid.step
     theta = table[THETA, n]
-    eq, was_resting = equation_in(w, EQUATIONS + 8 * i, 1), w[RESTING + i] > 0.0
+    eq, was_resting = equation_in(w, LANE_EQUATION + EQUATION_SIZE * i, 1), w[RESTING + i] > 0.0
     y, v, resting, n_events, rested, status, grazes = exact_step(
         eq, pt, (w[Y + old_row + i], w[W + old_row + i], was_resting),
-        (w[Y + new_row + i], w[W + new_row + i], w[BENDS + i]),
+        (w[Y + new_row + i], w[W + new_row + i], w[LANE_E + i]),
         (0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
         (theta, table[SIN, n], table[COS, n]), step, scratch,
     )  # fmt: skip
@@ -199,7 +206,7 @@ def advance(block, grid, recording, carrying):
         added = memory.added[place_of_added(memory, grid, n)]
         listed = glide_lanes(w, memory.met, points.size, added, grid.step, n)
         if carrying:
-            glide_all_tangents(w, n)
+            glide_all_tangents(w, points.size, n)
         for lo in range(0, listed, COLUMNS):
             count = min(COLUMNS, listed - lo)
             mend_side_by_side(memory, lo, count, grid, n, carrying)
@@ -217,12 +224,12 @@ def pass_section(block, k, step):
     """Round the states to (x, v), and store them as section `k` if it is not negative."""
     (w, _, _, _, _), points, tally = block
     round_states(w)
-    for i in range(points.size):
-        if k >= 0:
+    if k >= 0:
+        for i in range(points.size):
             record_section(w[Y + LANE_ROW + i], w[W + LANE_ROW + i], i, k, tally)
             if w[SLEPT + i] > 0.0:
                 tally.sums[i].rested += w[SLEPT + i] * step / points[i].omega
-        w[SLEPT + i] = 0.0
+                w[SLEPT + i] = 0.0
 
 
 @jit

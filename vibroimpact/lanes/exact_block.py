@@ -22,19 +22,21 @@ from vibroimpact.step.stop import Scratch, new_scratch, start
 EXACT_LANES = 128
 #: The distance of rows; not a power of two, which would put them all into one set of the cache.
 LANE_ROW = EXACT_LANES + 24
-# For this many steps a period what each of them adds is kept; of more it would leave the cache.
+# Up to this many steps a period, what each step adds is kept; more would not fit into the cache.
 _KEPT = 64
+#: The numbers of a lane from LANE_EQUATION on: one line of the cache, of which five are used.
+EQUATION_SIZE = 8
 
 # Where the rows of a block's lanes begin; row + i belongs to lane i. The states, and the tangent
 # vectors, have two rows: for the starts of even steps, and of odd ones.
 Y, W, TANGENTS = 0, 2 * LANE_ROW, 4 * LANE_ROW
 FLOW = TANGENTS + 8 * LANE_ROW
 FORCING = FLOW + 7 * LANE_ROW
-BENDS, HIGH, CLEARANCE, OMEGA = range(FORCING + 6 * LANE_ROW, FORCING + 10 * LANE_ROW, LANE_ROW)
+LANE_E, HIGH, CLEARANCE, OMEGA = range(FORCING + 6 * LANE_ROW, FORCING + 10 * LANE_ROW, LANE_ROW)
 RESTING, WAKE, SLEPT = range(OMEGA + LANE_ROW, OMEGA + 4 * LANE_ROW, LANE_ROW)
-# The equations are no rows: that of a lane is one line of the cache.
-EQUATIONS = SLEPT + LANE_ROW
-_SIZE = EQUATIONS + 8 * EXACT_LANES
+# The equations are not in rows: the numbers of one lane follow each other.
+LANE_EQUATION = SLEPT + LANE_ROW
+_SIZE = LANE_EQUATION + EQUATION_SIZE * EXACT_LANES
 
 
 class Memory(NamedTuple):
@@ -94,7 +96,9 @@ def set_start(w, points, s):
         w[Y + i], w[W + i] = enter(x, v, pt.clearance, pt.omega)
         w[CLEARANCE + i], w[OMEGA + i] = pt.clearance, pt.omega
         w[RESTING + i], w[WAKE + i], w[SLEPT + i] = 1.0 if resting else 0.0, -math.inf, 0.0
-        put_pair(w, TANGENTS + i, 2 * LANE_ROW, (1.0, 0.0, 0.0, 1.0 / pt.omega))
+        # Zeros where there is no point: with numbers that became subnormal all would be slow.
+        one = 1.0 if i < points.size else 0.0
+        put_pair(w, TANGENTS + i, 2 * LANE_ROW, (one, 0.0, 0.0, one / pt.omega))
 
 
 @jit(refcounts=False)
@@ -124,7 +128,7 @@ def set_equations(memory, points, grid):
         for q in range(6):
             w[FORCING + q * LANE_ROW + i] = forcing[q]
         for q in range(5):
-            w[EQUATIONS + 8 * i + q] = eq[q]
+            w[LANE_EQUATION + EQUATION_SIZE * i + q] = eq[q]
     if grid.size <= _KEPT:
         for n in range(grid.size):
             force_lanes(w, memory.added[n], grid.table[SIN, n], grid.table[COS, n])
@@ -132,7 +136,10 @@ def set_equations(memory, points, grid):
 
 @jit(refcounts=False)
 def place_of_added(memory, grid, n):
-    """Return the place in ``Memory.added`` of what step `n` of `grid` adds to each lane."""
+    """Return the place in ``Memory.added`` of what step `n` of `grid` adds to each lane.
+
+    Where not all steps are kept, it is computed, into the first place.
+    """
     if grid.size <= _KEPT:
         return n
     force_lanes(memory.w, memory.added[0], grid.table[SIN, n], grid.table[COS, n])

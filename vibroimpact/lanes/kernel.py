@@ -47,7 +47,8 @@ from vibroimpact.step.phases import COS, SIN, THETA, sine_at_start
 from vibroimpact.step.rules import EXACT, PLAIN, REDUCED_STEP
 from vibroimpact.step.stop import Scratch, new_scratch, time_to_release
 
-# Points that a block with exact impacts has where there are others; fewer take nearly as long.
+# The fewest points of a block with exact impacts, if there are so many: a smaller block takes
+# nearly as long.
 _FEWEST = 64
 
 
@@ -83,7 +84,7 @@ class Run(NamedTuple):
 
 
 def lanes_per_block(rule: int, points: int, threads: int) -> int:
-    """Return how many points to take side by side, so that every thread has some."""
+    """Return how many points to take side by side, so that threads get equal shares."""
     if rule != EXACT:
         return LANES
     share = max(1, -(-points // threads))

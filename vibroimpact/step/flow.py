@@ -27,9 +27,11 @@ so it is below the quartic with the Bernstein coefficients
 
 Where none of these is positive and one inside is negative, the curve is below the stop between its
 ends. The **guard** is a bound of them all over a whole step: with P = y_0 + w_0 step / 3 and
-Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0. Twice the
-share ``SLACK`` of what the step covers is added to the E of a whole step, for rounding, and so that
-no near graze is safe.
+Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0.
+
+The E that ``glide`` returns, and that all proofs use, is that of a whole step, and has a slack for
+rounding, so that no near graze is safe either: twice the share ``SLACK`` of what the step covers. A
+part t of the step has E (t / step)^4.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ from typing import NamedTuple
 from vibroimpact.jit import fma, jit
 from vibroimpact.step.flight import expand, value_and_slope
 
-#: The guard keeps this share of what a step covers away from the stop.
+#: A curve is proved to be below the stop only where it keeps off it by this share of what the step
+#: covers.
 SLACK = 1e-8
 
 #: 1 / k!, the coefficients of the exponential series.
@@ -68,9 +71,9 @@ class Flow(NamedTuple):
     yw: float
     wy: float
     ww: float
-    bend_y: float
-    bend_w: float
-    bend_1: float
+    E_y: float
+    E_w: float
+    E_1: float
 
 
 class Forcing(NamedTuple):
@@ -94,27 +97,27 @@ def equation_of(pt):
 @jit
 def flow_of(eq, step, c):
     """Return ``Flow`` and ``Forcing`` of steps of that length; `c` is memory for a series."""
-    free = Equation(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
-    expand(free, 1.0, 0.0, 0.0, 0.0, step, c)
+    unloaded = Equation(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
+    expand(unloaded, 1.0, 0.0, 0.0, 0.0, step, c)
     c[0] = 0.0
     yy, wy = value_and_slope(c, 0, 1.0)
-    expand(free, 0.0, 1.0, 0.0, 0.0, step, c)
+    expand(unloaded, 0.0, 1.0, 0.0, 0.0, step, c)
     yw, _ = value_and_slope(c, 0, 1.0)
     c[1] = 0.0
     _, ww = value_and_slope(c, 0, 1.0)
-    expand(free, 0.0, 0.0, 1.0, 0.0, step, c)
+    expand(unloaded, 0.0, 0.0, 1.0, 0.0, step, c)
     ys, ws = value_and_slope(c, 0, 1.0)
-    expand(free, 0.0, 0.0, 0.0, 1.0, step, c)
+    expand(unloaded, 0.0, 0.0, 0.0, 1.0, step, c)
     yc, wc = value_and_slope(c, 0, 1.0)
     expand(eq, 0.0, 0.0, 0.0, 0.0, step, c)
     y1, w1 = value_and_slope(c, 0, 1.0)
-    bend_y, bend_w, bend_1 = bound_of_bend(eq, step)
-    flow = Flow(yy, yw, wy / step, ww / step, bend_y, bend_w, bend_1)
+    E_y, E_w, E_1 = bound_factors(eq, step)
+    flow = Flow(yy, yw, wy / step, ww / step, E_y, E_w, E_1)
     return flow, Forcing(ys, yc, y1, ws / step, wc / step, w1 / step)
 
 
 @jit(inline=True)
-def bound_of_bend(eq, step):
+def bound_factors(eq, step):
     """Return the factors of |y|, |w| and 1 in the E of a whole step."""
     a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
     root, greatest = math.sqrt(b), f + abs(eq.of_1)
@@ -150,14 +153,14 @@ def glide(flow, y, w, added, step):
     -------
     y_T, w_T : float
     E : float
-        The bound of its fourth derivative, see above.
+        A_4 step^4 / 72 and the slack, see above.
     high : float
         Below 0 only where the mass cannot have met the stop in the step.
     """
     third = step * (1.0 / 3.0)
     y_T = y + fma(flow.yy, y, fma(flow.yw, w, added[0]))
     w_T = w + fma(flow.wy, y, fma(flow.ww, w, added[1]))
-    E = fma(flow.bend_w, abs(w), fma(flow.bend_y, abs(y), flow.bend_1))
+    E = fma(flow.E_w, abs(w), fma(flow.E_y, abs(y), flow.E_1))
     return y_T, w_T, E, max(fma(0.5, E, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
 
 

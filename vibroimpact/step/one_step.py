@@ -43,14 +43,14 @@ class Prepared(NamedTuple):
     to_x, to_v : 4 floats
         The rows of the affine map of the integrator.
     eq : Equation
-    flow : (Flow, Forcing)
+    flows : (Flow, Forcing)
         What the rule ``exact`` needs.
     """
 
     to_x: tuple[float, float, float, float]
     to_v: tuple[float, float, float, float]
     eq: Equation
-    flow: tuple[Flow, Forcing]
+    flows: tuple[Flow, Forcing]
 
 
 @jit
@@ -58,8 +58,7 @@ def prepare(integrator, steps, pt):
     """Return what is needed of a point for steps of that length."""
     m = affine_map(integrator, steps.step / pt.omega, pt)
     eq = equation_of(pt)
-    flow = flow_of(eq, steps.step, np.empty(TERMS))
-    return Prepared(m[:4], m[4:], eq, flow)
+    return Prepared(m[:4], m[4:], eq, flow_of(eq, steps.step, np.empty(TERMS)))
 
 
 @jit(inline=True)
@@ -110,12 +109,12 @@ def take_step(method, rows, state, phase, step, pt, scratch):
 
 
 @jit
-def take_exact_step(eq, flow, state, phase, end_wave, step, pt, scratch):
+def take_exact_step(eq, flows, state, phase, end_wave, step, pt, scratch):
     """Take a step with the rule ``exact``, as ``lanes/exact.py`` does with many side by side.
 
     Parameters
     ----------
-    flow : (Flow, Forcing)
+    flows : (Flow, Forcing)
     phase : (float, float, float)
         Phase at the start of the step, its sine and its cosine.
     end_wave : (float, float)
@@ -126,7 +125,8 @@ def take_exact_step(eq, flow, state, phase, end_wave, step, pt, scratch):
     As from ``exact.exact_step``.
     """
     (y, w, _), (_, s, c) = state, phase
-    y_T, w_T, E, high = glide(flow[0], y, w, forced(flow[1], s, c), step)
+    flow, forcing = flows
+    y_T, w_T, E, high = glide(flow, y, w, forced(forcing, s, c), step)
     if high < 0.0:
         return y_T, w_T, False, 0, 0.0, 0, 0
     waves = s, c, end_wave[0], end_wave[1]
@@ -153,7 +153,7 @@ def advance(method, prepared, state, steps, n, pt, scratch):
     if method[0] == EXACT:
         end_wave = table[SIN, n + 1], table[COS, n + 1]
         y, w, resting, n_events, _, status, _ = take_exact_step(
-            prepared.eq, prepared.flow, state, phase, end_wave, steps.step, pt, scratch
+            prepared.eq, prepared.flows, state, phase, end_wave, steps.step, pt, scratch
         )
         return (y, w, resting), n_events, status
     rows = prepared.to_x, prepared.to_v

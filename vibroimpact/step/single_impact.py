@@ -6,8 +6,8 @@ is all of them. They hold for nearly every step that meets the stop; the other s
 
 - The first guess of the impact is the inverse cubic interpolant of the step where it rises steeply
   at both ends, else a parabola. The flight is expanded about the nearer end of the step, where 16
-  powers are enough, and Newton's method with two further terms of the reversed series is applied
-  twice, first to the terms up to t^8. The error that is left is estimated; if it is not below
+  powers are enough, and Newton's method with two further terms of the reversed series is applied,
+  first to the terms up to t^8, then to all. The error that is left is estimated; if it is not below
   rounding, nothing is proved.
 - The flight before the impact is below the stop, and so is that after it, if the Bernstein
   coefficients of ``flow.py`` say so: for the first, from (y_0, w_0) to (0, w_i) in the time u; for
@@ -98,8 +98,8 @@ def guess(start, end, step):
     cubic = u * (1.0 - u) * fma((1.0 - u) * b, 1.0 - a, -u * a * (1.0 - b))
     # Single precision is enough for a guess, and faster.
     root = np.sqrt(np.float32(max(fma(4.0 * u, 1.0 - a, a * a), 0.0)))
-    above, below = select(steep, cubic, 2.0 * u), select(steep, a * b, a + np.float64(root))
-    u = select(steep, u, 0.0) + np.float64(np.float32(above) / np.float32(below))
+    over, under = select(steep, cubic, 2.0 * u), select(steep, a * b, a + np.float64(root))
+    u = select(steep, u, 0.0) + np.float64(np.float32(over) / np.float32(under))
     late = select(u > 0.5, 1.0, 0.0)
     return late, (u - late) * step
 
@@ -137,7 +137,7 @@ def approach(k, t, step):
 
 
 @jit(forced_inline=True)
-def first_impact(start, y_T, E, near, k, values, step):
+def first_impact(start, y_T, E, guessed, k, values, step):
     """Find an impact to rounding, and prove that it is the first.
 
     Parameters
@@ -145,10 +145,10 @@ def first_impact(start, y_T, E, near, k, values, step):
     start : (float, float)
     y_T, E : float
         As in ``single_impact``.
-    near : (float, float)
+    guessed : (float, float)
         The improved guess, as from ``guess``.
-    k : 9 floats or more
-        The series there.
+    k : 17 floats
+        The series about the end that it names.
     values : 3 floats
         Value, slope and half the second derivative of all its terms at the guess.
     step : float
@@ -161,7 +161,7 @@ def first_impact(start, y_T, E, near, k, values, step):
     proved : float
         ``NOTHING`` or ``FIRST``.
     """
-    (y_0, w_0), (late, t), (y, d, e), per_step = start, near, values, 1.0 / step
+    (y_0, w_0), (late, t), (y, d, e), per_step = start, guessed, values, 1.0 / step
     j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
     change, left = newton_step(y, d, e, j, per_step)
     fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])  # derivative, over 3!
