@@ -32,7 +32,7 @@ def flow(osc, x, v, s, c, T):
     h, p, w, f, x, v, s, c, T = (
         Decimal(float(q)) for q in (osc.h, osc.p, osc.omega, osc.f, x, v, s, c, T)
     )
-    size = float((2 * h + p + w) * T)
+    size = abs(float((2 * h + p + w) * T))
     with localcontext() as context:
         context.prec = 60 + int(2.0 * size / math.log(10.0))
         x_T = v_T = Decimal(0)
