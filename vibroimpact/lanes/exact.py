@@ -232,7 +232,7 @@ def pass_section(block, k, step):
                 w[SLEPT + i] = 0.0
 
 
-@jit
+@jit(refcounts=False)
 def run_exact(memory, points, run, tally):
     """Run a block of at most ``EXACT_LANES`` points from its start to the end of the record."""
     w, transient, (_, lead, grid) = memory.w, run.transient, run.stepping

@@ -87,7 +87,7 @@ def flow_in(w, i):
     )  # fmt: skip
 
 
-@jit
+@jit(refcounts=False)
 def set_start(w, points, s):
     """Put every lane at its start, at a phase with the sine `s`."""
     for i in range(EXACT_LANES):
@@ -114,7 +114,7 @@ def force_lanes(w, added, s, c):
         added[0, i], added[1, i] = forced(forcing, s, c)
 
 
-@jit
+@jit(refcounts=False)
 def set_equations(memory, points, grid):
     """Give every lane its equation, and its flow over a step of `grid`."""
     w = memory.w

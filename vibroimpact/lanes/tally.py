@@ -93,15 +93,26 @@ def record_section(x, v, row, k, tally):
         tally.sums[row].status = _NON_FINITE
 
 
-@jit
+@jit(refcounts=False)
+def reverse(ring, begin, end):
+    """Reverse the order of the impacts in a part of a ring."""
+    for k in range((end - begin) // 2):
+        i, j = begin + k, end - 1 - k
+        for q in range(2):
+            ring[i, q], ring[j, q] = ring[j, q], ring[i, q]
+
+
+@jit(refcounts=False)
 def put_in_order(ring, count):
     """Unroll a ring that received `count` impacts into time order, with NaN where it has room."""
     size = ring.shape[0]
-    if count < size:
-        ring[count:] = math.nan
-    elif count > size > 0:
-        impacts, oldest = ring.copy(), count % size
-        ring[: size - oldest], ring[size - oldest :] = impacts[oldest:], impacts[:oldest]
+    for k in range(count, size):
+        ring[k, 0] = ring[k, 1] = math.nan
+    if count > size > 0:
+        oldest = count % size
+        reverse(ring, 0, oldest)
+        reverse(ring, oldest, size)
+        reverse(ring, 0, size)
 
 
 @jit(inline=True)
@@ -110,7 +121,7 @@ def rows_of(tally, lo, hi):
     return Tally(tally.sections[lo:hi], tally.impacts[lo:hi], tally.sums[lo:hi])
 
 
-@jit
+@jit(refcounts=False)
 def close_records(tally, given_up):
     """Put the impacts of every point in order; points that were given up are ``PENDING``."""
     for i in range(tally.sums.size):
