@@ -63,7 +63,7 @@ def test_the_hot_loops_are_packed_and_fused():
     block = Lanes(w, new_scratch(), points, method, tally)
     assert packed(advance, (block, grid, False)) >= FUSED
     exact = new_memory()
-    arguments = exact.w, exact.met, 64, exact.added[0], grid.step, 0
+    arguments = exact.w, 64, exact.added[0], grid.step, 0
     assert packed(glide_lanes, arguments) >= 8
     assert packed(force_lanes, (exact.w, exact.added[0], 0.0, 1.0)) >= 4
 

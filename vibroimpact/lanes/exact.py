@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import is_set, jit, lowest_bit, not_negative, widest_vectors
+from vibroimpact.jit import is_set, jit, lowest_bit, not_negative, select, widest_vectors
 from vibroimpact.lanes.columns import (
     COLUMNS,
     EQUATION,
@@ -66,16 +66,8 @@ _WORD = 64
 
 
 @jit(refcounts=False)
-def glide_lanes(w, met, size, added, step, n):
-    """Take all lanes over step `n`; list those that may have met the stop, and return how many."""
-    widest_vectors()
-    old_row, new_row = (n & 1) * LANE_ROW, (~n & 1) * LANE_ROW
-    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
-        y, v, w[LANE_E + i], w[HIGH + i] = glide(
-            flow_in(w, i), w[Y + old_row + i], w[W + old_row + i], (added[0, i], added[1, i]),
-            step,
-        )  # fmt: skip
-        w[Y + new_row + i], w[W + new_row + i] = y, v
+def list_lanes(w, met, size):
+    """List the first lanes whose number in the row HIGH is not negative; return how many."""
     listed = 0
     for first in range(0, size, _WORD):
         bits = not_negative(w, HIGH + first)
@@ -86,6 +78,18 @@ def glide_lanes(w, met, size, added, step, n):
             bits &= bits - 1
             listed += 1
     return listed
+
+
+@jit(refcounts=False)
+def glide_lanes(w, size, added, step, n):
+    """Take the first lanes over step `n`; HIGH is below 0 where they cannot have met the stop."""
+    widest_vectors()
+    old_row, new_row = (n & 1) * LANE_ROW, (~n & 1) * LANE_ROW
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        y, v, w[LANE_E + i], w[HIGH + i] = glide(
+            flow_in(w, i), w[Y + old_row + i], w[W + old_row + i], (added[0, i], added[1, i]), step
+        )
+        w[Y + new_row + i], w[W + new_row + i] = y, v
 
 
 @jit(refcounts=False)
@@ -154,14 +158,29 @@ def stretch(pair, sums):
 
 
 @jit(refcounts=False)
-def stretch_lanes(w, points, parity, tally):
-    """Orthonormalise the tangent vectors that would soon be too short, too long or too parallel."""
-    for i in range(points.size):
-        a = TANGENTS + (parity & 1) * LANE_ROW + i
-        ay, aw, by, bw = pair_in(w, a, 2 * LANE_ROW)
-        size = ay * ay + aw * aw + by * by + bw * bw
-        if abs(ay * bw - aw * by) < 1e-4 * size or not 1e-100 < size < 1e100:
-            put_pair(w, a, 2 * LANE_ROW, stretch((ay, aw, by, bw), tally.sums[i]))
+def judge_tangents(w, size, parity):
+    """Look for tangent vectors that would soon be too short, too long or too parallel.
+
+    In the row HIGH a lane that has such vectors is not negative.
+    """
+    widest_vectors()
+    row = TANGENTS + (parity & 1) * LANE_ROW
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        ay, aw, by, bw = pair_in(w, row + i, 2 * LANE_ROW)
+        size_2 = ay * ay + aw * aw + by * by + bw * bw
+        fit = (abs(ay * bw - aw * by) >= 1e-4 * size_2) & (size_2 > 1e-100) & (size_2 < 1e100)
+        w[HIGH + i] = select(fit, -1.0, 1.0)
+
+
+@jit(refcounts=False)
+def stretch_lanes(memory, points, parity, tally):
+    """Orthonormalise the tangent vectors that need it."""
+    w, met, _, _, _ = memory
+    judge_tangents(w, points.size, parity)
+    for j in range(list_lanes(w, met, points.size)):
+        a = TANGENTS + (parity & 1) * LANE_ROW + met[j]
+        pair = stretch(pair_in(w, a, 2 * LANE_ROW), tally.sums[met[j]])
+        put_pair(w, a, 2 * LANE_ROW, pair)
 
 
 @jit(refcounts=False)
@@ -204,7 +223,8 @@ def advance(block, grid, recording, carrying):
     w, size = memory.w, grid.size
     for n in range(size):
         added = memory.added[place_of_added(memory, grid, n)]
-        listed = glide_lanes(w, memory.met, points.size, added, grid.step, n)
+        glide_lanes(w, points.size, added, grid.step, n)
+        listed = list_lanes(w, memory.met, points.size)
         if carrying:
             glide_all_tangents(w, points.size, n)
         for lo in range(0, listed, COLUMNS):
@@ -212,7 +232,7 @@ def advance(block, grid, recording, carrying):
             mend_side_by_side(memory, lo, count, grid, n, carrying)
             settle(block, lo, count, grid, n, recording, carrying)
         if carrying and ((n + 1) % _STRIDE == 0 or n + 1 == size):
-            stretch_lanes(w, points, n + 1, tally)
+            stretch_lanes(memory, points, n + 1, tally)
     if size & 1:
         for a in range(0, FLOW if carrying else TANGENTS, 2 * LANE_ROW):  # the next step is even
             for i in range(a, a + EXACT_LANES):
