@@ -26,9 +26,8 @@ _BLOCK_MEMORY = 64 * 2**20
 _BLOCKS_HELD = 5
 #: Time steps of one block at most, all points together, so that it takes about a second.
 _BLOCK_STEPS = 200_000_000
-#: Sets of lanes in a block at least, where there are as many and memory for them: the threads share
-#: them.
-_LEAST_SETS = 4
+#: Points of a block at least, where there are as many and memory for them.
+_LEAST_BLOCK = 128
 #: A sweep is reported and written in at least this many blocks where it has the points.
 _BLOCKS = 50
 
@@ -98,7 +97,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     least : int
         Points that a block has where they fit into memory.
     blocks : int
-        A sweep has at least so many blocks where it has four full sets of lanes for each.
+        A sweep has at least so many blocks where it has two full sets of lanes for each.
 
     Raises
     ------
@@ -106,7 +105,6 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
         If there is not enough memory for one point, or one chain of points.
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
-    sets = _LEAST_SETS * lanes
     chain_memory = chain * _memory_per_point(config)
     available = _available_memory()
     if _BLOCKS_HELD * chain_memory > available:
@@ -116,11 +114,11 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
             f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
         )
     # Full sets of lanes are worth more memory, where there is plenty.
-    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, sets * chain_memory)
+    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
-    most = max(config.grid.size // chain // max(blocks, _BLOCKS), sets)
-    wanted = max(min(most, max(work, sets)), math.ceil(least / chain))
+    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
+    wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
     # Whole sets of lanes, where there is room for one: they fill the vectors.
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 

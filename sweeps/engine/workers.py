@@ -11,6 +11,8 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background
 from sweeps.engine.compute import compute_block
 from sweeps.grid import Block
+from vibroimpact.jit import ALL_THREADS
+from vibroimpact.lanes.kernel import FEWEST_LANES
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -38,8 +40,8 @@ class Local:
         )
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return no limits for `block_size`."""
-        return {}
+        """Return how large blocks are to be, so that every thread has points."""
+        return {"least": min(size, FEWEST_LANES * (self.threads or ALL_THREADS))}
 
     def described(self) -> str:
         """Say nothing of where the work is done."""

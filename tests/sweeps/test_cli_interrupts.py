@@ -121,7 +121,7 @@ def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd,
         Callback()
 
     monkeypatch.setattr(runner.SweepWriter, "write", write)
-    monkeypatch.setattr(runner, "block_size", lambda _: 2)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
     result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")

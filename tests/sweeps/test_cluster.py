@@ -336,5 +336,5 @@ def test_a_block_is_worth_sending(client):
     assert computer.block_limits(0.01, size)["least"] == size
     computer._workers = dict.fromkeys(range(100), 32)
     assert computer.block_limits(1000.0, size)["least"] == 10  # a hundred a second
-    # Twenty blocks a process would have 500 points; four full sets of lanes are the least.
-    assert block_size(sweep, blocks=20 * 100) == 512 < block_size(sweep)
+    # Twenty blocks a process would have 500 points: three full sets of lanes.
+    assert block_size(sweep, blocks=20 * 100) == 384 < block_size(sweep)

@@ -147,7 +147,7 @@ def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
 
 
 def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
-    monkeypatch.setattr(runner, "block_size", lambda _: 25)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 25)
     blocks = []
 
     def stopping(*arguments):

@@ -30,7 +30,7 @@ from vibroimpact import Status
 def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
     config = configured(f"follow.direction={direction}")
     expected = ran(config)
-    monkeypatch.setattr(runner, "block_size", lambda _: size)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: size)
     for threads in (1, 2):
         run_sweep(config, "blocks.h5", threads=threads, overwrite=True)
         xr.testing.assert_identical(data("blocks.h5"), expected)
@@ -42,7 +42,7 @@ def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction
 def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
     config = configured()
     expected = ran(config)
-    monkeypatch.setattr(runner, "block_size", lambda _: 5)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
     done = []
 
     def stopping(*arguments):
@@ -69,7 +69,7 @@ def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
 
 @pytest.mark.slow
 def test_a_damaged_block_is_named_and_computed_again(monkeypatch):
-    monkeypatch.setattr(runner, "block_size", lambda _: 5)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
     config = configured()
     expected = ran(config)
     content = bytearray(Path("out.h5").read_bytes())
@@ -137,7 +137,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
             assert begun.acquire(timeout=60)
         raise Failed("the disk is full")
 
-    monkeypatch.setattr(runner, "block_size", lambda _: 5)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
     monkeypatch.setattr(workers, "compute_block", computing)
     monkeypatch.setattr(runner.SweepWriter, "write", full)
     with pytest.raises(Failed, match="full"):

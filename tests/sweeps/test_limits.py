@@ -13,9 +13,12 @@ from sweeps.engine.background import in_background
 from sweeps.engine.compute import compute
 from sweeps.engine.plan import block_size, estimate, expected_seconds, reserved_widths
 from sweeps.engine.run import run_sweep
+from sweeps.engine.workers import Local
 from sweeps.errors import StoreError
 from sweeps.store.layout import Layout
 from vibroimpact.lanes.exact_block import EXACT_LANES
+from vibroimpact.lanes.kernel import lanes_per_block
+from vibroimpact.step.rules import EXACT
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}
@@ -35,8 +38,18 @@ def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
         with_memory(monkeypatch, memory)
         sizes.append(block_size(sweep))
         assert estimate(sweep).memory <= memory
-    assert sizes[0] == 4 * EXACT_LANES
+    assert sizes[0] == 2 * EXACT_LANES
     assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
+
+
+def test_a_block_has_points_for_every_thread(monkeypatch):
+    """Also where the blocks are short because their points take long."""
+    with_memory(monkeypatch, 10**11)
+    sweep = load(CONFIG, "record.transient=1e6")
+    for threads in (1, 2, 8, 16):
+        size = block_size(sweep, **Local(threads).block_limits(1.0, sweep.grid.size))
+        lanes = lanes_per_block(EXACT, size, threads)
+        assert size / lanes >= threads
 
 
 def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):

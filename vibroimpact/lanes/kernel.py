@@ -47,9 +47,9 @@ from vibroimpact.step.phases import COS, SIN, THETA, sine_at_start
 from vibroimpact.step.rules import EXACT, PLAIN, REDUCED_STEP
 from vibroimpact.step.stop import Scratch, new_scratch, time_to_release
 
-# The fewest points of a block with exact impacts, if there are so many: a smaller block takes
-# nearly as long.
-_FEWEST = 64
+#: The fewest points that a thread takes side by side with exact impacts, if there are so many:
+#: fewer take nearly as long.
+FEWEST_LANES = 64
 
 
 class Run(NamedTuple):
@@ -89,7 +89,7 @@ def lanes_per_block(rule: int, points: int, threads: int) -> int:
         return LANES
     share = max(1, -(-points // threads))
     blocks = -(-share // EXACT_LANES)  # as many for every thread
-    return max(_FEWEST, -(-share // (blocks * VECTOR)) * VECTOR)
+    return max(FEWEST_LANES, -(-share // (blocks * VECTOR)) * VECTOR)
 
 
 class Lanes(NamedTuple):
