@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from operator import attrgetter
@@ -17,7 +16,7 @@ from sweeps.analysis.longer_runs import orbit_speeds
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
 from sweeps.errors import Refused
-from sweeps.text import shown_count, shown_range, table
+from sweeps.text import shown_count, shown_range, table, write_rows
 
 #: Kinds of motion that are listed but are not attractors.
 _UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
@@ -203,12 +202,12 @@ def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
 def write_csv(path: Path, attractors: Sequence[Row]) -> None:
     """Write every row to a file, with the impact speeds separated by spaces."""
     axes = list(attractors[0].parameters) if attractors else []
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"])
-        for row in attractors:
-            speeds = " ".join(map(repr, row.speeds.tolist()))
-            where = row.parameters.values()
-            writer.writerow(
-                [*where, row.number, row.motion.name.lower(), row.m, row.q, row.fraction, speeds]
-            )
+    columns = [*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"]
+    write_rows(path, columns, map(_numbers, attractors))
+
+
+def _numbers(row: Row) -> list[object]:
+    """Write a row with all digits."""
+    speeds = " ".join(map(repr, row.speeds.tolist()))
+    motion = row.motion.name.lower()
+    return [*row.parameters.values(), row.number, motion, row.m, row.q, row.fraction, speeds]

@@ -8,7 +8,6 @@ into the basin of another.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import product
@@ -21,7 +20,7 @@ from sweeps.analysis.class_changes import Change, cascades, changes, labels, rat
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
-from sweeps.text import shown_count, shown_range, table
+from sweeps.text import shown_count, shown_range, table, write_rows
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
@@ -237,12 +236,13 @@ def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> Non
         If the file cannot be written.
     """
     other_axes = list(bifurcations[0].at) if bifurcations else []
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]
-        writer.writerow([*other_axes, *head])
-        for item in bifurcations:
-            change = item.change
-            value = "" if np.isnan(item.value) else repr(item.value)
-            ends = [change.low, change.high, str(change.before), str(change.after)]
-            writer.writerow([*item.at.values(), *ends, item.kind, value, change.between])
+    head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]
+    write_rows(path, [*other_axes, *head], map(_numbers, bifurcations))
+
+
+def _numbers(item: Bifurcation) -> list[object]:
+    """Write a bifurcation with all digits."""
+    change = item.change
+    value = "" if np.isnan(item.value) else repr(item.value)
+    ends = [change.low, change.high, str(change.before), str(change.after)]
+    return [*item.at.values(), *ends, item.kind, value, change.between]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +13,7 @@ from sweeps.analysis.exact_branches import grow, lines_of, summary
 from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
 from sweeps.analysis.selection import Cut, chosen_axes, swept_axes
 from sweeps.errors import Refused
-from sweeps.text import table
+from sweeps.text import table, write_rows
 from vibroimpact.orbits.trees import Tree
 
 
@@ -154,18 +153,17 @@ def write_branches(path: Path, dataset: xr.Dataset) -> None:
     m, q = dataset["m"].values.tolist(), dataset["q"].values.tolist()
     columns = [dataset[name].values.tolist() for name in ("branch", parameter, "stable")]
     impacts = [dataset[name].values for name in ("impact_v", "impact_phase")]
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(
-            ["branch", "m", "q", parameter, "stable", "kind", "impact_v", "impact_phase"]
-        )
+    special = [dataset[f"special_{name}"].values.tolist() for name in ("branch", "m", "q", "value")]
+
+    def rows() -> Iterator[list[object]]:
         for i, (number, value, stable) in enumerate(zip(*columns, strict=True)):
-            numbers = [" ".join(map(repr, rows[i, : q[number]].tolist())) for rows in impacts]
-            writer.writerow([number, m[number], q[number], value, int(stable), "", *numbers])
-        names = ("branch", "m", "q", "value")
-        special = [dataset[f"special_{name}"].values.tolist() for name in names]
+            numbers = [" ".join(map(repr, of[i, : q[number]].tolist())) for of in impacts]
+            yield [number, m[number], q[number], value, int(stable), "", *numbers]
         for *row, kind in zip(*special, dataset["kind"].values.tolist(), strict=True):
-            writer.writerow([*row, "", kind, "", ""])
+            yield [*row, "", kind, "", ""]
+
+    head = ["branch", "m", "q", parameter, "stable", "kind", "impact_v", "impact_phase"]
+    write_rows(path, head, rows())
 
 
 def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
@@ -214,10 +212,11 @@ def _curves_dataset(search: CurveSearch) -> xr.Dataset:
 
 def write_curves(path: Path, search: CurveSearch) -> None:
     """Write the points of curves, and then of each its special points, to a CSV file."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["curve", "kind", "m", "q", *search.axes, "special"])
+
+    def rows() -> Iterator[list[object]]:
         for number, curve in enumerate(search.curves):
             head = [number, curve.kind, curve.m, curve.q]
-            writer.writerows([*head, *values, ""] for values in curve.values.tolist())
-            writer.writerows([*head, *p.values.tolist(), p.kind] for p in curve.special)
+            yield from ([*head, *values, ""] for values in curve.values.tolist())
+            yield from ([*head, *p.values.tolist(), p.kind] for p in curve.special)
+
+    write_rows(path, ["curve", "kind", "m", "q", *search.axes, "special"], rows())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
@@ -24,20 +22,3 @@ def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> Non
     """
     with mpl.rc_context(STYLE):
         save(picture(*measured), output)
-
-
-def write_csv(output: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table to a CSV file, whole or not at all.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    draft = output.with_name(f".{output.name}-{os.getpid()}")
-    try:
-        with draft.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows([columns, *rows])
-        os.replace(draft, output)
-    finally:
-        draft.unlink(missing_ok=True)

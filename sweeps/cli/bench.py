@@ -12,6 +12,7 @@ import typer
 from sweeps.cli.options import check_csv, check_threads
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed
+from sweeps.text import write_rows
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -57,7 +58,7 @@ def accuracy_speed(
     from sweeps.bench import accuracy_tables, work_precision
     from sweeps.bench.accuracy_picture import picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure
-    from sweeps.bench.output import draw, write_csv
+    from sweeps.bench.output import draw
     from sweeps.bench.peers import PEERS
 
     check_threads(threads)
@@ -72,7 +73,7 @@ def accuracy_speed(
         say(accuracy_tables.of_targets(measured))
         draw(output, picture, measured, orders)
         if csv is not None:
-            write_csv(csv, work_precision.COLUMNS, work_precision.rows(measured, orders))
+            write_rows(csv, work_precision.COLUMNS, work_precision.rows(measured, orders))
 
 
 @app.command()
@@ -81,7 +82,7 @@ def stability(
 ) -> None:
     """Show how long a step may be, and where each method fails."""
     from sweeps.bench import failures, stability, stability_tables
-    from sweeps.bench.output import draw, write_csv
+    from sweeps.bench.output import draw
     from sweeps.bench.stability_picture import picture
 
     with _files(output, csv):
@@ -90,7 +91,7 @@ def stability(
             say(part)
         draw(output, picture, stability.chart(quick))
         if csv is not None:
-            write_csv(csv, stability_tables.COLUMNS, stability_tables.rows(limits, figures))
+            write_rows(csv, stability_tables.COLUMNS, stability_tables.rows(limits, figures))
 
 
 @app.command()
