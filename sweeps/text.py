@@ -1,14 +1,11 @@
-"""How messages, tables and CSV files show words and numbers."""
+"""How messages and tables show words and numbers."""
 
 from __future__ import annotations
 
-import csv
 import difflib
 import math
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 
 def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
@@ -35,26 +32,6 @@ def shortened(text: str, most: int = 80) -> str:
     """Put a text on one line, and cut it to at most so many characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 3] + "..."
-
-
-def write_rows(path: Path, columns: Sequence[object], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table to a CSV file, whole or not at all.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    target = path.resolve()  # a link stays one
-    draft = target.with_name(f".{target.name}-{os.getpid()}")
-    try:
-        with draft.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(rows)
-        os.replace(draft, target)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:

@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.csv_tables import write_rows
 from sweeps.analysis.grouping import STARTS, PointNumbers, records
 from sweeps.analysis.longer_runs import orbit_speeds
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
 from sweeps.errors import Refused
-from sweeps.text import shown_count, shown_range, table, write_rows
+from sweeps.text import shown_count, shown_range, table
 
 #: Kinds of motion that are listed but are not attractors.
 _UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)

@@ -17,10 +17,11 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.class_changes import Change, cascades, changes, labels, ratio
+from sweeps.analysis.csv_tables import write_rows
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
-from sweeps.text import shown_count, shown_range, table, write_rows
+from sweeps.text import shown_count, shown_range, table
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator

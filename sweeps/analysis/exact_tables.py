@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.csv_tables import write_rows
 from sweeps.analysis.exact_branches import grow, lines_of, summary
 from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
 from sweeps.analysis.selection import Cut, chosen_axes, swept_axes
 from sweeps.errors import Refused
-from sweeps.text import table, write_rows
+from sweeps.text import table
 from vibroimpact.orbits.trees import Tree
 
 

@@ -11,6 +11,7 @@ import xarray as xr
 from sweeps.analysis.grouping import grid_of
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES
+from sweeps.store.replacing import replacing
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -62,20 +63,16 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
     """
     check_table(path)
     scalars = _scalars(dataset)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     axes = [str(name) for name in scalars["status"].dims]
-    try:
+    with replacing(Path(os.path.realpath(path))) as new:
         if path.suffix == ".parquet":
-            _frame(scalars).to_parquet(unfinished, index=False)
+            _frame(scalars).to_parquet(new, index=False)
         else:
             digits = float.__repr__  # all of them, whatever NumPy prints
-            with unfinished.open("w", encoding="utf-8", newline="") as file:
+            with new.open("w", encoding="utf-8", newline="") as file:
                 for i, block in enumerate(grid_of(dataset).blocks(_PART)):
                     part = _frame(scalars.isel(dict(zip(axes, block, strict=True))))
                     part.to_csv(file, index=False, header=i == 0, float_format=digits)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
     return int(scalars["status"].size)
 
 

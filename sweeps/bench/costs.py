@@ -22,7 +22,7 @@ from vibroimpact import integrate
 from vibroimpact.oscillator import PARAMETERS, POINT
 
 POINTS, PERIODS, ROUNDS = 1024, 200, 5
-#: Steps per period: of the exact engine as many as it takes by itself, about.
+#: Steps per period; the exact engine has about as many as it takes by itself.
 STEPS, EXACT_STEPS = (80, 160, 320, 640), (16, 32, 48, 64)
 SCENES: Mapping[str, Mapping[str, float | tuple[float, float]]] = {
     "no impact": {"h": 0.1, "R": 0.8, "omega": (2.4, 3.5), "clearance": 10.0},

@@ -12,7 +12,6 @@ import typer
 from sweeps.cli.options import check_csv, check_threads
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed
-from sweeps.text import write_rows
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -55,6 +54,7 @@ def accuracy_speed(
     ] = 1,
 ) -> None:
     """Chart the accuracy of every method against its speed."""
+    from sweeps.analysis.csv_tables import write_rows
     from sweeps.bench import accuracy_tables, work_precision
     from sweeps.bench.accuracy_picture import picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure
@@ -81,6 +81,7 @@ def stability(
     output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
 ) -> None:
     """Show how long a step may be, and where each method fails."""
+    from sweeps.analysis.csv_tables import write_rows
     from sweeps.bench import failures, stability, stability_tables
     from sweeps.bench.output import draw
     from sweeps.bench.stability_picture import picture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sweeps.text import write_rows
+from sweeps.analysis.csv_tables import write_rows
 
 
 def failing():
@@ -26,6 +26,14 @@ def test_a_link_stays_a_link(tmp_path):
     link.symlink_to(tmp_path / "a.csv")
     write_rows(link, ["a"], [[1]])
     assert link.is_symlink() and (tmp_path / "a.csv").read_text() == "a\n1\n"
+
+
+def test_links_in_a_loop_end_in_no_traceback_of_theirs(tmp_path):
+    """The table replaces the link that was named."""
+    for one, other in (("a.csv", "b.csv"), ("b.csv", "a.csv")):
+        (tmp_path / one).symlink_to(tmp_path / other)
+    write_rows(tmp_path / "a.csv", ["a"], [[1]])
+    assert (tmp_path / "b.csv").read_text() == "a\n1\n"
 
 
 def test_a_folder_is_refused(tmp_path):
