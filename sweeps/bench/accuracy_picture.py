@@ -28,7 +28,7 @@ from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
 
 #: Title, scene and kind of error of the panels; the first is the wide one.
 PANELS = (
-    ("section state, mean of five scenes", MEAN, ORBIT_ERRORS[0]),
+    ("section state, geometric mean of five scenes", MEAN, ORBIT_ERRORS[0]),
     ("impact time, same scenes", MEAN, ORBIT_ERRORS[1]),
     ("penetration, same scenes", MEAN, ORBIT_ERRORS[3]),
     ("section state: chatter and rest", CHATTER.name, ORBIT_ERRORS[0]),

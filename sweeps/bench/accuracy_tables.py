@@ -31,7 +31,7 @@ def of_methods(measurements: Sequence[Measurement], orders: Mapping[Line, float]
     Parameters
     ----------
     measurements : sequence of Measurement
-        With the means over the regular scenes.
+        With the geometric means over the regular scenes.
     orders : mapping
         From `work_precision.orders`, of the same.
     """
@@ -55,7 +55,7 @@ def of_methods(measurements: Sequence[Measurement], orders: Mapping[Line, float]
     return (
         "Measured orders of the section state and of the flip value; errors and cost with\n"
         f"{STEPS} steps per period (solvers: tolerance {TOLERANCE:g}), "
-        f"mean of the regular scenes\n\n{table(rows, words=2)}\n\n"
+        f"geometric mean of the regular scenes\n\n{table(rows, words=2)}\n\n"
         "No order: fewer than three errors below 0.1 and above rounding, or no such value.\n"
         "Steps beyond a limit of stability are run like the others; their impacts may bound\n"
         "what they let grow.\n"
@@ -73,7 +73,7 @@ def of_targets(measurements: Sequence[Measurement]) -> str:
         else:
             steps = f"{best.steps}" if best.steps else f"tolerance {best.tolerance:g}"
             rows.append((f"{target:g}", *best.method, steps, _cost(best)))
-    title = "The cheapest way to an error of the section state, mean of the regular scenes"
+    title = "The cheapest way to an error of the section state (as above)"
     return f"{title}\n\n{table(rows, words=4)}\n"
 
 
