@@ -35,8 +35,8 @@ _SHORTEST_TAIL = 1e-5
 # the point is not certified: Status.SETTLED.
 _ENDLESS = 0.999
 _SHORTEST_BOUNCE = 1e-3
-# A bounce is short where its length times the rates of the system is below ``_SHORT``: six terms of
-# its series are enough. Below ``_SHORTEST`` those of the reversion are enough.
+# A bounce is short where its length times the rates of the system is below ``_SHORT``: its series
+# is enough up to the eighth power. Below ``_SHORTEST`` the terms of the reversion are enough.
 _SHORT, _SHORTEST = 0.03, 1e-3
 
 _CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
@@ -124,6 +124,7 @@ def short_bounce(eq, launch):
     d5 = fma(a, d4, fma(b, d3, -fc))
     d6 = fma(a, d5, fma(b, d4, fs))
     d7 = fma(a, d6, fma(b, d5, fc))
+    d8 = fma(a, d7, fma(b, d6, -fs))
     # y = d2 / 2 t (t - tau + k1 t^2 + k2 t^3 + ...)
     k1, k2, k3 = d3 * inverse / 3.0, d4 * inverse / 12.0, d5 * inverse / 60.0
     k4, kk = d6 * inverse / 360.0, k1 * k1
@@ -131,15 +132,15 @@ def short_bounce(eq, launch):
     c5 = kk * (14.0 * kk - 21.0 * k2) + 6.0 * k1 * k3 + 3.0 * k2 * k2 - k4
     t = tau * fma(tau, fma(tau, fma(tau, fma(tau, c5, c4), c3), -k1), 1.0)
     if x > _SHORTEST or xx > _SHORTEST * _SHORTEST:
-        k5 = d7 * inverse / 2520.0
-        g = fma(t, fma(t, fma(t, fma(t, fma(t, fma(t, k5, k4), k3), k2), k1), 1.0), -tau)
+        k5, k6 = d7 * inverse / 2520.0, d8 * inverse / 20160.0
+        g = fma(t, fma(t, fma(t, fma(t, fma(t, k6, k5), k4), k3), k2), k1)
         slope = fma(
-            t, fma(t, fma(t, fma(t, fma(t, 6.0 * k5, 5.0 * k4), 4.0 * k3), 3.0 * k2), 2.0 * k1), 1.0
-        )
-        t -= g / slope
-    w_i = fma(
-        t, fma(t, fma(t, fma(t, fma(t, d7 / 720.0, d6 / 120.0), d5 / 24.0), d4 / 6.0), 0.5 * d3), d2
-    )
+            t, fma(t, fma(t, fma(t, fma(t, 7.0 * k6, 6.0 * k5), 5.0 * k4), 4.0 * k3), 3.0 * k2),
+            2.0 * k1,
+        )  # fmt: skip
+        t -= (fma(t, fma(t, g, 1.0), -tau)) / fma(t, slope, 1.0)
+    w_i = fma(t, fma(t, fma(t, d8 / 5040.0, d7 / 720.0), d6 / 120.0), d5 / 24.0)
+    w_i = fma(t, fma(t, fma(t, w_i, d4 / 6.0), 0.5 * d3), d2)
     return t, fma(t, w_i, w)
 
 
