@@ -105,6 +105,29 @@ def test_after_a_rest_nothing_of_the_past_is_left():
     assert np.isfinite(out[2]).all()
 
 
+def test_without_restitution_one_impact_leaves_a_line_of_neighbours():
+    """R = 0: the second exponent is -inf from the first impact on, the first one is finite.
+
+    A period of the 1/1 orbit maps the phase of its impact only, with det = 0 and the multiplier
+    trace = -exp(-h T) f sin(omega t0) S / (Om v), see ``one_impact_orbit``.
+    """
+    oscillators = [Oscillator(h=0.05, R=0.0, omega=w, f=1.0) for w in np.linspace(2.2, 2.6, 20)]
+    orbits = [one_impact_orbit(osc) for osc in oscillators]
+    known = [
+        math.log(abs(sum(orbit.multipliers))) / osc.forcing_period
+        for osc, orbit in zip(oscillators, orbits, strict=True)
+    ]
+    points = np.concatenate([osc.at() for osc in oscillators])
+    whole, half = (
+        integrate(points, transient=300, periods=periods, lyapunov=True) for periods in (800, 400)
+    )
+    assert (whole["rest_fraction"] == 0.0).all()
+    assert (whole["lyapunov"][:, 1] == -np.inf).all()
+    # The first vector starts anywhere, which counts once.
+    found = 2.0 * whole["lyapunov"][:, 0] - half["lyapunov"][:, 0]
+    np.testing.assert_allclose(found, known, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("given", "x0", "v0"),
     [

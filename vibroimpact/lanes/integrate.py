@@ -72,7 +72,8 @@ def integrate(
         ``rest_fraction``, ``chatters`` (complete ones), ``near_grazes``, ``status`` : (n,), over
         the recorded periods. Where ``status`` is a failure the numbers are NaN, and the counts
         0. With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first; -inf
-        after a rest, which leaves nothing of the past. The rule ``plain`` knows no rest; only
+        after a rest, which leaves nothing of the past, and the second one after an impact with
+        R = 0, which leaves only its phase. The rule ``plain`` knows no rest; only
         ``exact`` looks for near grazes.
 
     Raises
@@ -125,7 +126,10 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
         squares = np.where(R < 1.0, sums["squared_speeds"], 0.0)
         lost = 0.5 * (1.0 - R) * (1.0 + R) * squares
         impulse = (1.0 + R) * sums["speeds"] / periods
-    growth = np.sort(np.stack([-sums["growth_1"], -sums["growth_2"]], axis=1), axis=1)
+    # The vectors are parallel after an impact with R = 0: the area between them is rounding.
+    area_lost = (R == 0.0) & ~no_impact
+    growth_2 = np.where(area_lost, -np.inf, sums["growth_2"])
+    growth = np.sort(np.stack([-sums["growth_1"], -growth_2], axis=1), axis=1)
     numbers = {
         "impacts_per_period": sums["impacts"] / periods,
         "slowest_impact": np.where(no_impact, np.nan, sums["slowest_impact"]),

@@ -9,6 +9,7 @@ transforming its state back to the common time gives the saltation matrix
 with R a_- + a_+ = (1 + R) (-f sin(omega t) - p^2 clearance): the damping cancels. det S = R^2 and
 det M = exp(-2 h t), so the exponents add up to -2 h + 2 ln R * (impacts per unit time). A rest
 maps every neighbour to the same state: it leaves no tangent vector, and both exponents are -inf.
+An impact with R = 0 maps all neighbours onto a line: the second exponent is -inf.
 """
 
 from __future__ import annotations
