@@ -109,6 +109,16 @@ def test_a_preload_just_below_the_force_is_released_at_its_phase(rule, integrato
         np.testing.assert_allclose(ends, math.asin(level) + PERIOD * np.arange(5), atol=sharp)
 
 
+def test_without_restitution_a_mass_thrown_at_its_stop_is_released_without_an_impact():
+    """From the stop with v > 0: one impact, at the start, and rest until sin(omega t) = level."""
+    level, v0 = 0.3581467921965723, 0.3
+    osc = oscillator(0.05, 0.0, 3.0, clearance=-level)
+    tr = simulate(osc, 1, x0=-level, v0=v0)
+    assert tr.impact_v[0] == v0
+    assert tr.impact_v[1:].min() > 0.1
+    assert tr.rests[0, 1] == pytest.approx(math.asin(level) / 3.0, rel=1e-14)
+
+
 def test_without_restitution_every_impact_is_rest_while_the_force_presses():
     """R = 0: one impact per rest, released at 2 pi k / omega."""
     osc = oscillator(0.1, 0.0, 0.7)

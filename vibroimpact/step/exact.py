@@ -251,6 +251,7 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
             if dt == 0.0 and m > 1:  # pressed against the stop
                 resting = True
                 n = log_event(events, n, REST, t * per_time, 0.0, stop)
+                dt = -1.0
                 continue
             if not dt >= 0.0:
                 if not undisturbed:
