@@ -261,7 +261,14 @@ def test_the_push_ends_where_the_force_balances_the_spring(level):
 
 
 def test_a_preload_beyond_the_force_never_releases():
-    """|p^2 clearance| >= f."""
+    """|p^2 clearance| >= f, at the phase where they balance, too."""
+    for p, f in ((1.0, 1.0), (0.7, 1.3), (1.9, 0.1), (1.3, 2.2)):
+        osc = Oscillator(h=0.1, R=0.5, omega=1.0, f=f, p=p, clearance=-f / (p * p))
+        for theta in (0.0, 0.5 * math.pi - 1e-9, 0.5 * math.pi, 1.6, 4.7):
+            assert time_to_release(theta, osc.at(osc.clearance)[0]) == math.inf
+    for p, f in ((1.0, 1.0), (0.7, 1.3)):  # a force that only just does not press
+        osc = Oscillator(h=0.1, R=0.5, omega=1.0, f=f, p=p, clearance=f / (p * p))
+        assert time_to_release(1.5 * math.pi, osc.at(osc.clearance)[0]) == 0.0
     osc = preload(1.000001)
     assert time_to_release(0.3, osc.at(osc.clearance)[0]) == math.inf
     osc = Oscillator(h=0.1, R=0.5, omega=1.0, f=0.0, clearance=-1.0)

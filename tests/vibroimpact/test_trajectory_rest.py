@@ -7,7 +7,7 @@ import pytest
 
 from integrator_marks import ALL, SECOND_ORDER
 from oscillators import oscillator
-from vibroimpact import Status, simulate
+from vibroimpact import Status, integrate, simulate
 
 SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
 PERIOD = 2.0 * math.pi
@@ -94,6 +94,30 @@ def test_a_preload_beyond_the_force_rests_for_ever(integrator, rule):
     assert 0.0 < tr.rests[0, 0] < 4.0
     assert tr.rests[0, 1] == math.inf
     assert len(tr.impact_t) > 2
+
+
+@pytest.mark.parametrize(
+    ("integrator", "rule"), [("rk4", "reduced-step"), ("rk4", "cubic"), ("exact", "exact")]
+)
+def test_a_force_that_only_just_does_not_lift_the_mass(integrator, rule):
+    """p^2 |clearance| = f: from the stop, and after a fall onto it, also as lanes do it."""
+    rng = np.random.default_rng(4)
+    for _ in range(12):
+        f, p, omega = rng.uniform(0.1, 3.0), rng.uniform(0.5, 2.0), rng.uniform(0.2, 3.0)
+        osc = oscillator(0.3, 0.3, omega, -f / (p * p), f, p)
+        for phase in (0.0, 0.5 * math.pi):
+            tr = simulate(osc, 10, integrator, rule, 100, x0=osc.clearance, phase=phase)
+            assert len(tr.impact_t) == 0
+            np.testing.assert_array_equal(tr.rests, [[phase / omega, math.inf]])
+        tr = simulate(osc, 10, integrator, rule, 100, x0=osc.clearance - 0.2)
+        assert tr.rests.shape == (1, 2)
+        assert tr.rests[0, 1] == math.inf
+        assert len(tr.impact_t) == (tr.impact_t <= tr.rests[0, 0]).sum()
+        lane = integrate(
+            osc.at(osc.clearance - 0.2), integrator=integrator, impact=rule,
+            steps_per_period=100, transient=0, periods=10,
+        )  # fmt: skip
+        assert round(10 * lane["impacts_per_period"][0]) == len(tr.impact_t)
 
 
 @SECOND_ORDER

@@ -1,7 +1,8 @@
 """The stop: contact, rest and release, and the events of one step.
 
-A mass at rest on the stop stays while the force presses, a > 0, and is released at the exact time
-at which a = -f sin(omega t) - p^2 clearance turns.
+A mass at rest on the stop stays while a = -f sin(omega t) - p^2 clearance is not negative, and is
+released at the exact time at which a becomes negative. Where p^2 |clearance| = f with a preload, a
+becomes zero and not negative: the mass stays for ever.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ MAX_FLIGHTS = 16384
 #: A release this near in phase to the end of a step is left to the next step, because rounding
 #: decides the sign of the force. The displacement would be of the order of the cube of this phase.
 RELEASE_MARGIN = 1e-12
+
+# p^2 |clearance| is known to three roundings: this share of it.
+_ROUNDING_OF_LEVEL = 4.5e-16
 
 # The events of one step: their kinds, and the columns of the buffer that holds them (time since
 # the start of the step, and the state just before). A flight ends in three events at the most.
@@ -51,21 +55,31 @@ def pressing(s, pt):
 
 
 @jit
+def is_held(pt):
+    """Whether there is a preload that the force never overcomes, to the rounding of p^2 clearance.
+
+    A force that overcomes it by less lifts the mass by the order of 1e-30 f / omega^2.
+    """
+    preload = -pt.p * pt.p * pt.clearance
+    return preload > 0.0 and preload >= pt.f * (1.0 - _ROUNDING_OF_LEVEL)
+
+
+@jit
 def time_to_release(theta, pt):
-    """Return the time from phase `theta` until the force no longer presses; inf for never.
+    """Return the time from phase `theta` until the force pulls; inf for never.
 
     It turns from pressing to pulling where sin(omega t) = -p^2 clearance / f, cos(omega t) > 0.
     """
+    if is_held(pt):
+        return math.inf
     level = pt.p * pt.p * pt.clearance
     s, c = sin_cos(theta)
     a = pressing(s, pt)
     # If the force is about to press, only rounding decides the sign of a; the release meant is the
     # following one.
-    begins = abs(level) < pt.f and a > -1e-14 * pt.f and c < 0.0
-    if not (a > 0.0 or begins):
+    begins = a > -1e-14 * pt.f and c < 0.0
+    if not ((a > 0.0 or begins) and level < pt.f):
         return 0.0
-    if not abs(level) < pt.f:
-        return math.inf
     turn = -math.asin(level / pt.f)
     angle = (turn - theta) % (2.0 * math.pi)
     # The force begins to press at pi - turn, so the wait is at most pi + 2 turn. A longer one means
@@ -82,7 +96,7 @@ def start(pt, s):
     x, v = pt.x0, pt.v0
     if x >= pt.clearance and v > 0.0:
         return x, -pt.R * v, False
-    return x, v, x == pt.clearance and v == 0.0 and pressing(s, pt) > 0.0
+    return x, v, x == pt.clearance and v == 0.0 and (pressing(s, pt) > 0.0 or is_held(pt))
 
 
 @jit(inline=True)
