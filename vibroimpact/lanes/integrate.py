@@ -68,7 +68,8 @@ def integrate(
         the last impacts, in time order, NaN where there were fewer; ``impacts_per_period``,
         ``slowest_impact``, ``fastest_impact`` (speeds before them, NaN without an impact),
         ``impulse`` on the stop, (1 + R) sum v, and ``energy_lost`` at impacts,
-        (1 - R^2) / 2 sum v^2, both per forcing period and unit of mass, ``max_penetration``,
+        (1 - R^2) / 2 sum v^2, both per forcing period and unit of mass and with the impacts of a
+        chatter that are summed instead of followed, ``max_penetration``,
         ``rest_fraction``, ``chatters`` (complete ones), ``near_grazes``, ``status`` : (n,), over
         the recorded periods. Where ``status`` is a failure the numbers are NaN, and the counts
         0. With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first; -inf

@@ -77,8 +77,11 @@ def record_step(events, n, x_T, rested, theta, pt, row, tally):
             depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
             speed = events[k, SPEED]
             list_impact(tally.impacts[row], sums, theta + pt.omega * events[k, TIME], speed)
-        elif kind == REST:
+        elif kind == REST:  # after impacts whose speeds are a geometric series
             sums.chatters += 1
+            speeds = events[k, SPEED]
+            sums.speeds += speeds
+            sums.squared_speeds += speeds * speeds * (1.0 - pt.R) / (1.0 + pt.R)
     sums.rested += rested
     sums.max_penetration = max(sums.max_penetration, depth)
 

@@ -48,6 +48,7 @@ from vibroimpact.step.stop import (
     RELEASE_MARGIN,
     REST,
     log_event,
+    speeds_until_rest,
     time_to_release,
 )
 from vibroimpact.step.trigonometry import sin_cos
@@ -268,8 +269,9 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
         wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), theta + t, left, pt)
         status = max(status, outcome)
         if wait < math.inf:
+            speeds = speeds_until_rest(-w * pt.omega, wait * per_time, s, c, pt)
             t += wait
             resting = True
-            n = log_event(events, n, REST, t * per_time, 0.0, stop)
+            n = log_event(events, n, REST, t * per_time, speeds, stop)
     n = log_event(events, n, REST, t * per_time, 0.0, stop) - resting  # once only
     return 0.0, 0.0, True, n, rested + (step - t), _SETTLED, grazes

@@ -32,7 +32,8 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
     """Write the events of one step that began at `t`: an impact as the states on its two sides."""
     for k in range(n_events):
         at = t_T if events[k, TIME] == T else t + events[k, TIME]
-        kind, v = events[k, KIND], events[k, SPEED]
+        kind = events[k, KIND]
+        v = events[k, SPEED] if kind == IMPACT else 0.0
         n = _put(log, n, kind, at, events[k, DISPLACEMENT], v)
         if kind == IMPACT:
             n = _put(log, n, _STATE, at, pt.clearance, -pt.R * v)

@@ -43,6 +43,7 @@ from vibroimpact.step.stop import (
     REST,
     log_event,
     pressing,
+    speeds_until_rest,
     time_to_release,
 )
 from vibroimpact.step.trigonometry import sin_cos
@@ -274,7 +275,8 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
         s, c = sin_cos(theta + pt.omega * tau)
         wait = time_to_rest(-v, theta + pt.omega * tau, s, T - tau, T, pt)
         if wait < math.inf:
+            speeds = speeds_until_rest(-v, wait, s, c, pt)
             tau += wait
             resting = True
-            n = log_event(events, n, REST, tau, 0.0, pt.clearance)
+            n = log_event(events, n, REST, tau, speeds, pt.clearance)
     return math.nan, math.nan, False, n, rested, _UNRESOLVED

@@ -26,7 +26,8 @@ RELEASE_MARGIN = 1e-12
 _ROUNDING_OF_LEVEL = 4.5e-16
 
 # The events of one step: their kinds, and the columns of the buffer that holds them (time since
-# the start of the step, and the state just before). A flight ends in three events at the most.
+# the start of the step, and the state just before). A rest has, for its speed, the sum of those of
+# the impacts that were summed up to it. A flight ends in three events at the most.
 IMPACT, REST, RELEASE = 0, 1, 2
 KIND, TIME, SPEED, DISPLACEMENT = 0, 1, 2, 3
 EVENTS_SHAPE = (3 * MAX_FLIGHTS + 3, 4)
@@ -97,6 +98,18 @@ def start(pt, s):
     if x >= pt.clearance and v > 0.0:
         return x, -pt.R * v, False
     return x, v, x == pt.clearance and v == 0.0 and (pressing(s, pt) > 0.0 or is_held(pt))
+
+
+@jit
+def speeds_until_rest(v, wait, s, c, pt):
+    """Return the sum of the speeds before the impacts of a chatter that was summed up.
+
+    It begins with a rebound at speed `v`, at a phase with sine `s` and cosine `c`, and rests after
+    the time `wait`. The impulse (1 + R) times the sum is that of the pressing force, less `v`: what
+    damping and spring add is of third order in `wait`.
+    """
+    push = (pressing(s, pt) - 0.5 * pt.f * pt.omega * c * wait) * wait
+    return max(push - v, 0.0) / (1.0 + pt.R)
 
 
 @jit(inline=True)
