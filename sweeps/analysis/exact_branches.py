@@ -13,11 +13,12 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.coordinates import orbit_coordinate, recorded_coordinate
 from sweeps.analysis.selection import Cut, Setting, directions, listed, select
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.period_class import period_class
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
 from vibroimpact.orbits.trees import Tree
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
@@ -170,27 +171,6 @@ def summary(tree: Tree) -> list[str]:
     return lines
 
 
-def coordinates(orbit: PeriodicOrbit, coordinate: str, phase: float) -> np.ndarray:
-    """Return what a diagram shows of an orbit, in time order.
-
-    Parameters
-    ----------
-    coordinate : str
-        One of ``poincare_x``, ``poincare_v``, ``impact_v`` and ``impact_phase``.
-    phase : float
-        Of the section [rad].
-
-    Returns
-    -------
-    ndarray, shape (m,) or (q,)
-    """
-    if coordinate == "impact_v":
-        return orbit.speeds
-    if coordinate == "impact_phase":
-        return orbit.phases % (2.0 * np.pi)
-    return orbit.sections(phase)[:, 0 if coordinate == "poincare_x" else 1]
-
-
 @dataclass(frozen=True)
 class Deviation:
     """How far computed points of one class are from the stable branches that they follow.
@@ -238,7 +218,7 @@ def deviations(line: Line, tree: Tree, coordinate: str) -> Iterator[Deviation]:
         For every class of which there are points.
     """
     motions = Motions.of(line)
-    records = line.dataset[coordinate].sortby(line.axis).values
+    records = recorded_coordinate(line.dataset, coordinate).sortby(line.axis).values
     transient = int(line.dataset["section"].values[0]) - 1
     for m, q in sorted({(branch.m, branch.q) for branch in tree.branches if branch.q}):
         alike = [branch for branch in tree.branches if (branch.m, branch.q) == (m, q)]
@@ -247,7 +227,7 @@ def deviations(line: Line, tree: Tree, coordinate: str) -> Iterator[Deviation]:
             value = float(motions.values[i])
             orbits = [orbit for branch in alike for orbit in branch.at(value) if orbit.stable]
             sizes = [
-                _distance(records[i], coordinates(orbit, coordinate, line.phase), coordinate)
+                _distance(records[i], orbit_coordinate(orbit, coordinate, line.phase), coordinate)
                 for orbit in orbits
             ]
             if sizes:

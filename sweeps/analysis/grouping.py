@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.analysis.selection import Setting
 from sweeps.grid import Block, Grid
 from sweeps.store import DIRECTION
@@ -178,19 +179,20 @@ def _represent(
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
-    """Read a record at points `at`, counted in C order over the file, a part of it at a time.
+    """Read a coordinate at points `at`, counted in C order over the file, a part of it at a time.
 
     Returns
     -------
     ndarray, shape (k, record)
     """
-    variable = dataset[name]
-    result = np.empty((len(at), variable.shape[-1]))
-    for block, numbers in _blocks(dataset, max(1, _PART // variable.shape[-1])):
+    width = dataset.sizes[COORDINATES[name].record]
+    result = np.empty((len(at), width))
+    for block, numbers in _blocks(dataset, max(1, _PART // width)):
         wanted = np.flatnonzero(np.isin(at, numbers))
         if len(wanted):
             rows = np.searchsorted(numbers, at[wanted])
-            result[wanted] = variable[block].values.reshape(len(numbers), -1)[rows]
+            part = dataset.isel(dict(zip(dataset["status"].dims, block, strict=True)))
+            result[wanted] = recorded_coordinate(part, name).values.reshape(len(numbers), -1)[rows]
     return result
 
 

@@ -66,7 +66,8 @@ Cuts = Annotated[
 Coordinate = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME", help="poincare_x, poincare_v, impact_v or impact_phase, as ordinate."
+        metavar="NAME",
+        help="poincare_x, poincare_v, poincare_height, impact_v or impact_phase, as ordinate.",
     ),
 ]
 Quantity = Annotated[

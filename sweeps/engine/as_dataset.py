@@ -32,4 +32,4 @@ def as_dataset(
         variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
     section = config.record.transient + 1 + np.arange(config.record.periods)
     attributes = {"name": config.name, "configuration": config.to_yaml()}
-    return xr.Dataset(variables, {**axes, "section": section}, attributes)
+    return xr.Dataset(variables, {**config.grid.fixed, **axes, "section": section}, attributes)

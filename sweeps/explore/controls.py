@@ -20,9 +20,9 @@ from bokeh.models import (
     Slider,
 )
 
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.explore.view import View, window_around
 from sweeps.explore.words import symbol
-from sweeps.plotting.lines import COORDINATES
 from sweeps.plotting.quantity_words import as_variable
 from vibroimpact.oscillator import PARAMETERS
 

@@ -157,7 +157,7 @@ class Diagram(PixelFigure):
         else:
             results = numbers(config)
             seconds = perf_counter() - begin
-        values = picture.ordinates(results, view.ordinate)
+        values = picture.ordinates(config, results, view.ordinate)
         window = picture.fitted(values) if view.ylim is None else view.ylim
         pixels = picture.density(values, window, rows)
         shown = Shown(view, config, results, window, pixels, seconds)

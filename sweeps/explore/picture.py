@@ -7,7 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from bokeh.palettes import interp_palette
 
+from sweeps.analysis.coordinates import recorded_coordinate
 from sweeps.analysis.motion import has_result
+from sweeps.config.sweep import SweepConfig
+from sweeps.engine.as_dataset import as_dataset
 from sweeps.explore.view import Window
 from sweeps.plotting.palette import DENSITY, LEAST_SHARE
 from sweeps.plotting.pixels import count_pixels, widened
@@ -21,9 +24,10 @@ def ramp() -> list[str]:
     return list(interp_palette(DENSITY, _SHADES))
 
 
-def ordinates(results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
+def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
     """Return what a diagram shows of each point, shape (n, width); NaN where nothing."""
-    return np.where(has_result(results["status"])[:, None], results[ordinate], np.nan)
+    values = recorded_coordinate(as_dataset(config, config.grid.axes, results), ordinate).values
+    return np.where(has_result(results["status"])[:, None], values, np.nan)
 
 
 def fitted(values: np.ndarray) -> Window:

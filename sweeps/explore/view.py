@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Range, extremes, length
 from sweeps.errors import ConfigError
-from sweeps.plotting.lines import COORDINATES
 from vibroimpact.oscillator import PARAMETERS
 
 Window = tuple[float, float]
@@ -83,7 +83,7 @@ class View:
     maplim: Window
     x0lim: Window
     v0lim: Window = (-2.0, 2.0)
-    ordinate: str = COORDINATES[0]
+    ordinate: str = "poincare_x"
     ylim: Window | None = None
     marked: bool = False
     exact: bool = False

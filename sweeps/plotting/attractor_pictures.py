@@ -14,7 +14,7 @@ from sweeps.analysis.distinct_attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
-from sweeps.analysis.selection import Cut, chosen_axes, listed, select, swept_axes
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.errors import Refused
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
 from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
@@ -22,7 +22,7 @@ from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.marks import mark_status, widen_if_constant
 from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
-from sweeps.plotting.quantity_words import label
+from sweeps.plotting.quantity_words import as_variable, label
 from sweeps.text import shown_count
 
 
@@ -116,7 +116,7 @@ def attractor_diagram(
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     panel.set_xlabel(label(dataset[axis]))
-    label_ordinate(panel, dataset[coordinate])
+    label_ordinate(panel, as_variable(coordinate, Setting.of(dataset).units))
     page.set_limits(panel)
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"

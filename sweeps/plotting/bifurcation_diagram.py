@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.exact_branches import lines_of
 from sweeps.analysis.motion import has_result
-from sweeps.analysis.selection import Cut
+from sweeps.analysis.selection import Cut, Setting
 from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panels
 from sweeps.plotting.density import Record, add_density_bar, draw_density, value_range
 from sweeps.plotting.exact_branches import draw_branches, name_parts
@@ -19,7 +19,7 @@ from sweeps.plotting.labels import add_title, label_ordinate, set_scale
 from sweeps.plotting.lines import refuse_empty, select_line, split_directions
 from sweeps.plotting.marks import draw_points, mark_status, widen_if_constant
 from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
-from sweeps.plotting.quantity_words import label
+from sweeps.plotting.quantity_words import as_variable, label
 from sweeps.plotting.scalar_panels import check_scalars, draw_scalar
 from vibroimpact.oscillator import PARAMETERS
 
@@ -53,7 +53,7 @@ def bifurcation(
         Values of the other swept axes: the nearest of the grid is taken, by default the first.
         Of two directions both are drawn, unless ``direction`` is given.
     coordinate : str, optional
-        One of ``sweeps.plotting.lines.COORDINATES``, by default the first that the file has.
+        One of ``sweeps.analysis.coordinates.COORDINATES``, by default the first that the file has.
     exact : bool
         Whether to draw the exact branches of the periodic motions over the points.
     below : sequence of str, optional
@@ -77,7 +77,7 @@ def bifurcation(
     values = line[axis].values
     branches = split_directions(line)
     records = [
-        Record(branch[coordinate], has_result(branch["status"].values)) for branch in branches
+        Record(branch, coordinate, has_result(branch["status"].values)) for branch in branches
     ]
     low, high = value_range(records)
     if low > high:
@@ -104,7 +104,7 @@ def bifurcation(
     mark_status(panel, values, line["status"].values)
     for scalar_panel, name in zip(lower, below, strict=True):
         draw_scalar(scalar_panel, axis, branches, name)
-    label_ordinate(panel, dataset[coordinate])
+    label_ordinate(panel, as_variable(coordinate, Setting.of(dataset).units))
     [panel, *lower][-1].set_xlabel(label(dataset[axis]))
     add_legend(panel)
     figure = add_title(panel, page, line)

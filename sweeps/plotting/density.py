@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
+from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.plotting.canvas import figure_of
 from sweeps.plotting.palette import BOTH_COLOUR, DENSITY, DIRECTION_COLOURS, LEAST_SHARE
 from sweeps.plotting.pixels import cell_edges, count_pixels
@@ -36,26 +37,39 @@ _PART_SIZE = 1_000_000
 
 @dataclass(frozen=True)
 class Record:
-    """What is drawn of one direction: the `values` of the points that are `computed`.
+    """What is drawn of one direction: a `coordinate` of the points of a `line` that are `computed`.
 
-    They have the shape (n, width), padded with NaN, and (n,).
+    The last has the shape (n,).
     """
 
-    values: xr.DataArray
+    line: xr.Dataset
+    coordinate: str
     computed: np.ndarray
+
+    @property
+    def values(self) -> xr.DataArray:
+        """Those of all points, shape (n, width), padded with NaN."""
+        return recorded_coordinate(self.line, self.coordinate)
+
+    @property
+    def width(self) -> int:
+        """How many values a point has at most."""
+        return self.line.sizes[COORDINATES[self.coordinate].record]
 
     @property
     def size(self) -> int:
         """How many values there are at most."""
-        return int(np.count_nonzero(self.computed)) * self.values.shape[1]
+        return int(np.count_nonzero(self.computed)) * self.width
 
     def parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Read the computed points, some at a time: their indices, (k,), and values, (k, width)."""
-        rows = max(1, _PART_SIZE // self.values.shape[1])
+        (axis,) = self.line["status"].dims
+        rows = max(1, _PART_SIZE // self.width)
         for start in range(0, len(self.computed), rows):
             kept = np.flatnonzero(self.computed[start : start + rows])
             if len(kept):
-                yield start + kept, self.values[start : start + rows].values[kept]
+                part = self.line.isel({axis: slice(start, start + rows)})
+                yield start + kept, recorded_coordinate(part, self.coordinate).values[kept]
 
 
 def value_range(records: Sequence[Record]) -> tuple[float, float]:

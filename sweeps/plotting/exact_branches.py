@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
+from sweeps.analysis.coordinates import orbit_coordinate
 from sweeps.analysis.exact_branches import (
     Line,
-    coordinates,
     deviations,
     grow,
     lines_of,
@@ -89,7 +89,7 @@ def draw_branches(
     lines : sequence of Line
         The points that the orbits are drawn over, once for each direction.
     coordinate : str
-        One of ``sweeps.plotting.lines.COORDINATES``.
+        One of ``sweeps.analysis.coordinates.COORDINATES``.
     check : callable, optional
         As for `sweeps.analysis.exact_branches.grow`.
 
@@ -111,7 +111,7 @@ def draw_branches(
         for branch in tree.branches:
             for point in branch.special if _is_wide(branch, tree) else ():
                 if point.kind == kind:
-                    shown = coordinates(point.orbit, coordinate, phase)
+                    shown = orbit_coordinate(point.orbit, coordinate, phase)
                     x += [point.value] * len(shown)
                     y += shown.tolist()
         if x:
@@ -189,14 +189,14 @@ def _ordinates(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
         # Not the orbit itself, which may number its impacts from another impact than the branch.
         oscillator = branch.orbit(i).oscillator
         orbit = PeriodicOrbit(oscillator, branch.m, branch.phases[i], branch.speeds[i])
-        rows.append(coordinates(orbit, coordinate, phase))
+        rows.append(orbit_coordinate(orbit, coordinate, phase))
     return np.array(rows)
 
 
 def _breaks(branch: Branch, coordinate: str, phase: float) -> np.ndarray:
     """Return a number for each step, -1 where an impact passes the section: a jump."""
     steps = len(branch.values) - 1
-    if coordinate in ("impact_v", "poincare_x") or not branch.q:
+    if coordinate in ("impact_v", "poincare_x", "poincare_height") or not branch.q:
         return np.zeros(steps, int)
     wrap_phase = 0.0 if coordinate == "impact_phase" else phase
     turns = np.floor((branch.phases - wrap_phase) / (2.0 * np.pi))

@@ -8,14 +8,12 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.analysis.motion import has_result
 from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION, VARIABLES
 from vibroimpact.status import Status
-
-#: What a bifurcation diagram can show over the swept axis.
-COORDINATES = ("poincare_x", "poincare_v", "impact_v", "impact_phase")
 
 
 def select_line(
@@ -44,9 +42,9 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
     Refused
         If the file has no such coordinate.
     """
-    available = [name for name in COORDINATES if name in dataset]
+    available = [name for name, about in COORDINATES.items() if about.record in dataset.dims]
     if coordinate is None:
-        coordinate = next(iter(available), COORDINATES[0])
+        coordinate = next(iter([*available, *COORDINATES]))
     if coordinate in available:
         return coordinate
     choice = f"choose from: {listed(available) or 'none'}"

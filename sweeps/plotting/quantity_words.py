@@ -6,14 +6,15 @@ from collections.abc import Mapping
 
 import xarray as xr
 
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.store import VARIABLES
 from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
 def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArray:
-    """Return a parameter, or a variable that a file may not have, without values."""
-    about = PARAMETERS[name] if name in PARAMETERS else VARIABLES[name]
+    """Return a parameter, a variable that a file may not have, or a coordinate, without values."""
+    about = PARAMETERS[name] if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
     meaning = about.meaning if isinstance(about, Parameter) else about.long_name
     unit = in_units(about.unit, units or {})
     return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": about.symbol})

@@ -7,6 +7,7 @@ import pytest
 from sweep_files import run_in
 from sweeps import open_sweep
 from sweeps.analysis import exact_branches
+from sweeps.analysis.coordinates import COORDINATES
 from sweeps.analysis.exact_branches import Line, _distance, grow
 from sweeps.analysis.exact_tables import branches, write_branches
 from sweeps.analysis.selection import select
@@ -14,7 +15,6 @@ from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.canvas import Page
 from sweeps.plotting.exact_branches import compare
-from sweeps.plotting.lines import COORDINATES
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 

@@ -55,6 +55,13 @@ def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
     assert (y.start, y.end) == (-0.2, -0.1)
 
 
+def test_the_height_is_that_above_the_stop_of_each_column(view):
+    config = replace(view, axis="clearance", xlim=(0.0, 2.0)).diagram(4)
+    results = numbers(config)
+    expected = np.linspace(0.0, 2.0, 4)[:, None] - results["poincare_x"]
+    np.testing.assert_array_equal(picture.ordinates(config, results, "poincare_height"), expected)
+
+
 def test_every_scene_can_be_looked_at():
     for path in sorted(CONFIGS.glob("*.yaml")):
         View.of(load_config(path)).check()

@@ -50,8 +50,8 @@ def window(browser, explorer):
 def expected(page):
     """Return the picture of the page's view, computed apart from the page."""
     view, rows = page.view, page.shown.pixels.shape[0]
-    results = numbers(view.diagram(page.shown.pixels.shape[1]))
-    values = picture.ordinates(results, view.ordinate)
+    config = view.diagram(page.shown.pixels.shape[1])
+    values = picture.ordinates(config, numbers(config), view.ordinate)
     return picture.density(values, view.ylim or picture.fitted(values), rows)
 
 

@@ -145,8 +145,8 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         (
             {"coordinate": "max_penetration"},
-            "max_penetration is no coordinate of the motion; choose from: poincare_x, poincare_v; "
-            "--below max_penetration draws it",
+            "max_penetration is no coordinate of the motion; choose from: poincare_x, poincare_v, "
+            "poincare_height; --below max_penetration draws it",
         ),
         (
             {"below": ("status",)},

@@ -17,6 +17,7 @@ from sweeps.plotting import (
     section,
     trajectory,
 )
+from sweeps.plotting.lines import select_line
 from sweeps.plotting.palette import VERMILION
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
@@ -46,6 +47,21 @@ def test_a_bifurcation_shows_every_value_over_its_axis(random_sweep, coordinate)
     assert f"${VARIABLES[coordinate].symbol}$" in panel.get_ylabel()
     assert panel.get_xscale() == "linear"
     assert not figure.legends
+
+
+def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkeypatch):
+    """Drawn as points, and read in parts as for a density; clearance is the second axis."""
+    clearance = np.array([-0.5, 0.25, 2.0])
+    dataset = random_sweep({"omega": OMEGA, "clearance": clearance})
+    height = clearance[:, None] - dataset["poincare_x"].values[1]
+    cut = {"at": {"omega": OMEGA[1]}, "axes": ["clearance"], "coordinate": "poincare_height"}
+    panel = bifurcation(dataset, **cut).axes[0]
+    assert drawn(panel) == pairs(clearance[:, None], height)
+    assert panel.get_ylabel() == r"height above the stop $\sigma - x$ [length]"
+    monkeypatch.setattr(density, "_PART_SIZE", 10)
+    line, *_ = select_line(dataset, **cut)
+    parts = density.Record(line, "poincare_height", np.ones(3, bool)).parts()
+    np.testing.assert_array_equal(np.concatenate([values for _, values in parts]), height)
 
 
 def test_a_bifurcation_takes_the_longest_axis_and_the_first_value_of_others(random_sweep):
