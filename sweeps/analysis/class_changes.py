@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.grouping import parameter_at_points
 from sweeps.analysis.motion import Motion, classify
 
 #: Kinds of motion that have a class. Of the others it is not known where the motion ends.
@@ -18,14 +19,18 @@ _WORDS = {Motion.UNBOUNDED: "unbounded", Motion.REST: "rest", Motion.CHAOTIC: "c
 
 
 class Label(NamedTuple):
-    """The class of a motion: its kind, and for a periodic one m forcing periods and q impacts."""
+    """The class of a motion: its kind, and m forcing periods and q impacts where these are known.
+
+    They are those of a periodic motion, and of one with rest at R = 0, where no chatter is cut off.
+    """
 
     motion: Motion
     m: int = 0
     q: int = 0
 
     def __str__(self) -> str:
-        return _WORDS.get(self.motion, f"{self.m}/{self.q}")
+        words = [_WORDS.get(self.motion, ""), f"{self.m}/{self.q}" if self.m else ""]
+        return " ".join(filter(None, words))
 
 
 @dataclass(frozen=True)
@@ -57,10 +62,10 @@ class Change:
         """
         ends = {self.before.motion, self.after.motion}
         for motion, word in _WORDS.items():
-            if motion in ends:
+            if motion in ends and len(ends) == 2:
                 return word
         (m, q), longer = sorted((self.before[1:], self.after[1:]))
-        return "flip" if longer == (2 * m, 2 * q) else "unknown"
+        return "flip" if ends == {Motion.PERIODIC} and longer == (2 * m, 2 * q) else "unknown"
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:
@@ -72,8 +77,10 @@ def labels(line: xr.Dataset) -> list[Label | None]:
         A cut through an opened sweep with one swept axis left, with ``period``.
     """
     motions = classify(line)
-    periodic = motions == Motion.PERIODIC
-    m, q = (np.where(periodic, line[name].values, 0) for name in ("period", "period_impacts"))
+    counted = motions == Motion.PERIODIC
+    if not parameter_at_points(line, "R").any():
+        counted |= motions == Motion.REST
+    m, q = (np.where(counted, line[name].values, 0) for name in ("period", "period_impacts"))
     return [
         Label(Motion(kind), *mq) if kind in _CLASSIFIED else None
         for kind, *mq in zip(motions.tolist(), m.tolist(), q.tolist(), strict=True)

@@ -29,6 +29,9 @@ def test_points_of_no_known_class_are_passed_over():
         (ONE, REST, "rest"),
         (CHAOS, REST, "rest"),
         (CHAOS, TWO, "chaos"),
+        (Label(Motion.REST, 2, 2), Label(Motion.REST, 2, 1), "unknown"),
+        (Label(Motion.REST, 1, 1), Label(Motion.REST, 2, 2), "unknown"),
+        (Label(Motion.REST, 1, 1), ONE, "rest"),
     ],
 )
 def test_kinds_of_change(before, after, kind):
