@@ -230,6 +230,31 @@ def test_period_map(scene):
     assert classes(dataset)[5:] == ["1/1", "1/1", "2/2", "2/1", "3/1"]
 
 
+@pytest.mark.slow
+def test_bouncing_ball(scene):
+    """Downwards; the fold is at pi / 3 and the flip at 1.5268237, and the speed is 4 pi / 3."""
+    f = values(0.98, 1.04, 1.06, 1.15, 1.3, 1.5, 1.6, 1.68, 1.7, 1.75)
+    dataset = scene("bouncing-ball", f"oscillator.f={f}")
+    expected = ["rest"] * 2 + ["1/1"] * 4 + ["2/2", "4/4", "8/8", "chaotic"]
+    assert classes(dataset) == expected
+    assert dataset["impacts_per_period"].values[0] == 0.0 < dataset["impacts_per_period"].values[1]
+    assert_allclose(dataset["impact_v"].values[2:6, -1], 4.0 * np.pi / 3.0, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_inelastic_ball(scene):
+    """Of the values in its comment each is between two points here; both plateaus have a speed."""
+    f = values(0.95, 2.0, 3.29, 3.31, 3.8, 3.87, 4.55, 4.65, 6.35, 6.38)
+    dataset = scene("inelastic-ball", f"oscillator.f={f}", "refine=null")
+    m, q = dataset["period"].values, dataset["period_impacts"].values
+    assert m.tolist() == [1, 1, 1, 1, 2, 2, 2, 2, 2, 2]
+    assert q.tolist() == [0, 1, 1, 1, 2, 2, 2, 1, 1, 1]
+    resting = dataset["rest_fraction"].values > 0.0
+    assert resting.tolist() == [True, True, True, False, False, True, True, True, True, False]
+    speeds = dataset["impact_v"].values
+    assert_allclose(np.nanmax(speeds[[3, 9]], axis=1), [2 * np.pi, 4 * np.pi], rtol=1e-6)
+
+
 def test_every_scene_says_what_one_sees():
     for path in CONFIGS.glob("*.yaml"):
         assert path.read_text().startswith("# "), path.name
