@@ -6,7 +6,6 @@ the numbers of a file, and names itself in it.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import numpy as np
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import check_given_up, interrupt
 from sweeps.grid import Block
-from vibroimpact.jit import NUMERICS
+from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.points import Computation, compute_box, compute_points, scales_with_f
 
 #: The sources, of this package, that decide which points there are and what is said of them.
@@ -38,10 +37,8 @@ def numerics(config: SweepConfig) -> str:
     """
     if config.refine is None:
         return NUMERICS
-    digest = hashlib.sha256(NUMERICS.encode())
-    for source in SOURCES:
-        digest.update((Path(__file__).parents[1] / source).read_bytes())
-    return digest.hexdigest()[:16]
+    package = Path(__file__).parents[1]
+    return name_of({source: (package / source).read_bytes() for source in SOURCES}, NUMERICS)
 
 
 def computation(config: SweepConfig) -> Computation:

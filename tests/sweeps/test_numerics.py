@@ -1,6 +1,6 @@
 """What determines a number of a file is named in it, and a run by other code does not go on.
 
-The physics names itself by its sources. So it has to be true that the engine passes on what goes in
+The physics names itself by its code. So it has to be true that the engine passes on what goes in
 and what comes out; and where it does more, as in a refinement, its sources are named, too.
 """
 
@@ -22,7 +22,8 @@ from sweeps.engine import compute
 from sweeps.engine.compute import SOURCES, numerics
 from sweeps.engine.refine import Refinement
 from sweeps.errors import StoreError
-from vibroimpact.jit import NUMERICS, cache
+from vibroimpact.jit import NUMERICS, name_of
+from vibroimpact.jit.cache import numerics_of
 from vibroimpact.points import Computation
 
 PHYSICS = Path(vibroimpact.__file__).parent
@@ -85,16 +86,37 @@ def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, nam
 # The code
 
 
-def test_every_source_of_the_physics_is_in_its_name(tmp_path, monkeypatch):
+def test_every_source_of_the_physics_is_in_its_name(tmp_path):
     shutil.copytree(PHYSICS, tmp_path / "vibroimpact")
-    monkeypatch.setattr(cache, "__file__", str(tmp_path / "vibroimpact" / "jit" / "cache.py"))
-    assert cache._numerics() == NUMERICS
-    names = {NUMERICS}
     sources = sorted((tmp_path / "vibroimpact").rglob("*.py"))
-    for source in sources:
-        source.write_text(source.read_text() + "\n")
-        names.add(cache._numerics())
+    code = {path.relative_to(tmp_path).as_posix(): path.read_bytes() for path in sources}
+    assert numerics_of(tmp_path / "vibroimpact") == NUMERICS
+    names = {name_of(code)}
+    for path, source in code.items():
+        names.add(name_of({**code, path: source + b"pass\n"}))
     assert len(names) == len(sources) + 1
+
+
+SOURCE = '"""A room."""\ndef step(x):\n    """A step."""\n    T = 0.1\n    return x * T, "a step"\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("T = 0.1", "T  = 0.10  # a comment", True),
+        ("    T = 0.1", "\n\n    # moved\n    T = 0.1", True),
+        ('"""A step."""', '"""Another sentence.\n\n    On two lines."""', True),
+        ('    """A step."""\n', "", True),
+        ('"""A room."""\n', "", True),
+        ("0.1", "0.2", False),
+        ("x * T", "T * x", False),
+        ('"a step"', '"another step"', False),
+    ],
+)
+def test_only_code_is_in_its_name(old, new, same):
+    edited = SOURCE.replace(old, new)
+    assert edited != SOURCE
+    assert (name_of({"a.py": SOURCE.encode()}) == name_of({"a.py": edited.encode()})) is same
 
 
 def test_every_source_of_the_refinement_is_in_its_name(tmp_path, monkeypatch):
@@ -106,7 +128,7 @@ def test_every_source_of_the_refinement_is_in_its_name(tmp_path, monkeypatch):
     names = {own}
     for source in SOURCES:
         path = tmp_path / "sweeps" / source
-        path.write_text(path.read_text() + "\n")
+        path.write_text(path.read_text() + "pass\n")
         names.add(numerics(config))
     assert len(names) == len(SOURCES) + 1
 

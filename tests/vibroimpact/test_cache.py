@@ -3,6 +3,7 @@
 import os
 import pickle
 import resource
+import runpy
 import shutil
 import subprocess
 import sys
@@ -35,6 +36,31 @@ def folder(tmp_path):
     folder = tmp_path / "root/compiled"
     assert [call(folder), call(folder)] == [False, True]
     return folder
+
+
+def test_a_moved_function_is_not_compiled_anew(tmp_path):
+    """What it computes is looked at: not its place, the comments or the docstring."""
+
+    def result(text):
+        (tmp_path / "module.py").write_text(text)
+        function = numba.njit(runpy.run_path(str(tmp_path / "module.py"))["scaled"])
+        function._cache = CompiledCode(function.py_func, tmp_path / "compiled")
+        return function(21), sum(function.stats.cache_hits.values())
+
+    text = "def scaled(x):\n    return 2 * x\n"
+    assert [result(text), result(text)] == [(42, 0), (42, 1)]
+    assert result('# moved\n\ndef scaled(x):\n    "Twice."\n    return 2 * x  # x + x\n') == (42, 1)
+    assert result(text.replace("2", "3")) == (63, 0)
+
+
+def test_a_damaged_name_of_the_code_is_found_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    package = Path(vibroimpact.__file__).parent
+    assert cache.numerics_of(package) == cache.NUMERICS
+    (kept,) = (tmp_path / "numerics").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-1] + b"!")
+    assert cache.numerics_of(package) == cache.NUMERICS
+    assert cache.NUMERICS.encode() in kept.read_bytes()
 
 
 def test_the_folder_and_its_files_are_private(folder):

@@ -12,6 +12,7 @@ from vibroimpact.jit.intrinsics import (
     select,
     widest_vectors,
 )
+from vibroimpact.jit.sources import name_of
 
 __all__ = [
     "ALL_THREADS",
@@ -23,6 +24,7 @@ __all__ = [
     "is_set",
     "jit",
     "lowest_bit",
+    "name_of",
     "not_negative",
     "select",
     "widest_vectors",

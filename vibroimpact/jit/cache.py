@@ -29,21 +29,31 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
+from vibroimpact.jit.sources import name_of, syntax
+
 _DIGEST = hashlib.sha256().digest_size
 
 
-def _numerics() -> str:
-    """Return the digest of every source file of the package, and of numba's version."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    package = Path(__file__).parents[1]
-    for source in sorted(package.rglob("*.py")):
-        name = source.relative_to(package).as_posix()
-        digest.update(name.encode() + b"\0" + source.read_bytes())
-    return digest.hexdigest()[:16]
+def _root() -> Path:
+    config: Any = numba.config  # its settings are made at run time, unseen by a type checker
+    return Path(config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
 
 
-#: Names the code that computes.
-NUMERICS = _numerics()
+def numerics_of(package: Path) -> str:
+    """Return the name of all code of a package, and of numba's version.
+
+    It is kept on disk by the bytes of the sources, since parsing them takes a fifth of a short run.
+    """
+    paths = sorted(package.rglob("*.py"))
+    sources = {path.relative_to(package).as_posix(): path.read_bytes() for path in paths}
+    as_given = hashlib.sha256(repr((numba.__version__, sources)).encode()).hexdigest()
+    kept = _root() / "numerics" / as_given[:24]
+    if (known := _read(kept)) is not None:
+        return known.decode()
+    name = name_of(sources, numba.__version__)
+    with contextlib.suppress(OSError):
+        _write(kept, name.encode())
+    return name
 
 
 def cache_folder() -> Path:
@@ -54,9 +64,7 @@ def cache_folder() -> Path:
     the package: pip would not remove such files on uninstall, and the folder left with them would
     shadow the next version.
     """
-    config: Any = numba.config  # its settings are made at run time, unseen by a type checker
-    root = config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False)
-    return Path(root, f"compiled-{NUMERICS}")
+    return _root() / f"compiled-{NUMERICS}"
 
 
 class CacheWarning(UserWarning):
@@ -86,17 +94,12 @@ class CompiledCode:
         SciPy: half the time of a short run. Code on disk needs one part of that:
         the memory of arrays.
         """
-        if _unusable(self._folder) is not None:
-            return None
         key = self._key(signature, context.codegen())
+        data = _read(self._path(key))
+        if data is None:
+            return None
         try:
-            with self._path(key).open("rb") as file:
-                if _foreign(os.fstat(file.fileno())) is not None:
-                    return None
-                data = file.read()
-            if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
-                return None
-            kept_key, kept = pickle.loads(data[_DIGEST:])
+            kept_key, kept = pickle.loads(data)
             if kept_key != key:
                 return None
             rtsys.initialize(context)
@@ -110,9 +113,7 @@ class CompiledCode:
             return
         key = self._key(signature, result.library.codegen)
         try:
-            _make(self._folder)
-            data = dumps((key, result._reduce()))
-            _write(self._path(key), hashlib.sha256(data).digest() + data)
+            _write(self._path(key), dumps((key, result._reduce())))
         except OSError as error:
             _warn(self._folder, error.strerror or type(error).__name__)
 
@@ -122,7 +123,7 @@ class CompiledCode:
     def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
         """Return what the compiled form depends on, beside the package that names the folder."""
         cells = tuple(cell.cell_contents for cell in self._function.__closure__ or ())
-        source = Path(inspect.getfile(self._function)).read_bytes()
+        source = syntax(Path(inspect.getfile(self._function)).read_bytes()).encode()
         parts = (source, self._function.__code__.co_code, dumps(cells) if cells else b"")
         digests = tuple(hashlib.sha256(part).hexdigest() for part in parts)
         return (signature, codegen.magic_tuple(), *digests)
@@ -167,12 +168,34 @@ def _foreign(status: os.stat_result) -> str | None:
     return "other users may write to it" if status.st_mode & 0o022 else None
 
 
+def _read(path: Path) -> bytes | None:
+    """Return what `_write` wrote; None where it is not there, damaged, or of another user."""
+    if _unusable(path.parent) is not None:
+        return None
+    try:
+        with path.open("rb") as file:
+            if _foreign(os.fstat(file.fileno())) is not None:
+                return None
+            data = file.read()
+    except OSError:
+        return None
+    intact = hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]
+    return data[_DIGEST:] if intact else None
+
+
 def _write(path: Path, data: bytes) -> None:
-    """Put a file in its place whole, beside other processes that do the same."""
+    """Put a file in its place whole, beside other processes that do the same.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written, or its folder is unsafe.
+    """
+    _make(path.parent)
     descriptor, draft = tempfile.mkstemp(dir=path.parent)
     try:
         with open(descriptor, "wb") as file:
-            file.write(data)
+            file.write(hashlib.sha256(data).digest() + data)
         os.replace(draft, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -189,3 +212,7 @@ def _warn(folder: Path, reason: str) -> None:
         CacheWarning,
         stacklevel=2,
     )
+
+
+#: Names the code that computes.
+NUMERICS = numerics_of(Path(__file__).parents[1])
