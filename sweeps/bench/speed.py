@@ -16,9 +16,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from sweeps.bench.costs import scene
 from sweeps.text import table
-from vibroimpact import integrate
+from vibroimpact import Oscillator, integrate
 from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
 from vibroimpact.step.methods import default_steps
 
@@ -60,8 +59,12 @@ class Speed(NamedTuple):
 
 def _points(name: str, count: int) -> np.ndarray:
     if name == "exact, chatter":  # which takes longer: a sixteenth of the points
-        return scene({"h": 0.05, "R": 0.5, "omega": (0.1, 0.6)}, count // 16)
-    return scene({"h": 0.1, "R": 0.8, "omega": (0.8, 4.0)}, count)
+        points = Oscillator(h=0.05, R=0.5, omega=0.1, f=1.0).at().repeat(count // 16)
+        points["omega"] = np.linspace(0.1, 0.6, count // 16)
+    else:
+        points = Oscillator(h=0.1, R=0.8, omega=0.8, f=1.0).at().repeat(count)
+        points["omega"] = np.linspace(0.8, 4.0, count)
+    return points
 
 
 def measure(

@@ -26,7 +26,6 @@ _OTHER_NAMES = {
     "integrator": "scheme solver",
     "impact": "rule impact_rule collision",
     "steps_per_period": "steps step time_step timestep dt",
-    "accuracy": "tolerance tol rtol precision",
     "transient": "transients skip discard warmup burn_in",
     "periods": "cycles n_periods duration",
     "trajectory": "time_series samples",

@@ -42,12 +42,6 @@ def refuse_refinement(
             f"the orbits beside a change are found with the impact rule exact, not "
             f"{method.impact}; expected: method.impact: exact, or no refine",
         )
-    if method.accuracy is not None:
-        raise MisplacedError(
-            ("refine",),
-            "the orbits beside a change are found with the exact engine; expected: no "
-            "method.accuracy, or no refine",
-        )
     if "period" not in record.diagnostics:
         raise MisplacedError(
             ("refine",),

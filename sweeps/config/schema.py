@@ -33,7 +33,6 @@ from sweeps.config.values import (
     null,
     one_of,
     plain_integer,
-    plain_number,
 )
 from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -134,33 +133,25 @@ class MethodConfig(Group):
         description=f"time steps per forcing period: an integer from 4 to {MOST_STEPS}, "
         "or null for as many as the method needs",
     )
-    accuracy: Annotated[
-        Annotated[float, Field(ge=1e-13, lt=1.0), BeforeValidator(plain_number)] | None,
-        BeforeValidator(null),
-    ] = Field(
-        default=None,
-        description="instead of the three above, the error of the section state that is allowed, "
-        "relative to the motion: a number >= 1e-13 and < 1, or null; the engine then picks the "
-        "cheapest method that a pilot run finds to reach it",
-    )
     allow_unstable: bool = Field(
         default=False,
         description="compute although the step is too long for the integrator to be stable: "
         "true or false",
     )
 
-    @model_validator(mode="after")
-    def _accuracy_alone(self) -> Self:
-        """Refuse a method beside an accuracy."""
-        excluded = self.model_fields_set - {"accuracy"}
-        if self.accuracy is not None and excluded:
-            name = next(name for name in type(self).model_fields if name in excluded)
+    @model_validator(mode="before")
+    @classmethod
+    def _no_accuracy(cls, given: object) -> object:
+        """Refuse the key of an earlier version, by which the program chose the method."""
+        if isinstance(given, dict) and "accuracy" in given:
             raise MisplacedError(
-                ("method", name),
-                f"{name} is for the engine to choose where method.accuracy is given; expected: "
-                "accuracy alone, or integrator, impact and steps_per_period without it",
+                ("method", "accuracy"),
+                "is not a key any more, because exact impacts, the default, cost less than every "
+                "other method at every error below 1e-2; expected: no accuracy, or an integrator, "
+                "an impact rule and steps_per_period, which `vibroimpact bench accuracy-speed "
+                "CONFIG` compares",
             )
-        return self
+        return given
 
     @model_validator(mode="after")
     def _exact_with_exact(self) -> Self:

@@ -221,16 +221,6 @@ class SweepConfig(Group):
             "sample": _samples(self.record, self.steps),
         }
 
-    def with_method(self, method: MethodConfig) -> Self:
-        """Return this sweep computed in another way.
-
-        Raises
-        ------
-        ValueError
-            If it would be refused had it been typed so.
-        """
-        return type(self).model_validate({**dict(self.items()), "method": method})
-
     @cached_property
     def grid(self) -> Grid:
         """The swept axes, in the order of the file, and the fixed values."""
@@ -269,11 +259,7 @@ class SweepConfig(Group):
                 del plain[name]
         if self.units == UnitsConfig():
             del plain["units"]
-        if self.method.accuracy is not None:
-            plain["method"] = {"accuracy": self.method.accuracy}
-        else:
-            del plain["method"]["accuracy"]
-            plain["method"]["steps_per_period"] = self.steps
+        plain["method"]["steps_per_period"] = self.steps
         options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
         text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
         # If a terminal would obey a character, the text is escaped; YAML reads both forms alike.

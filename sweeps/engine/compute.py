@@ -42,13 +42,7 @@ def numerics(config: SweepConfig) -> str:
 
 
 def computation(config: SweepConfig) -> Computation:
-    """Return what is computed of every point of a sweep.
-
-    Parameters
-    ----------
-    config : SweepConfig
-        With a method, or with the accuracy that the pilot has replaced by one.
-    """
+    """Return what is computed of every point of a sweep."""
     method, record = config.method, config.record
     return Computation(
         integrator=method.integrator,

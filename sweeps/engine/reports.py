@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,12 +44,8 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     if sweep.follow:
         rows.append(("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}"))
     rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{periods:,}")]
-    if sweep.method.accuracy is None:
-        rows.append(("steps per period", f"{sweep.steps:,}"))
-        rows.append(("steps", f"{periods * sweep.steps:,}"))
-    else:
-        limit = f"{sweep.method.accuracy:g}"
-        rows.append(("method", f"the cheapest with an error <= {limit}, found by a pilot run"))
+    rows.append(("steps per period", f"{sweep.steps:,}"))
+    rows.append(("steps", f"{periods * sweep.steps:,}"))
     if computation(sweep).scaled:
         rows.append(("f", "one value is computed, the others are scaled"))
     if sweep.refine is not None:
@@ -114,13 +109,10 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
 
 
 def contents(dataset: xr.Dataset) -> str:
-    """Describe an opened sweep: outcome, axes, variables, attributes, pilot and configuration."""
+    """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
     attributes.pop("computation", None)  # which follows from the configuration
-    pilot = attributes.pop("pilot", "")
-    if pilot:  # as a comment, so that what is below the table can be run again
-        pilot = "# pilot:\n" + indent(pilot, "#   ")
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", _outcomes(dataset)),
@@ -138,7 +130,7 @@ def contents(dataset: xr.Dataset) -> str:
     ]
     attributes["duration"] = shown_duration(float(attributes["duration"]))
     rows += [(str(name), str(value)) for name, value in attributes.items()]
-    return f"{table(rows)}\n\n{pilot}{configuration}"
+    return f"{table(rows)}\n\n{configuration}"
 
 
 def _sizes(variable: xr.DataArray) -> str:

@@ -17,7 +17,6 @@ from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background, run_in_background
 from sweeps.engine.compute import computation, numerics
-from sweeps.engine.pilot import Pilot, choose
 from sweeps.engine.plan import block_size, estimate, reserved_widths
 from sweeps.engine.reports import plan
 from sweeps.engine.workers import Computer, computer_for
@@ -53,9 +52,7 @@ def run_sweep(
     Parameters
     ----------
     config : SweepConfig, mapping, str or Path
-        From `load_config`, or what it reads: a mapping of the keys, or a YAML file. Where it gives
-        an accuracy, a pilot chooses the method, and the file keeps the method with the record of
-        the pilot.
+        From `load_config`, or what it reads: a mapping of the keys, or a YAML file.
     output : str or Path, optional
         The HDF5 file to write, instead of the configuration's.
     threads : int, optional
@@ -103,15 +100,10 @@ def run_sweep(
         check_output(path, overwrite=overwrite, resume=resume)
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
-            pilot = None
-            if config.method.accuracy is not None:
-                pilot = run_in_background(choose, config, threads)
-                config = config.with_method(pilot.method)
-                console.print(pilot.summary)
             cost = run_in_background(estimate, config, computer.threads, computer.cores)
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(printable(plan(config, path, cost)))
-        layout = _layout(config, pilot, computer.block_limits(cost.seconds, config.grid.size))
+        layout = _layout(config, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
             if writer.damage:
                 console.print(f"damaged, and computed again: {writer.damage}")
@@ -149,14 +141,13 @@ def _refine(
     console.print(text)
 
 
-def _layout(config: SweepConfig, pilot: Pilot | None, sizes: Mapping[str, int]) -> Layout:
+def _layout(config: SweepConfig, sizes: Mapping[str, int]) -> Layout:
     """Lay out the file of a sweep, in blocks that keep to `sizes`."""
     task, grid = computation(config), config.grid
     attributes = {
         "name": config.name,
         "configuration": config.to_yaml(),
         **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
-        **({"pilot": pilot.record} if pilot else {}),
         "computation": yaml.safe_dump({**asdict(task), **grid.fixed}, sort_keys=False),
         "numerics": numerics(config),
         **({"scaled_along": "f"} if task.scaled else {}),

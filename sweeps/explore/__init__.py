@@ -22,8 +22,8 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     Parameters
     ----------
     config : SweepConfig
-        From `sweeps.load_config`. Each point is computed from its own start: ``follow``, ``refine``
-        and ``accuracy`` are left out.
+        From `sweeps.load_config`. Each point is computed from its own start: ``follow`` and
+        ``refine`` are left out.
     port : int, optional
         By default any that is free.
     folder : Path, optional

@@ -64,7 +64,6 @@ def on_write(monkeypatch, number, action):
         ["record.diagnostics=[period, lyapunov]", "oscillator.R=[0.5, 0.8]"],
         ["record.trajectory={every: 10}", "compression=gzip"],
         ["oscillator.f=[1, 2, 3]"],  # which scales
-        ["method={accuracy: 1e-4}", "oscillator.omega.num=40"],
         ["oscillator.omega=2.5"],  # a single point
         ["follow={axis: omega, direction: both}", "oscillator.R=[0.5, 0.8]"],
         [

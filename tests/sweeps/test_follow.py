@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-import yaml
 
 import sweeps
 from followed_sweeps import configured, ran, whole
@@ -183,17 +182,6 @@ def test_a_followed_sweep_is_not_scaled():
     run_sweep(config, "out.h5")
     with open_sweep("out.h5") as dataset:
         assert "scaled_along" not in dataset.attrs
-
-
-def test_an_accuracy_chooses_the_method_of_a_followed_sweep():
-    config = configured(
-        "method={accuracy: 1e-3}", "record.trajectory=false", "record.diagnostics=[]"
-    )
-    run_sweep(config, "out.h5")
-    with open_sweep("out.h5") as dataset:
-        again = yaml.safe_load(dataset.attrs["configuration"])
-        assert "pilot" in dataset.attrs and again["follow"]["axis"] == "omega"
-        assert dataset["status"].shape == (2, 3, 5, 2)
 
 
 # What is refused

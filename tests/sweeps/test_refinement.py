@@ -302,7 +302,6 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
         (["record.diagnostics=[lyapunov]"], "record.diagnostics: [period]"),
         (["record.trajectory={every: 5}"], "is not kept where points are added"),
         (["method={integrator: rk4, impact: cubic}"], "the impact rule exact, not cubic"),
-        (["method={accuracy: 1e-6}"], "no method.accuracy"),
         (["follow={axis: omega, direction: both}"], "expected: up or down, or no refine"),
     ],
 )
