@@ -12,17 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.bench.accuracy_speed import Measurement
-from sweeps.bench.scenes import (
-    CHAOS,
-    CHATTER,
-    EXACT,
-    EXPONENT,
-    FLIP,
-    FLIP_SCENE,
-    GRAZING,
-    ORBIT_ERRORS,
-    Method,
-)
+from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
 from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines
 from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
 
@@ -33,8 +23,6 @@ PANELS = (
     ("penetration, same scenes", MEAN, ORBIT_ERRORS[3]),
     ("section state: chatter and rest", CHATTER.name, ORBIT_ERRORS[0]),
     ("section state: near grazing", GRAZING.name, ORBIT_ERRORS[0]),
-    ("forcing frequency of a flip", FLIP_SCENE.name, FLIP),
-    ("Lyapunov exponent of chaos", CHAOS.name, EXPONENT),
 )
 # Colours of Okabe and Ito. A rule has a colour, an integrator a marker.
 _GREEN, _PURPLE, _SKY, _YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
@@ -64,10 +52,10 @@ _Drawn = Mapping[Method, Sequence[Measurement]]
 def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -> Figure:
     """Draw a panel per kind of error, with its lines, their orders and the efficient frontier."""
     groups = lines(measurements)
-    figure = Figure(figsize=(5.6, 8.8), layout="constrained")
-    grid = figure.add_gridspec(4, 2, height_ratios=(1.25, 1.0, 1.0, 1.0))
+    figure = Figure(figsize=(5.6, 7.2), layout="constrained")
+    grid = figure.add_gridspec(3, 2, height_ratios=(1.25, 1.0, 1.0))
     wide = figure.add_subplot(grid[0, :])
-    small = [figure.add_subplot(grid[row, column]) for row in (1, 2, 3) for column in (0, 1)]
+    small = [figure.add_subplot(grid[row, column]) for row in (1, 2) for column in (0, 1)]
     for panel, (title, scene, kind) in zip([wide, *small], PANELS, strict=True):
         drawn = {
             method: [m for m in group if is_drawn(m)]
@@ -77,8 +65,6 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
         panel_orders = {method: orders[scene, kind, method] for method in drawn}
         panel.set_title(title)
         panel.set_xlim(_seconds(measurements, peers=panel is wide))
-        if kind == EXPONENT:
-            _draw_floor(panel, [m.error for m in drawn.get(EXACT, ())])
         _draw_panel(panel, drawn, panel_orders)
     for panel in (wide, *small[::2]):
         panel.set_ylabel("relative error")
@@ -123,13 +109,6 @@ def _look(method: Method) -> dict[str, Any]:
     if rule in RULES:
         return {"color": RULES[rule], "marker": MARKERS[name], **_THIN}
     return {"color": PEER_COLOURS[name], "marker": "*", "linestyle": "--", **_THIN}
-
-
-def _draw_floor(panel: Axes, errors: Sequence[float]) -> None:
-    """Shade the errors that the reference has too, from statistics."""
-    if errors:
-        panel.axhspan(1e-300, max(errors), color="#EEEEEE", zorder=0.5)
-        _note(panel, 0.05, "grey: statistics", "black")
 
 
 def _label_orders(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) -> None:

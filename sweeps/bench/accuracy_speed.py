@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -25,21 +25,15 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from sweeps.bench import section_map
 from sweeps.bench.peers import PEERS
 from sweeps.bench.scenes import (
     CHATTER,
-    EXPONENT,
-    FLIP,
-    FLIP_BRACKET,
-    FLIPPING,
     METHODS,
     SCENES,
     Method,
     Scene,
     least_steps,
 )
-from vibroimpact import bifurcation, integrate
 
 #: Steps of one timed run at least, all points together; with fewer, the call itself would be timed.
 _LEAST_WORK = 1_500_000
@@ -56,13 +50,6 @@ class Plan:
     ladder : tuple of int
         Steps per forcing period.
     rounds : int
-    exponent_ladder : tuple of int
-        The part of the ladder on which Lyapunov exponents are estimated: beyond it their error is
-        statistical.
-    exponent_periods : int
-        Forcing periods of each of the orbits they are estimated from.
-    truth_periods : int
-        The same for the true exponent.
     tolerances : tuple of float
         Relative tolerances of the peers.
     thinning : int
@@ -71,9 +58,6 @@ class Plan:
 
     ladder: tuple[int, ...] = (12, 25, 50, 100, 200, 400, 800, 1600, 3200)
     rounds: int = 4
-    exponent_ladder: tuple[int, ...] = (12, 25, 50, 100, 200, 400)
-    exponent_periods: int = 200
-    truth_periods: int = 20_000
     tolerances: tuple[float, ...] = (1e-3, 1e-6, 1e-9, 1e-12)
     thinning: int = 16
     scenes: tuple[Scene, ...] = SCENES
@@ -85,9 +69,6 @@ FULL = Plan()
 QUICK = Plan(
     ladder=(25, 100, 400, 1600),
     rounds=2,
-    exponent_ladder=(25, 100),
-    exponent_periods=100,
-    truth_periods=4000,
     tolerances=(1e-3, 1e-9),
     thinning=32,
 )
@@ -107,7 +88,7 @@ class Measurement:
     tolerance : float or None
         Of a peer.
     error : float
-        Free of units. NaN or inf where the method failed, or has no such value.
+        Free of units. NaN or inf where the method failed.
     seconds : float
         Per forcing period.
     """
@@ -119,10 +100,6 @@ class Measurement:
     tolerance: float | None
     error: float
     seconds: float
-
-
-#: (results of a run, method, steps) -> errors by kind.
-_Judge = Callable[[dict[str, np.ndarray], Method, int], dict[str, float]]
 
 
 @dataclass
@@ -163,11 +140,11 @@ def measure(
         task = bar.add_task(
             "compiling (kept for the next run)", total=plan.rounds * len(runs) + len(peer_runs)
         )
-        judges = {scene.name: _judge(scene, plan, threads) for scene in plan.scenes}
+        truths = {scene.name: scene.truth() for scene in plan.scenes}
         tallies = {run: _Tally() for run in runs}
         for turn in range(plan.rounds):
             for run in runs:
-                _take(tallies[run], judges[run.scene.name], run, turn, plan.rounds, threads)
+                _take(tallies[run], truths[run.scene.name], run, turn, plan.rounds, threads)
                 bar.update(task, advance=1, description=run.scene.name)
         measurements = [
             Measurement(
@@ -195,7 +172,7 @@ def _runs(plan: Plan) -> list[_Run]:
     return [
         _Run(scene, rung, method)
         for scene in plan.scenes
-        for rung in (plan.exponent_ladder if EXPONENT in scene.kinds else plan.ladder)
+        for rung in plan.ladder
         for method in plan.methods
         if rung >= least_steps(method, scene.points)
     ]
@@ -216,9 +193,14 @@ def _peer_runs(plan: Plan) -> Iterator[tuple[Scene, str, float]]:
 
 
 def _take(
-    tally: _Tally, judge: _Judge, run: _Run, turn: int, rounds: int, threads: int | None
+    tally: _Tally,
+    truth: Mapping[str, np.ndarray],
+    run: _Run,
+    turn: int,
+    rounds: int,
+    threads: int | None,
 ) -> None:
-    """Time one run and judge it, unless one before it failed: it might take for ever."""
+    """Time a run and compare it with the truth, unless one before it failed: it might never end."""
     if not all(math.isfinite(_mean(squares)) for squares in tally.squares.values()):
         return
     scene, method = run.scene, run.method
@@ -228,45 +210,12 @@ def _take(
     results = scene.run(method, steps, threads, copies)
     seconds = (time.perf_counter() - began) / (len(scene.points) * copies * scene.periods)
     tally.seconds = min(tally.seconds, seconds)
-    for kind, error in judge(results, method, steps).items():
+    for kind, error in scene.errors(truth, results).items():
         tally.squares[kind].append(error * error)
 
 
 def _mean(squares: list[float]) -> float:
     return math.sqrt(sum(squares) / len(squares))
-
-
-def _judge(scene: Scene, plan: Plan, threads: int | None) -> _Judge:
-    """Find the truth of a scene; return what tells the errors against it, by kind."""
-    if FLIP in scene.kinds:
-        flip = bifurcation(FLIPPING, "flip", "omega", 2.6, 2.7)
-
-        def flip_error(_: object, method: Method, steps: int) -> dict[str, float]:
-            value = section_map.flip_value(FLIPPING, FLIP_BRACKET, method, steps, threads)
-            return {FLIP: abs(value / flip - 1.0)}
-
-        return flip_error
-    if EXPONENT in scene.kinds:
-        exponent = _true_exponent(scene.points, plan.truth_periods, threads)
-        spans = {"transient": 50, "periods": plan.exponent_periods}
-
-        def exponent_error(_: object, method: Method, steps: int) -> dict[str, float]:
-            value = section_map.largest_exponent(
-                scene.points, method, steps, **spans, threads=threads
-            )
-            return {EXPONENT: abs(value / exponent - 1.0)}
-
-        return exponent_error
-    truth = scene.truth()
-    return lambda results, method, steps: scene.errors(truth, results)
-
-
-def _true_exponent(points: np.ndarray, periods: int, threads: int | None) -> float:
-    """Return the largest Lyapunov exponent per forcing period of the motion itself."""
-    run = integrate(
-        points, transient=100, periods=periods, impacts=0, lyapunov=True, threads=threads
-    )
-    return float(np.mean(run["lyapunov"][:, 0] * 2.0 * math.pi / points["omega"]))
 
 
 def _measure_peer(scene: Scene, name: str, tolerance: float, thinning: int) -> list[Measurement]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from sweeps.bench.accuracy_speed import Measurement
-from sweeps.bench.scenes import CHATTER, FLIP, FLIP_SCENE, GRAZING, ORBIT_ERRORS
+from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS
 from sweeps.bench.work_precision import MEAN, NO_DIGIT, Line, cheapest
 from sweeps.text import table
 
@@ -16,13 +16,8 @@ STEPS, TOLERANCE = 100, 1e-9
 #: The errors for which the cheapest method is named.
 TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
-# Scene and kind of the orders shown, by column.
-_ORDERS = {
-    "regular": (MEAN, STATE),
-    "chatter": (CHATTER.name, STATE),
-    "graze": (GRAZING.name, STATE),
-    "flip": (FLIP_SCENE.name, FLIP),
-}
+# The scene of the orders shown, by column.
+_ORDERS = {"regular": MEAN, "chatter": CHATTER.name, "graze": GRAZING.name}
 
 
 def of_methods(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -> str:
@@ -46,17 +41,17 @@ def of_methods(measurements: Sequence[Measurement], orders: Mapping[Line, float]
         rows.append(
             (
                 *method,
-                *(_order(orders.get((*line, method), math.nan)) for line in _ORDERS.values()),
+                *(_order(orders.get((name, STATE, method), math.nan)) for name in _ORDERS.values()),
                 _error(state.error),
                 "" if depth is None else _error(depth.error),
                 _cost(state),
             )
         )
     return (
-        "Measured orders of the section state and of the flip value; errors and cost with\n"
-        f"{STEPS} steps per period (solvers: tolerance {TOLERANCE:g}), "
-        f"geometric mean of the regular scenes\n\n{table(rows, words=2)}\n\n"
-        "No order: fewer than three errors below 0.1 and above rounding, or no such value.\n"
+        f"Measured orders of the section state; errors and cost with {STEPS} steps per period\n"
+        f"(solvers: tolerance {TOLERANCE:g}), geometric mean of the regular scenes\n\n"
+        f"{table(rows, words=2)}\n\n"
+        "No order: fewer than three errors below 0.1 and above rounding.\n"
         "Steps beyond a limit of stability are run like the others; their impacts may bound\n"
         "what they let grow.\n"
     )

@@ -27,7 +27,6 @@ _KEPT = 8
 
 #: The errors of an orbit, as the pictures name them.
 ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
-FLIP, EXPONENT = "flip value", "Lyapunov exponent"
 
 
 class Method(NamedTuple):
@@ -62,8 +61,6 @@ class Scene:
         How many of the last true impacts are compared.
     recorded : int
         Forcing periods before the section in which they lie.
-    kinds : tuple of str
-        The errors measured here: ``ORBIT_ERRORS``, ``FLIP`` or ``EXPONENT``.
     """
 
     name: str
@@ -72,7 +69,6 @@ class Scene:
     phase: float = 0.0
     impacts: int = 0
     recorded: int = 1
-    kinds: tuple[str, ...] = ORBIT_ERRORS
 
     def run(
         self,
@@ -159,11 +155,6 @@ _OFFSETS = np.linspace(-0.005, 0.005, NEIGHBOURS)
 _GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
 #: Where the first flight from rest touches the stop (h = 0.1).
 _GRAZE = 3.03833647460949767
-#: The orbit whose flip is located, and the interval of omega in which it is looked for.
-FLIPPING, FLIP_BRACKET = Oscillator(h=0.05, R=0.8, omega=2.65, f=1.0), (2.4, 2.9)
-CHAOTIC = Oscillator(h=0.1, R=0.8, omega=2.95, f=1.0)
-# Starts from which the chaotic motion has a different past in every lane.
-_STARTS = np.linspace(-0.5, -0.05, NEIGHBOURS)
 
 
 def _regular(name: str, h: float, R: float, omega: float, **options: Any) -> Scene:
@@ -195,11 +186,4 @@ GRAZING = Scene(
     phase=5.67,  # between the second impact, at 5.2 at the latest, and the third
     impacts=2,
 )
-FLIP_SCENE = Scene("flip", _around(FLIPPING, _OFFSETS), periods=20, kinds=(FLIP,))
-CHAOS = Scene(
-    "chaos",
-    np.concatenate([CHAOTIC.at(x0) for x0 in _STARTS]),
-    periods=20,
-    kinds=(EXPONENT,),
-)
-SCENES = (*REGULAR, CHATTER, GRAZING, FLIP_SCENE, CHAOS)
+SCENES = (*REGULAR, CHATTER, GRAZING)

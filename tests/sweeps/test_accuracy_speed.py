@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from commands import call
-from sweeps.bench import accuracy_speed, section_map, work_precision
+from sweeps.bench import accuracy_speed, work_precision
 from sweeps.bench.accuracy_speed import Measurement, Plan, measure
 from sweeps.bench.peers import PEERS
 from sweeps.bench.scenes import (
     CHATTER,
     EXACT,
-    FLIP,
-    FLIP_SCENE,
     GRAZING,
     METHODS,
     ORBIT_ERRORS,
@@ -166,7 +164,7 @@ def measured():
     plan = Plan(
         ladder=(50, 100, 6400),
         rounds=3,
-        scenes=(ONE_IMPACT, FLIP_SCENE),
+        scenes=(ONE_IMPACT,),
         methods=(PLAIN, REDUCED, CUBIC, EXACT),
         peers=(),
     )
@@ -187,10 +185,7 @@ def test_errors_are_ordered_as_the_rules(measured):
         for method in (REDUCED, CUBIC, EXACT):
             assert measured[DEPTH, method, steps].error == 0.0
         assert measured[DEPTH, PLAIN, steps].error > 0.0
-        assert measured[FLIP, REDUCED, steps].error > 10 * measured[FLIP, CUBIC, steps].error
     assert measured[STATE, EXACT, 50].error < 1e-13
-    assert measured[FLIP, EXACT, 50].error < 1e-11
-    assert math.isnan(measured[FLIP, PLAIN, 100].error)
 
 
 def test_cost_goes_with_the_steps(measured):
@@ -209,12 +204,12 @@ def test_what_the_rule_does_not_take_is_not_run():
 def test_a_failed_method_is_run_once(monkeypatch):
     calls = []
 
-    def flip_value(*arguments):
+    def errors(*arguments):
         calls.append(arguments)
-        return math.nan
+        return {STATE: math.nan}
 
-    monkeypatch.setattr(section_map, "flip_value", flip_value)
-    (one,) = measure(Plan(ladder=(50,), rounds=3, scenes=(FLIP_SCENE,), methods=(PLAIN,), peers=()))
+    monkeypatch.setattr(accuracy_speed.Scene, "errors", errors)
+    (one,) = measure(Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=()))
     assert math.isnan(one.error) and len(calls) == 1
 
 
@@ -253,9 +248,6 @@ def test_the_command(monkeypatch):
         accuracy_speed.QUICK,
         ladder=(50, 100, 200),
         rounds=1,
-        exponent_ladder=(50,),
-        exponent_periods=20,
-        truth_periods=200,
         tolerances=(1e-9,),
         peers=("SciPy DOP853",),
     )
