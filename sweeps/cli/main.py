@@ -5,6 +5,9 @@ What a command needs is imported inside it, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
+import os
+import warnings
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -17,10 +20,10 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.environment import check_environment
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import raised_at_once
+from sweeps.text import shortened
 
 
 class _Commands(TyperGroup):
@@ -64,6 +67,30 @@ def _show_version(requested: bool) -> None:
         raise typer.Exit
 
 
+def _check_numba() -> None:
+    """Refuse settings of numba that it cannot read or work with; its error says what is wrong."""
+    file = Path(".numba_config.yaml")
+    settings = [f"{name}={value}" for name, value in os.environ.items() if name[:6] == "NUMBA_"]
+    settings += [f"the file {file}"] if file.exists() else []
+    if not settings:
+        return  # and import nothing
+    problem = ""
+    with warnings.catch_warnings(record=True) as unread:
+        warnings.simplefilter("always")
+        try:
+            import vibroimpact.jit  # noqa: F401 - it needs the compiler
+        except Exception as error:
+            problem = str(error)
+    for warning in unread:
+        if "Environment variable" in str(warning.message):
+            problem = problem or str(warning.message).partition("\n")[0]
+    if problem:
+        raise Refused(
+            f"numba cannot work with its settings: {shortened(problem, 200)}; one of "
+            f"these is wrong, unset or correct it: {shortened(', '.join(settings), 300)}"
+        )
+
+
 @app.callback()
 def _common(
     context: typer.Context,
@@ -75,7 +102,7 @@ def _common(
     ] = False,
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
-    check_environment()
+    _check_numba()
     if context.invoked_subcommand not in ("run", "zoom", "explore"):
         context.with_resource(raised_at_once())
 

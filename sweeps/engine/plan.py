@@ -144,13 +144,8 @@ def _memory_per_point(config: SweepConfig) -> int:
 
 
 def _available_memory() -> int:
-    """Return the bytes of memory that this process can take."""
-    available = int(psutil.virtual_memory().available)
-    if hasattr(psutil, "RLIMIT_AS"):
-        limit, _ = psutil.Process().rlimit(psutil.RLIMIT_AS)
-        if limit >= 0:
-            available = min(available, limit - psutil.Process().memory_info().vms)
-    return max(available, 0)
+    """Return the bytes of memory that are free."""
+    return int(psutil.virtual_memory().available)
 
 
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:

@@ -49,7 +49,6 @@ VARIABLES = {
     "DASK_CONFIG": ("/nonexistent", "/dev/null"),
     "OPENBLAS_CORETYPE": ("nonsense",),
     "MALLOC_ARENA_MAX": ("1",),
-    "SOURCE_DATE_EPOCH": ("abc", "0"),
     "COMP_WORDS": ("nonsense",),
 }
 

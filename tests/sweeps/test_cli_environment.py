@@ -139,11 +139,6 @@ def test_odd_settings_of_numba_are_refused(setting, told):
     assert told in result.stderr and setting in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_an_odd_date_is_refused(monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
-    assert "SOURCE_DATE_EPOCH=abc is not allowed" in refused("run", "sweep.yaml")
-
-
 @pytest.mark.slow
 def test_odd_settings_of_matplotlib_are_refused():
     accepted("run", "sweep.yaml", "--quiet")
