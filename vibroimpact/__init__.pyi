@@ -4,7 +4,6 @@ from .orbits.branches import branch as branch
 from .orbits.curves import Curve as Curve
 from .orbits.curves import bifurcation_curve as bifurcation_curve
 from .orbits.one_impact import OneImpactOrbit as OneImpactOrbit
-from .orbits.one_impact import bifurcation as bifurcation
 from .orbits.one_impact import one_impact_orbit as one_impact_orbit
 from .orbits.one_impact import one_impact_orbits as one_impact_orbits
 from .orbits.periodic import OrbitError as OrbitError

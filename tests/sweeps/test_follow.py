@@ -9,12 +9,12 @@ import xarray as xr
 
 import sweeps
 from followed_sweeps import configured, ran, whole
+from oscillators import bifurcation
 from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine.compute import computation
 from sweeps.errors import ConfigError
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
-from vibroimpact.orbits.one_impact import bifurcation
 from vibroimpact.points.following import follow
 from vibroimpact.step.log import trajectories
 from vibroimpact.step.methods import stepping

@@ -9,13 +9,14 @@ import pytest
 from scipy.optimize import brentq
 
 from commands import accepted, call
+from oscillators import bifurcation
 from refined_sweeps import CONFIG, flip, found, refined, refined_config
 from sweeps import open_sweep
 from sweeps.analysis.class_changes import cascades, labels, ratio
 from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Refinement
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator, mesh
 from vibroimpact.trajectory import simulate
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from oscillators import bifurcation
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.family import Axis, Orbits
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.orbits.trees import Tree

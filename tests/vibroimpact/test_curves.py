@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import BarycentricInterpolator
 
+from oscillators import bifurcation
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import Orbits
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
+from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.orbits.switching import doubled_branch

@@ -17,7 +17,7 @@ import pytest
 from oscillators import random_oscillators
 from section_map import SectionMap
 from vibroimpact.orbits.branches import branch
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbit, one_impact_orbits
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import solved
 from vibroimpact.oscillator import Oscillator
 
@@ -96,9 +96,6 @@ def test_random_folds_are_at_their_closed_form(axis, count):
             )
             values = [point.value for point in folds]
             speeds = [float(point.orbit.speeds[0]) for point in folds]
-            if len(folds) == 1:
-                values.append(bifurcation(osc, "fold", axis, *ends, n))
-                speeds += speeds
             for value, speed in zip(values, speeds, strict=True):
                 at_fold = replace(osc, **{axis: value})
                 sigma, v = closed_form(in_digits(at_fold), n)

@@ -8,14 +8,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from oscillators import oscillator, random_oscillators
+from oscillators import bifurcation, oscillator, random_oscillators
 from vibroimpact import Oscillator
-from vibroimpact.orbits.one_impact import (
-    BIFURCATIONS,
-    bifurcation,
-    one_impact_orbit,
-    one_impact_orbits,
-)
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 
 TWO = Oscillator(h=0.1, R=0.8, omega=1.6, f=1.0, clearance=0.7)
 
@@ -206,7 +201,6 @@ def test_n_is_a_positive_integer(n):
     for call in (
         partial(one_impact_orbits, TWO),
         partial(one_impact_orbit, TWO),
-        partial(bifurcation, TWO, "fold", "f", 0.2, 1.0),
     ):
         with pytest.raises(ValueError, match=r"^n must be an integer >= 1, not "):
             call(n)
@@ -219,21 +213,3 @@ def test_a_flight_without_end_is_refused():
             one_impact_orbit(TWO, n)
     with pytest.raises(ValueError, match="omega is too small"):
         one_impact_orbit(oscillator(0.1, 0.5, 1e-9), 1)
-
-
-def test_what_cannot_be_bracketed_is_refused():
-    """Unknown names, no sign change, no orbit, a pole, and a meeting of what are no orbits."""
-    osc = oscillator(0.05, 0.8, 2.0)
-    with pytest.raises(ValueError, match="kind must be one of flip, graze, fold, not 'hopf'"):
-        bifurcation(osc, "hopf", "omega", 1.0, 2.0)
-    with pytest.raises(ValueError, match=r"parameter must be one of h, R, .* not 'x0'"):
-        bifurcation(osc, "flip", "x0", 1.0, 2.0)
-    with pytest.raises(ValueError, match=r"^omega \(forcing frequency\) must be"):
-        bifurcation(osc, "flip", "omega", -1.0, 2.0)
-    for kind in BIFURCATIONS:
-        with pytest.raises(ValueError, match=f"no {kind} is bracketed by omega = 2.0 and 2.1"):
-            bifurcation(osc, kind, "omega", 2.0, 2.1)
-    with pytest.raises(ValueError, match=r"no one-impact orbit \(n = 1\) at f = 0.1"):
-        bifurcation(TWO, "flip", "f", 0.1, 1.0)
-    with pytest.raises(ValueError, match=r"what meets at omega = 2\.4.* are no orbits: v <= 0"):
-        bifurcation(TWO, "fold", "omega", 2.3, 2.8)

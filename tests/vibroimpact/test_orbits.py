@@ -10,14 +10,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from oscillators import oscillator, random_oscillators
+from oscillators import bifurcation, oscillator, random_oscillators
 from vibroimpact import Oscillator
-from vibroimpact.orbits.one_impact import (
-    BIFURCATIONS,
-    bifurcation,
-    one_impact_orbit,
-    one_impact_orbits,
-)
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 
 # h, omega, R, n, v, omega t0
 ORBITS = [
@@ -270,21 +265,3 @@ def test_multipliers_by_finite_differences(osc, n):
         np.testing.assert_allclose(
             np.poly(orbit.multipliers), [1.0, -orbit.trace, orbit.determinant], atol=1e-14
         )
-
-
-@pytest.mark.parametrize(
-    ("parameter", "low", "high"), [("h", 0.0, 0.3), ("R", 0.3, 1.0), ("clearance", -0.1, 0.1)]
-)
-def test_a_flip_along_another_parameter(parameter, low, high):
-    """The same flip, reached along h, R or the clearance."""
-    osc = oscillator(0.1, 0.8, 2.67)
-    value = bifurcation(osc, "flip", parameter, low, high)
-    orbit = one_impact_orbit(dataclasses.replace(osc, **{parameter: value}))
-    assert 1 + orbit.trace + orbit.determinant == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_sign_that_changes_by_a_jump_is_refused(monkeypatch):
-    """A bracketed root finder would return the jump; nothing bifurcates there."""
-    monkeypatch.setitem(BIFURCATIONS, "graze", lambda osc, n: math.copysign(1.0, osc.omega - 2.05))
-    with pytest.raises(ValueError, match=r"by a jump at omega = 2.0[45]\d*: no graze"):
-        bifurcation(oscillator(0.05, 0.8, 2.0), "graze", "omega", 2.0, 2.1)

@@ -1,4 +1,4 @@
-"""One-impact orbits: their speed, phase, Floquet multipliers, existence and bifurcations.
+"""One-impact orbits: their speed, phase, Floquet multipliers and existence.
 
 An orbit with one impact in n forcing periods, T = 2 pi n / omega, leaves the stop at the phase
 theta = omega t0 with the speed R v and is back with the speed v at the same phase. With the
@@ -33,8 +33,7 @@ orbit and negative on the slower, a saddle, for every clearance; at clearance 0 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -230,96 +229,3 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
         below h or p.
     """
     return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))
-
-
-def _flip(osc: Oscillator, n: int) -> float:
-    orbit = one_impact_orbit(osc, n)
-    return 1.0 + orbit.trace + orbit.determinant
-
-
-def _graze(osc: Oscillator, n: int) -> float:
-    orbit = one_impact_orbit(osc, n)
-    # With no maximum in between, nothing touches: any negative length.
-    return orbit.peak if orbit.peak > -math.inf else -orbit.v / osc.omega
-
-
-def _fold(osc: Oscillator, n: int) -> float:
-    solutions = _solve(osc, n)
-    return math.nan if solutions is None else solutions.discriminant
-
-
-#: Kinds of bifurcation, and the function of (osc, n) that is zero there.
-BIFURCATIONS: Mapping[str, Callable[[Oscillator, int], float]] = {
-    "flip": _flip,
-    "graze": _graze,
-    "fold": _fold,
-}
-
-
-def bifurcation(
-    osc: Oscillator, kind: str, parameter: str, low: float, high: float, n: int = 1
-) -> float:
-    """Return the value of a parameter at which the one-impact orbit bifurcates.
-
-    The orbit is that of `one_impact_orbit`, followed as a solution of the impact conditions:
-    whether it exists at a flip, or is stable up to a graze, is not asked.
-
-    Parameters
-    ----------
-    osc : Oscillator
-        All other parameters.
-    kind : str
-        ``flip``: 1 + trace + det = 0, a multiplier is -1. ``graze``: the largest maximum of x
-        between the impacts touches the stop. ``fold``: two orbits meet and vanish; at
-        clearance 0 there is none.
-    parameter : str
-        Name of a parameter of `osc`.
-    low, high : float
-        A bracket: the function that is zero at the bifurcation changes its sign in between.
-    n : int
-        Forcing periods per impact, >= 1.
-
-    Returns
-    -------
-    float
-        To a few roundings, as far as the problem's condition allows.
-
-    Raises
-    ------
-    TypeError
-        If an end of the bracket is not a number.
-    ValueError
-        If an argument is not valid, there is no sign change or one with no root, or the orbit is
-        lost within the bracket.
-    """
-    n = _checked_periods(n)
-    for argument, choice, valid in (
-        ("kind", kind, BIFURCATIONS),
-        ("parameter", parameter, [field.name for field in fields(osc)]),
-    ):
-        if choice not in valid:
-            raise ValueError(f"{argument} must be one of {', '.join(valid)}, not {choice!r}")
-
-    def at_value(value: float) -> float:
-        result = BIFURCATIONS[kind](replace(osc, **{parameter: value}), n)
-        if math.isnan(result):
-            raise ValueError(f"there is no one-impact orbit (n = {n}) at {parameter} = {value!r}")
-        return result
-
-    at_low, at_high = at_value(low), at_value(high)
-    if at_low * at_high > 0.0:
-        raise ValueError(
-            f"no {kind} is bracketed by {parameter} = {low!r} and {high!r}: "
-            f"its function is {at_low:.3g} and {at_high:.3g} there"
-        )
-    from scipy.optimize import brentq  # 0.3 s that a sweep need not pay
-
-    tolerance = _EPS * max(abs(low), abs(high))
-    value = float(brentq(at_value, low, high, xtol=tolerance, rtol=4.0 * _EPS))
-    if abs(at_value(value)) > 1e-6 * max(abs(at_low), abs(at_high)):
-        raise ValueError(f"the sign changes by a jump at {parameter} = {value!r}: no {kind}")
-    if kind == "fold":
-        solutions = _solve(replace(osc, **{parameter: value}), n)
-        if solutions is None or not solutions.middle[0] > 0.0:
-            raise ValueError(f"what meets at {parameter} = {value!r} are no orbits: v <= 0")
-    return value
