@@ -233,8 +233,8 @@ def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> Non
 
     Raises
     ------
-    OSError
-        If the file cannot be written.
+    Refused, Failed
+        If the file cannot be written there.
     """
     other_axes = list(bifurcations[0].at) if bifurcations else []
     head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -15,11 +14,10 @@ def write_rows(path: Path, columns: Sequence[object], rows: Iterable[Sequence[ob
 
     Raises
     ------
-    OSError
-        If the file cannot be written.
+    Refused, Failed
+        If the file cannot be written there, as from `replacing`.
     """
-    target = Path(os.path.realpath(path))  # resolve() raises where links make a loop
-    with replacing(target) as new, new.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import xarray as xr
 from sweeps.analysis.grouping import grid_of
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES
-from sweeps.store.replacing import replacing
+from sweeps.store.replacing import check_target, replacing
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -26,12 +25,11 @@ def check_table(path: Path) -> None:
     Raises
     ------
     Refused
-        If its ending is not one of ``ENDINGS``, it is in no folder, or a package is missing.
+        If its ending is not one of ``ENDINGS``, no file can be there, or a package is missing.
     """
-    if path.suffix not in ENDINGS or not path.absolute().parent.is_dir():
-        raise Refused(
-            f"-o {path} is not allowed; expected: a .csv or .parquet file in an existing folder"
-        )
+    if path.suffix not in ENDINGS:
+        raise Refused(f"-o {path} is not allowed; expected: a .csv or .parquet file")
+    check_target(path, "table")
     if path.suffix == ".parquet" and not find_spec("pyarrow"):
         raise Refused(f"-o {path} needs the package pyarrow; install it, or write a .csv file")
 
@@ -58,13 +56,13 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
     ------
     Refused
         As from `check_table`.
-    OSError
+    Failed
         If the file cannot be written.
     """
     check_table(path)
     scalars = _scalars(dataset)
     axes = [str(name) for name in scalars["status"].dims]
-    with replacing(Path(os.path.realpath(path))) as new:
+    with replacing(path, "table") as new:
         if path.suffix == ".parquet":
             _frame(scalars).to_parquet(new, index=False)
         else:

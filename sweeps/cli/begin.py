@@ -19,6 +19,7 @@ def init(
 ) -> None:
     """Write the configuration of a scene, with comments, into the folder: SCENE.yaml."""
     from sweeps.config.scenes import scenes
+    from sweeps.store.replacing import check_target, replacing
 
     texts = scenes()
     if scene not in texts:
@@ -27,11 +28,10 @@ def init(
             f"expected: {', '.join(texts)}"
         )
     path = Path(f"{scene}.yaml")
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(texts[scene])
-    except FileExistsError:
-        raise Refused(f"{path} exists, and is left as it is; remove it, or rename it") from None
+    if check_target(path, "configuration"):
+        raise Refused(f"{path} exists, and is left as it is; remove it, or rename it")
+    with replacing(path, "configuration") as new:
+        new.write_text(texts[scene], encoding="utf-8")
     say(path)
     say(f"next: vibroimpact run {path}")
 

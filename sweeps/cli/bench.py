@@ -11,7 +11,6 @@ import typer
 
 from sweeps.cli.options import check_csv, check_threads
 from sweeps.cli.terminal import say
-from sweeps.errors import Failed
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -35,10 +34,7 @@ def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
 
     check_picture(output)
     check_csv(csv)
-    try:
-        yield
-    except OSError as error:
-        raise Failed(error) from error
+    yield
     for path in (output, csv):
         if path is not None:
             say(path)

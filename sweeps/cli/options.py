@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sweeps.cli.terminal import say
-from sweeps.errors import Failed, Refused
+from sweeps.errors import Refused
 
 if TYPE_CHECKING:
     from sweeps.analysis.selection import Cut
@@ -31,11 +31,14 @@ _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 
 def check_csv(path: Path | None) -> None:
-    """Refuse a file that is no .csv file in an existing folder."""
+    """Refuse a file that is no .csv file, or cannot be written."""
+    from sweeps.store.replacing import check_target
+
     if path is None:
         return
-    if path.suffix != ".csv" or os.path.isdir(path) or not os.path.isdir(path.absolute().parent):
-        raise Refused(f"--csv {path} is not allowed; expected: a .csv file in an existing folder")
+    if path.suffix != ".csv":
+        raise Refused(f"--csv {path} is not allowed; expected: a .csv file")
+    check_target(path, "table")
 
 
 def inches(text: str | None) -> float | None:
@@ -143,12 +146,3 @@ def say_moved(requested: Cut, cut: Cut, verb: str) -> None:
         if value != cut[name]:
             text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
             say(text, error=True)
-
-
-def write_table(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file with a function of its path, and say which; a failure is one of the command."""
-    try:
-        write(path)
-    except OSError as error:
-        raise Failed(f"{path} cannot be written: {error.strerror or error}") from error
-    say(path)

@@ -21,7 +21,6 @@ from sweeps.cli.options import (
     named,
     say_moved,
     targets,
-    write_table,
 )
 from sweeps.cli.terminal import say
 from sweeps.errors import Refused
@@ -137,6 +136,7 @@ def plot(
     ylim: OrdinateLimits = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
+    from sweeps.plotting.saving import check_picture
     from sweeps.store import open_sweep
 
     cuts = cuts_of(at)
@@ -160,8 +160,9 @@ def plot(
         "periods": periods,
     }
     figures = targets(files, output, [file.parent / f"{file.stem}.png" for file in files])
-    for file in files:
-        open_sweep(file).close()  # before any is drawn
+    for file, figure in zip(files, figures, strict=True):  # before any is drawn
+        check_picture(figure, file)
+        open_sweep(file).close()
     for file, figure in zip(files, figures, strict=True):
         with open_sweep(file, verify=False) as dataset, named(file):
             draw(dataset, figure, kind, cuts, page, csv, **options)
@@ -194,7 +195,8 @@ def draw(
     for line in lines:
         say(line)
     if csv is not None and write is not None:
-        write_table(csv, write)
+        write(csv)
+        say(csv)
     say(written)
 
 

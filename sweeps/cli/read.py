@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, say_moved, write_table
+from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, say_moved
 from sweeps.cli.terminal import say
-from sweeps.errors import Failed, Refused
+from sweeps.errors import Refused
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,7 +45,8 @@ def attractors(
         say_moved(cuts, on_grid(dataset, cuts), "shown")
         say(describe(shown, result))
         if csv is not None:
-            write_table(csv, lambda path: write_csv(path, rows(shown, result)))
+            write_csv(csv, rows(shown, result))
+            say(csv)
 
 
 def info(
@@ -105,7 +106,8 @@ def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Pa
     if text := exact_tables.describe(dataset, along, cuts):
         say(text)
     if csv is not None:
-        write_table(csv, lambda path: bifurcations.write_csv(path, along, items))
+        bifurcations.write_csv(csv, along, items)
+        say(csv)
 
 
 def export(
@@ -121,8 +123,5 @@ def export(
 
     check_table(output)
     with open_sweep(file) as dataset, named(file):
-        try:
-            rows = write_points(dataset, output)
-        except OSError as error:
-            raise Failed(error) from error
+        rows = write_points(dataset, output)
     say(f"{output}: {rows:,} {'row' if rows == 1 else 'rows'}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -98,10 +97,7 @@ def plot(
         If the request does not fit the file, or the picture cannot be written there.
     """
     output = Path(output)
-    data = Path(str(dataset.encoding.get("source", "")))
-    if os.path.exists(output) and os.path.isfile(data) and output.samefile(data):
-        raise Refused(f"the picture {output} would replace the data; give -o another file")
-    check_picture(output)
+    check_picture(output, str(dataset.encoding.get("source", "")))
     options = {name: value for name, value in options.items() if value not in (None, False, ())}
     kind = default_kind(dataset, at, **options) if kind is None else kind
     if kind not in KINDS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
@@ -13,7 +12,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import listed
-from sweeps.errors import Failed, Refused
+from sweeps.errors import Refused
+from sweeps.store.replacing import check_target, replacing
 
 #: Of each format, the fields for a title, the program and a text.
 _FIELDS = {
@@ -47,42 +47,38 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     return str(dataset.attrs["name"]), program, text
 
 
-def check_picture(output: Path) -> None:
+def check_picture(output: Path, data: str | Path = "") -> None:
     """Refuse a path that no picture can be written to.
+
+    Parameters
+    ----------
+    output : Path
+    data : str or Path, optional
+        The file that is drawn.
 
     Raises
     ------
     Refused
-        If its ending is none of ``FORMATS``, or its folder does not exist.
+        If it is the file that is drawn, its ending is none of ``FORMATS``, or no file can be there.
     """
+    if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
+        raise Refused(f"the picture {output} would replace the data; give -o another file")
     if output.suffix.lower().lstrip(".") not in FORMATS:
         raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
-    if not os.path.isdir(output.parent):  # which, unlike Path.is_dir(), never raises
-        raise Refused(f"the folder {output.parent} of the picture {output.name} does not exist")
-    if os.path.isdir(output):
-        raise Refused(f"{output} is a directory; give -o the name of a file")
+    check_target(output, "picture")
 
 
 def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> None:
-    """Write a figure, with its `description` as metadata, to a draft that then replaces `output`.
+    """Write a figure, with its `description` as metadata, to a file, whole or not at all.
 
     Raises
     ------
-    Failed
-        If it cannot be written.
+    Refused, Failed
+        If it cannot be written there, as from `replacing`.
     """
-    target = Path(os.path.realpath(output))  # resolve() raises where links make a loop
-    draft = target.with_name(f".picture-{os.getpid()}{output.suffix}")
     kind = output.suffix.lower().lstrip(".")
     about = dict(zip(_FIELDS[kind], description, strict=False))
-    try:
-        with warnings.catch_warnings():
-            # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
-            warnings.filterwarnings("ignore", "Glyph", UserWarning)
-            figure.savefig(draft, metadata={**about, **_NO_DATES[kind]})
-        os.replace(draft, target)
-    except OSError as error:
-        raise Failed(f"{output} cannot be written: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):  # which must not hide why there is none
-            draft.unlink()
+    with replacing(output, "picture") as draft, warnings.catch_warnings():
+        # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)
+        figure.savefig(draft, format=kind, metadata={**about, **_NO_DATES[kind]})

@@ -6,12 +6,14 @@ import os
 import re
 import shutil
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
 from sweeps.errors import StoreError
 from sweeps.store.layout import FORMAT, FORMAT_VERSION
 from sweeps.store.ledger import DamageError
+from sweeps.store.replacing import check_target, kind
 from sweeps.text import shown_bytes
 
 #: Endings that name another kind of file, which a slip would give to the data.
@@ -44,15 +46,16 @@ def check_output(
         an empty one, or if there is no room for the sweep.
     """
     path = Path(path)
+    exists = check_target(path, "output")
     if path.suffix.lower() in _OTHER_ENDINGS:
         raise StoreError(
             f"the output {path} is to be an HDF5 file, whose name does not end in {path.suffix}; "
             f"did you mean {path.with_suffix('.h5')}?"
         )
     try:
-        exists = _exists(path)
-        if not path.parent.is_dir():
-            raise StoreError(f"the folder {path.parent} of the output {path.name} does not exist")
+        real = os.path.realpath(path)
+        with suppress(FileNotFoundError):
+            os.lstat(f"{real}.lock")  # whose name may be too long
         if exists:
             if not (overwrite or resume):
                 raise StoreError(
@@ -62,41 +65,15 @@ def check_output(
             _refuse_other_files(path)
             if resume:
                 return
-    except (OSError, ValueError) as error:  # too long a name, a null byte
+    except OSError as error:
         raise StoreError(f"the output {str(path)!r} cannot be used: {reason(error)}") from None
-    free = shutil.disk_usage(path.parent).free
+    free = shutil.disk_usage(os.path.dirname(real)).free
     if size > free:
         also = ", delete the old file first" if exists else ""
         raise StoreError(
             f"the sweep takes about {shown_bytes(size)}, and the disk of {path} has only "
             f"{shown_bytes(free)} left; record less{also}, or give -o a file elsewhere"
         )
-
-
-def _exists(path: Path) -> bool:
-    """Return whether there is a regular file; refuse everything else, such as a FIFO."""
-    try:
-        mode = os.stat(path).st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    if stat.S_ISDIR(mode):
-        raise StoreError(f"{path} is a directory; give -o the name of a file")
-    if not stat.S_ISREG(mode):
-        raise StoreError(f"{path} is {_kind(mode)} and will not be replaced; give -o another")
-    return True
-
-
-def _kind(mode: int) -> str:
-    """Name what is no regular file."""
-    if stat.S_ISDIR(mode):
-        return "a directory"
-    kinds = {
-        stat.S_IFIFO: "a FIFO",
-        stat.S_IFSOCK: "a socket",
-        stat.S_IFCHR: "a device",
-        stat.S_IFBLK: "a device",
-    }
-    return f"{kinds.get(stat.S_IFMT(mode), 'something else')}, not a regular file,"
 
 
 def open_regular(path: Path) -> int:
@@ -109,7 +86,7 @@ def open_regular(path: Path) -> int:
         raise StoreError(f"{path} does not exist") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
-    raise StoreError(f"{path} is {_kind(mode)} and so not the file of a sweep")
+    raise StoreError(f"{path} is {kind(mode)} and so not the file of a sweep")
 
 
 def _refuse_other_files(path: Path) -> None:

@@ -105,12 +105,10 @@ def test_a_folder_is_no_file_of_a_sweep(name):
 def test_a_picture_with_a_long_name():
     accepted("run", "sweep.yaml", "--quiet")
     assert accepted("plot", "small.h5", "-o", "a" * 251 + ".png")
-    Path("loop.png").symlink_to("loop.png")
-    for name in ("a" * 252 + ".png", "/proc/x.png"):
-        result = call("plot", "small.h5", "-o", name)
-        assert result.exit_code == 1
-        assert re.fullmatch(r"vibroimpact: error: \S+ cannot be written: .*\n", result.stderr)
-    assert call("plot", "small.h5", "-o", "loop.png").exit_code in (0, 1)
+    assert "File name too long" in refused("plot", "small.h5", "-o", "a" * 252 + ".png")
+    result = call("plot", "small.h5", "-o", "/proc/x.png")
+    assert result.exit_code == 1
+    assert re.fullmatch(r"vibroimpact: error: /proc/x.png cannot be written: .*\n", result.stderr)
     assert not list(Path().glob(".*"))
 
 

@@ -1,6 +1,8 @@
 """The table of a sweep's points: against the arrays of the file."""
 
 import csv
+import os
+import resource
 import sys
 from pathlib import Path
 
@@ -73,11 +75,27 @@ def test_parquet_where_pyarrow_is_there(file, monkeypatch):
 
 def test_what_cannot_be_written_is_refused(file, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
+    os.mkfifo("fifo.csv")
     for name, text in (
         ("points.txt", "expected: a .csv or .parquet file"),
-        ("no/points.csv", "in an existing folder"),
+        ("no/points.csv", "the folder no of the table points.csv does not exist"),
+        ("fifo.csv", "fifo.csv is a FIFO, not a regular file,"),
         ("points.parquet", "needs the package pyarrow"),
     ):
         result = call("export", str(file), "-o", name)
         assert result.exit_code == 2 and text in " ".join(result.stderr.split())
+    assert sorted(path.name for path in Path().iterdir()) == [
+        "fifo.csv", "out.h5", "sweep.yaml",
+    ]  # fmt: skip
+
+
+def test_a_table_beyond_the_limit_of_a_file_is_named(file):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        result = call("export", str(file), "-o", "points.csv")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert result.exit_code == 1
+    assert result.stderr == "vibroimpact: error: points.csv cannot be written: File too large\n"
     assert sorted(path.name for path in Path().iterdir()) == ["out.h5", "sweep.yaml"]

@@ -1,0 +1,130 @@
+"""Files are replaced whole or not at all, and nothing else than a file is."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sweeps.errors import Failed, StoreError
+from sweeps.store import replacing as module
+from sweeps.store.replacing import check_target, remove_leftovers, replacing
+
+
+def written(path, text="new"):
+    with replacing(Path(path)) as new:
+        new.write_text(text)
+
+
+def test_a_failure_leaves_what_was_there_and_nothing_beside_it():
+    Path("a").write_text("old")
+    for error, raised in ((OSError(28, "No space left"), Failed), (KeyboardInterrupt(), None)):
+        with pytest.raises(raised or KeyboardInterrupt) as caught, replacing(Path("a")) as new:
+            new.write_text("half")
+            raise error
+        assert raised is None or str(caught.value) == "a cannot be written: No space left"
+    assert Path("a").read_text() == "old" and os.listdir() == ["a"]
+    written("a")
+    assert Path("a").read_text() == "new" and os.listdir() == ["a"]
+
+
+def test_a_link_of_the_user_stays_a_link():
+    Path("link").symlink_to("a")
+    written("link")
+    assert Path("link").is_symlink() and Path("a").read_text() == "new"
+
+
+def test_a_planted_draft_is_not_followed(monkeypatch):
+    """Not even where its random name was guessed."""
+    monkeypatch.setattr(module.secrets, "token_hex", lambda count: "0" * 2 * count)
+    Path("victim").write_text("precious")
+    Path(f".a.{os.getpid()}-00000000.new").symlink_to("victim")
+    with pytest.raises(Failed, match="a cannot be written: File exists"):
+        written("a")
+    assert Path("victim").read_text() == "precious" and not Path("a").exists()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a link away")
+def test_a_link_of_another_user_is_not_followed():
+    Path("victim").write_text("precious")
+    Path("a").symlink_to("victim")
+    os.lchown("a", 65534, 65534)
+    with pytest.raises(StoreError, match="a is a link of another user"):
+        written("a")
+    assert Path("victim").read_text() == "precious" and Path("a").is_symlink()
+
+
+def fifo():
+    os.mkfifo("a")
+
+
+def unix_socket():
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("a")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (fifo, "a is a FIFO, not a regular file, and will not be replaced"),
+        (unix_socket, "a is a socket"),
+        (lambda: Path("a").symlink_to("/dev/null"), "a is a device"),
+        (lambda: Path("a").mkdir(), "a is a directory"),
+        (lambda: Path("a").symlink_to("a"), "'a' cannot be used: Too many levels of symbolic"),
+        (
+            lambda: Path("a").symlink_to("no/b"),
+            "/no of the picture a, a link to .*/no/b, does",
+        ),
+    ],
+)
+def test_what_is_no_file_is_refused_and_stays(make, said):
+    make()
+    before = os.lstat("a")
+    for attempt in (check_target, replacing):
+        with pytest.raises(StoreError, match=said):
+            with attempt(Path("a"), "picture"):
+                pass
+    assert os.lstat("a") == before and os.listdir() == ["a"]
+
+
+@pytest.mark.parametrize("name", ["no/a", "file/a", "x" * 256, "a\0b", ""])
+def test_a_path_that_no_file_can_have_is_refused(name):
+    Path("file").touch()
+    with pytest.raises(StoreError):
+        check_target(Path(name), "picture")
+
+
+def test_a_name_as_long_as_any_is_taken():
+    name = "é" * 127 + "x"
+    written(name)
+    assert os.listdir() == [name]
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next():
+    code = (
+        "import os, signal, pathlib\n"
+        "from sweeps.store.replacing import replacing\n"
+        "with replacing(pathlib.Path('a')):\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    killed = subprocess.run([sys.executable, "-c", code])
+    assert killed.returncode == -signal.SIGKILL
+    (left,) = os.listdir()
+    assert left.startswith(".a.") and left.endswith(".new")
+    written("b")
+    assert left in os.listdir()
+    with replacing(Path("a")):  # its draft is that of a process that lives
+        written("a")
+        assert left not in os.listdir() and len(os.listdir()) == 3
+    # The same number of a process that ended before this one began, as in a container.
+    left = Path(f".a.{os.getpid()}-01234567.new")
+    left.touch()
+    os.utime(left, (1e9, 1e9))
+    others = [".a.new", ".a.1-0123456.new", ".a.mine.new", ".ab.1-01234567.new"]
+    for name in others:
+        Path(name).touch()
+    remove_leftovers(Path("a"))
+    assert sorted(os.listdir()) == sorted(["a", "b", *others])
