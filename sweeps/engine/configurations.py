@@ -10,6 +10,7 @@ import yaml
 from sweeps.config.loading import load_config, parse_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
+from sweeps.interrupts import raised_at_once
 from sweeps.store import open_sweep
 from sweeps.text import nearest, suggestion
 
@@ -36,7 +37,8 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
         If the file cannot be read, or the configuration is not valid.
     """
     if not is_hdf5(path):
-        return load_config(path, overrides)
+        with raised_at_once():  # a pipe may never be written to
+            return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
         text = dataset.attrs["configuration"]
     written = any(override.partition("=")[0].strip() == "output" for override in overrides)

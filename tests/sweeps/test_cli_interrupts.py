@@ -96,6 +96,22 @@ def test_a_signal_ends_a_run(folder, number):
     assert "Traceback" not in stderr
 
 
+@pytest.mark.slow
+def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
+    os.mkfifo("pipe.yaml")
+    command = [sys.executable, "-m", "sweeps.cli", "run", "pipe.yaml"]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
+        try:
+            writer = os.open("pipe.yaml", os.O_WRONLY)  # which waits for the command to read
+            run.send_signal(signal.SIGTERM)
+            _, stderr = run.communicate(timeout=60)
+        finally:
+            run.kill()
+    os.close(writer)
+    assert (run.returncode, stderr) == (1, "vibroimpact: error: interrupted\n")
+
+
 @pytest.fixture
 def listening(monkeypatch):
     """What the process of a command has from its start."""

@@ -84,6 +84,13 @@ def test_a_cut_file_is_compiled_anew(folder, size):
     assert [call(folder), call(folder)] == [False, True]
 
 
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(folder):
+    (path,) = folder.iterdir()
+    path.unlink()
+    os.mkfifo(path, 0o600)
+    assert [call(folder), call(folder)] == [False, True]
+
+
 class Planted:
     """Tells by a file that its pickle was read."""
 
