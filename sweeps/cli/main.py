@@ -67,6 +67,14 @@ def _show_version(requested: bool) -> None:
         raise typer.Exit
 
 
+def _check_folder() -> None:
+    """Refuse to work in a folder that is there no more."""
+    try:
+        os.getcwd()
+    except OSError:
+        raise Refused("the working folder was removed; change to one that exists") from None
+
+
 def _check_numba() -> None:
     """Refuse settings of numba that it cannot read or work with; its error says what is wrong."""
     file = Path(".numba_config.yaml")
@@ -102,6 +110,7 @@ def _common(
     ] = False,
 ) -> None:
     """Sweeps of a forced oscillator with impacts: YAML in, HDF5 and pictures out."""
+    _check_folder()
     _check_numba()
     if context.invoked_subcommand not in ("run", "zoom", "explore"):
         context.with_resource(raised_at_once())

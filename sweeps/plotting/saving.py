@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import warnings
+from functools import cache
 from importlib import metadata
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
@@ -13,7 +15,9 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import listed
 from sweeps.errors import Refused
+from sweeps.plotting.style import dots_per_inch, user_style
 from sweeps.store.replacing import check_target, replacing
+from sweeps.text import shortened
 
 #: Of each format, the fields for a title, the program and a text.
 _FIELDS = {
@@ -24,6 +28,8 @@ _FIELDS = {
 #: The same picture gives the same bytes at any time.
 _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 FORMATS = tuple(_FIELDS)
+#: A figure has less than so many pixels each way.
+_MOST_PIXELS = 2**16
 
 
 def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
@@ -59,13 +65,44 @@ def check_picture(output: Path, data: str | Path = "") -> None:
     Raises
     ------
     Refused
-        If it is the file that is drawn, its ending is none of ``FORMATS``, or no file can be there.
+        If it is the file that is drawn, its ending is none of ``FORMATS``, no file can be there,
+        or matplotlib cannot draw with the settings of the user.
     """
     if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
         raise Refused(f"the picture {output} would replace the data; give -o another file")
     if output.suffix.lower().lstrip(".") not in FORMATS:
         raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
     check_target(output, "picture")
+    settings = mpl.matplotlib_fname()
+    if not settings.startswith(mpl.get_data_path()):
+        _check_settings(settings)
+
+
+@cache
+def _check_settings(file: str) -> None:
+    """Refuse settings of the user by drawing a simple figure with them."""
+    figure = Figure()
+    figure.add_subplot().set_title("$x$")
+    with mpl.rc_context(user_style()):
+        _check_size(figure)
+        try:
+            figure.savefig(BytesIO(), format="png")
+        except Exception as error:  # text.usetex without LaTeX, say
+            reason = shortened(str(error), 200)
+            raise Refused(
+                f"matplotlib cannot draw with the settings in {file}: {reason}; correct them"
+            ) from None
+
+
+def _check_size(figure: Figure) -> None:
+    """Refuse a figure of more pixels than matplotlib draws; an SVG and a PDF hold pixels, too."""
+    width, height = figure.get_size_inches() * dots_per_inch()
+    if max(width, height) >= _MOST_PIXELS:
+        raise Refused(
+            f"a picture of {width:.0f} x {height:.0f} pixels is too large; expected: less than "
+            f"{_MOST_PIXELS} each way, by a lower savefig.dpi in matplotlib's settings or a "
+            "smaller width"
+        )
 
 
 def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> None:
@@ -74,8 +111,9 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     Raises
     ------
     Refused, Failed
-        If it cannot be written there, as from `replacing`.
+        If it is too large, or cannot be written there, as from `replacing`.
     """
+    _check_size(figure)
     kind = output.suffix.lower().lstrip(".")
     about = dict(zip(_FIELDS[kind], description, strict=False))
     with replacing(output, "picture") as draft, warnings.catch_warnings():

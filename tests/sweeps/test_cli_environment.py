@@ -1,6 +1,7 @@
 """Commands in the hands of others: start-up, odd settings, names and streams."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -144,6 +145,34 @@ def test_odd_settings_of_matplotlib_are_refused():
     assert result.returncode == 2 and not Path("small.png").exists()
     assert "matplotlib cannot work with its settings: " in result.stderr
     assert "unset or correct MPLBACKEND" in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("savefig.dpi: 1e9", "pixels is too large; expected: less than 65536 each way"),
+        ("text.usetex: True", "matplotlib cannot draw with the settings in matplotlibrc: "),
+    ],
+)
+def test_settings_that_matplotlib_cannot_draw_with_are_refused(setting, told):
+    accepted("run", "sweep.yaml", "--quiet")
+    Path("matplotlibrc").write_text(setting)
+    for arguments in (("plot", "small.h5"), ("plot", "small.h5", "-o", "a.svg")):
+        result = process(*arguments)
+        assert (result.returncode, result.stdout) == (2, "")
+        assert told in result.stderr and result.stderr.count("\n") == 1
+    assert not list(Path().glob("*.png")) and not list(Path().glob("*.svg"))
+
+
+@pytest.mark.slow
+def test_a_folder_that_was_removed_is_named():
+    Path("folder").mkdir()
+    os.chdir("folder")
+    Path("../folder").rmdir()
+    result = process("info", "small.h5")
+    assert result.returncode == 2
+    assert result.stderr.startswith("vibroimpact: error: the working folder was removed")
 
 
 @pytest.mark.slow
