@@ -171,7 +171,7 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
         here, name = _line_of(key_node), key_node.value
         if not isinstance(name, str):
             raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
-        _text_of(key_node, here)
+        name = _text_of(key_node, here)
         child = (*key, name)
         if name in mapping:
             raise ConfigError(
@@ -184,20 +184,21 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
 
 
 def _text_of(node: yaml.Node, source: str) -> str:
-    """Return the text of a scalar, if it can be written to a file."""
-    text = str(node.value)
-    if any("\ud800" <= c <= "\udfff" for c in text):
-        raise ConfigError(f"{source}: half of a surrogate pair is no character; expected: Unicode")
-    return text
+    """Return the text of a scalar, in which two escapes of 16 bits may make one character."""
+    try:
+        return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
+    except UnicodeDecodeError:
+        reason = "half of a surrogate pair is no character; expected: Unicode"
+        raise ConfigError(f"{source}: {reason}") from None
 
 
 def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
     """Set one key in `data`, as ``--set`` asks."""
-    origin = f"--set {override}"
+    origin = f"--set {shortened(override)}"
     name, equals, value = override.partition("=")
-    if not equals:
-        raise ConfigError(f"{origin}: expected key=value, for example oscillator.h=0.2")
     key = tuple(name.strip().split("."))
+    if not equals or not all(key):
+        raise ConfigError(f"{origin}: expected key=value, for example oscillator.h=0.2")
     target = data
     for depth, part in enumerate(key[:-1], 1):
         sources.setdefault(key[:depth], origin)

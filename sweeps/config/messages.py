@@ -102,8 +102,9 @@ def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
 
 
 def dotted(key: Key) -> str:
-    """Write a key as in ``--set``: oscillator.h[2]."""
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)[1:]
+    """Write a key as in ``--set``, cut where it is long: oscillator.h[2]."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part or '(nothing)'}" for part in key)
+    return shortened("".join(parts)[1:])
 
 
 def shown(value: object) -> str:

@@ -38,8 +38,9 @@ class MisplacedError(ValueError):
 
 
 def plain_number(value: object) -> object:
-    """Refuse what pydantic takes for a number beside numbers: 1_0 for 10, and True for 1."""
-    if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
+    """Refuse what Python takes for a number beside numbers: 1_0 for 10, ١ for 1, and True for 1."""
+    text = value if isinstance(value, str) else ""
+    if isinstance(value, bool) or "_" in text or not text.isascii():
         raise ValueError("is not a number")
     return value
 

@@ -315,8 +315,9 @@ def test_overrides_may_add_a_group():
             ["record.trajectory.ever (did you mean every?)"],
         ),
         ("record.trajectory={}", ["record.trajectory.every is missing"]),
-        ("=", ["unknown key"]),
-        ("a..b=1", ["unknown key a"]),
+        ("=", ["expected key=value"]),
+        ("..x=1", ["expected key=value"]),
+        ("a..b=1", ["expected key=value"]),
         ("<scalar>=1", ["unknown key <scalar>"]),
     ],
 )

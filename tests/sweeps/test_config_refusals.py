@@ -174,6 +174,7 @@ def test_of_many_errors_the_first_are_said_and_the_number_of_all():
         r'name: "\uD800"',
         r'output: "\uDFFF.h5"',
         r'"\uD800": 1',
+        r'name: "\ude00\ud83d"',
         r'oscillator: {h: "\UFFFFFFFF"}',
     ],
 )
@@ -181,6 +182,29 @@ def test_an_escape_that_is_no_character_is_refused(text):
     assert "sweep.yaml" in refusal(text + "\n")
     if text.startswith("osc"):
         assert "--set oscillator.h=" in refusal(oscillator(), [r'oscillator.h="\UFFFFFFFF"'])
+
+
+def test_two_escapes_of_16_bits_are_the_character_that_json_means():
+    assert load(rf'name: "\ud83d\ude00"{chr(10)}{oscillator()}').name == "😀"
+
+
+def test_digits_of_other_scripts_are_no_numbers():
+    assert "oscillator.h = １ is not a number" in refusal(oscillator(h="１"))
+    text = f"{oscillator()}record: {{periods: ١٢}}\n"
+    assert "record.periods = ١٢ is not a number" in refusal(text)
+
+
+def test_a_long_key_is_cut_and_an_empty_one_named():
+    long = "k" * 900
+    for message in (
+        refusal(f"{oscillator()}{long}: 1\n"),
+        refusal(oscillator(), [f"{long}=1"]),
+        refusal(oscillator(), [f"oscillator.{long}=1"]),
+        refusal(oscillator(), [f"oscillator.h.{long}=1"]),
+        refusal(oscillator(), ["k." * 400 + "k=1"]),
+    ):
+        assert "k..." in message and len(message) < 500
+    assert "unknown key (nothing);" in refusal(f'{oscillator()}"": 1\n')
 
 
 @pytest.mark.parametrize("escape", [r"\x1b[31m", r"\x9b31m", r"\x7f", r"\r"])
