@@ -35,6 +35,7 @@ def explore(
     """Look at a diagram in the browser: every zoom, pan or slider computes it anew."""
     import logging
     import time
+    from tempfile import TemporaryDirectory
 
     from sweeps import explore as open_page
 
@@ -46,10 +47,11 @@ def explore(
         for line in _left_out(config):
             say(line, error=True)
         say(f"{explorer.address}\nCtrl-C ends it.")
-        if not no_browser and not _open(explorer.address):
-            say("no browser can be opened here; open the address in one", error=True)
-        while not came():
-            time.sleep(_WAIT)
+        with TemporaryDirectory(prefix="vibroimpact-") as private:
+            if not no_browser and not _open(_redirection(explorer.address, Path(private))):
+                say("no browser can be opened here; open the address in one", error=True)
+            while not came():
+                time.sleep(_WAIT)
     finally:
         explorer.close()
 
@@ -76,6 +78,19 @@ def _left_out(config: SweepConfig) -> list[str]:
     }
     reason = "each point is computed from its own start, with the method exact by default"
     return [f"{key} is left out here: {reason}" for key, present in keys.items() if present]
+
+
+def _redirection(address: str, private: Path) -> str:
+    """Write a page that leads to an address; return its own address.
+
+    Every user of the machine sees the arguments of a browser, and must not see the signed address.
+    """
+    from html import escape
+
+    page = private / "explore.html"
+    page.touch(mode=0o600)
+    page.write_text(f'<meta http-equiv="refresh" content="0; url={escape(address)}">\n')
+    return page.as_uri()
 
 
 def _open(address: str) -> bool:

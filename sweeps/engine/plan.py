@@ -22,7 +22,8 @@ from vibroimpact.step.rules import IMPACT_RULES
 #: Results of one block in memory, more only for full lanes [bytes].
 _BLOCK_MEMORY = 64 * 2**20
 #: Blocks in memory at once, with what their computation needs: one is computed, one waits, one is
-#: written. From the peak of runs with blocks of 64 MB and 1 GB.
+#: written. From the peak of runs with blocks of 64 MB and 1 GB. A picture on the screen takes up to
+#: 4.1 times its results.
 _BLOCKS_HELD = 5
 #: Time steps of one block at most, all points together, so that it takes about a second.
 _BLOCK_STEPS = 200_000_000
@@ -106,13 +107,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
     chain_memory = chain * _memory_per_point(config)
-    available = _available_memory()
-    if _BLOCKS_HELD * chain_memory > available:
-        needed = shown_bytes(_BLOCKS_HELD * chain_memory)
-        raise StoreError(
-            f"{_unit(config)} takes about {needed} of memory, and only "
-            f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
-        )
+    available = check_memory(config, chain, _unit(config))
     # Full sets of lanes are worth more memory, where there is plenty.
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
@@ -121,6 +116,36 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
     # Whole sets of lanes, where there is room for one: they fill the vectors.
     return chain * (min(fits, wanted) // lanes * lanes or fits)
+
+
+def check_memory(config: SweepConfig, points: int, what: str) -> int:
+    """Refuse points that are computed at once if they do not fit into memory.
+
+    Parameters
+    ----------
+    config : SweepConfig
+    points : int
+        Of the grid.
+    what : str
+        They, for the message.
+
+    Returns
+    -------
+    int
+        The bytes of memory that this process can take.
+
+    Raises
+    ------
+    StoreError
+        Says how much memory the points take, and how much there is.
+    """
+    needed, available = _BLOCKS_HELD * points * _memory_per_point(config), _available_memory()
+    if needed > available:
+        raise StoreError(
+            f"{what} takes about {shown_bytes(needed)} of memory, and only "
+            f"{shown_bytes(available)} are available; record fewer periods, impacts or samples"
+        )
+    return available
 
 
 def _chain(config: SweepConfig) -> int:

@@ -70,8 +70,7 @@ class Controls:
         self.exact.on_change("active", self._on(lambda view, on: replace(view, exact=on)))
         save_button = Button(label="save as YAML", name="save", width=_WIDTH, height=30)
         save_button.on_click(save)
-        self.status = Div(name="status", width=_WIDTH, text="")
-        self.error = Div(name="error", width=_WIDTH, text="", styles={"color": "#B00020"})
+        self.status, self.error = _message("status", "inherit"), _message("error", "#B00020")
         self.layout = column(
             self.ordinate, self.axis, *rows, row(*records, spacing=4), self.exact, save_button,
             self.status, self.error, width=_WIDTH + 12, spacing=1, sizing_mode="stretch_height",
@@ -139,6 +138,12 @@ class Controls:
         for name in _RECORD:
             self.fields[name].value = view.record[name]
         self._showing = False
+
+
+def _message(name: str, colour: str) -> Div:
+    """Return the place of messages, which repeat what files, addresses and fields hold."""
+    styles = {"color": colour, "white-space": "pre-line", "overflow-wrap": "anywhere"}
+    return Div(name=name, width=_WIDTH, text="", styles=styles, render_as_text=True)
 
 
 def meaning(name: str) -> str:

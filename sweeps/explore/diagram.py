@@ -21,11 +21,13 @@ from bokeh.models import (
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
+from sweeps.engine.plan import check_memory
 from sweeps.explore import picture
 from sweeps.explore.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explore.view import View, Window, bounds
 from sweeps.explore.worker import Step
 from sweeps.plotting.palette import STATUS_COLOURS, VERMILION
+from sweeps.text import shown_count
 
 #: The coarse picture has so many times fewer columns.
 COARSER = 4
@@ -42,8 +44,15 @@ Results = Mapping[str, np.ndarray]
 
 
 def numbers(config: SweepConfig) -> Results:
-    """Compute all points of a configuration, the same numbers as a run of it."""
+    """Compute all points of a configuration, the same numbers as a run of it.
+
+    Raises
+    ------
+    StoreError
+        If they do not fit into memory.
+    """
     grid = config.grid
+    check_memory(config, grid.size, f"a picture of {shown_count(grid.size, 'point')}")
     return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
 
 

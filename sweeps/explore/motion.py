@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from html import escape
 
 import numpy as np
 import xarray as xr
@@ -138,8 +139,8 @@ class MotionPanel:
             source.data = dict(zip("txv", rows, strict=True))
         for stop in self._stops:
             stop.location = drawn.clearance
-        where = f"{symbol(view.axis)} = {view.values[view.axis]:.6g}"
+        said = escape(f"{symbol(view.axis)} = {view.values[view.axis]:.6g}: {drawn.text}")
         self.text.text = (
-            f"<b>{where}: {drawn.text}</b> &nbsp; <span style='color:{ORANGE}'>●</span> impacts, "
+            f"<b>{said}</b> &nbsp; <span style='color:{ORANGE}'>●</span> impacts, "
             f"┄ stop, x = {symbol('clearance')} = {drawn.clearance:.6g}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import ConfigError, Failed
+from sweeps.errors import ConfigError, SweepError
 from sweeps.explore.branches import Branches
 from sweeps.explore.controls import Controls, meaning
 from sweeps.explore.diagram import Diagram, Shown
@@ -262,11 +263,11 @@ class Page:
         """Write the configuration of what is seen, and say where."""
         try:
             path = write_yaml(self.view, self._configuration(), self.folder)
-        except Failed as error:
+        except SweepError as error:
             self._refuse(str(error))
         else:
             self.controls.error.text = ""
-            self.controls.status.text = f"saved: {path}; vibroimpact run {path.name}"
+            self.controls.status.text = f"saved: {path}; vibroimpact run {shlex.quote(path.name)}"
 
     def _configuration(self) -> SweepConfig:
         """Return that of the finest picture in the open tab."""

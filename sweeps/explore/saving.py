@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import os
+import shlex
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import Failed
 from sweeps.explore.view import DIAGRAM, View
+from sweeps.store.replacing import replacing
+from sweeps.text import printable
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
@@ -15,32 +18,27 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
 
     Raises
     ------
-    Failed
+    Refused, Failed
         If it cannot be written.
     """
-    for number in itertools.count(1):
-        name = f"{view.name}-view-{number}"
-        path = folder / f"{name}.yaml"
-        text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
-        try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise Failed(f"{path} cannot be written: {error.strerror}") from error
-        return path
-    raise AssertionError
+    names = (f"{view.name}-view-{number}" for number in itertools.count(1))
+    name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
+    path = folder / f"{name}.yaml"
+    text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
+    with replacing(path, "configuration") as new:
+        new.write_text(text, encoding="utf-8")
+    return path
 
 
 def _heading(view: View, name: str) -> str:
     """Return a comment that says how the picture is drawn."""
+    config, file = shlex.quote(f"{name}.yaml"), shlex.quote(f"{name}.h5")
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
     if view.tab == DIAGRAM:
         options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
         if view.ylim is not None:
             options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
-    return (
+    return printable(  # a line end in the name would end the comment
         "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"
-        f"#   vibroimpact run {name}.yaml\n#   vibroimpact plot {name}.h5 {options}\n"
+        f"#   vibroimpact run {config}\n#   vibroimpact plot {file} {options}\n"
     )

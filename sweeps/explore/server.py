@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
+import errno
+import hashlib
+import re
 import secrets
 import socket
 import threading
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from bokeh.document import Document
 from bokeh.resources import Resources
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.views.static_handler import StaticHandler
-from bokeh.util.token import generate_session_id
+from bokeh.util.token import check_token_signature, generate_session_id
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop
-from tornado.web import HTTPError, RequestHandler
+from tornado.web import ErrorHandler, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
@@ -26,23 +34,64 @@ from sweeps.explore.view import View
 
 HOST = "127.0.0.1"
 #: Names of this machine in the Host header; another name is that of a page that was led here.
-_OWN_NAMES = r"(?:127\.0\.0\.1|localhost)"
+_OWN_NAMES = (HOST, "localhost")
+#: What a page may do in the browser; a script in one of its texts, for example, is not run. Bokeh
+#: makes functions of texts and sets styles, and needs these two exceptions.
+_POLICY = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; img-src 'self' data: blob:; "
+    "style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-eval'{hashes}; "
+    "connect-src 'self' {sockets}"
+)
+_SCRIPT = re.compile(rb"<script(?: type=\"text/javascript\")?>(.*?)</script>", re.DOTALL)
+#: How long no connection is taken where there are no descriptors left [s].
+_PAUSE = 1.0
+#: How long a page may come back after its connection was lost [s]: ten years.
+_FOREVER = 10 * 365 * 86400
 
 
-class _Foreign(RequestHandler):
-    """Answers requests with a foreign Host header."""
+class _Policy(OutputTransform):
+    """Sends the policy with every answer; it allows the scripts in Bokeh's page by their hashes."""
 
-    def prepare(self) -> None:
-        raise HTTPError(403, reason=f"this page is at {HOST} only")
+    def __init__(self, hosts: Sequence[str], request: HTTPServerRequest) -> None:
+        self._sockets = " ".join(f"ws://{host}" for host in hosts)
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        digests = (hashlib.sha256(script).digest() for script in _SCRIPT.findall(chunk))
+        hashes = "".join(f" 'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+        policy = _POLICY.format(hashes=hashes, sockets=self._sockets)
+        headers["Content-Security-Policy"] = policy
+        return status_code, headers, chunk
 
 
 class _Application(BokehTornado):
-    """Sends the page the scripts that it needs, from here whatever Bokeh is set to."""
+    """The pages, for requests to this machine from its own pages alone."""
 
     def resources(self, absolute_url: str | bool | None = None) -> Resources:
+        """Return the scripts that a page needs, from here whatever Bokeh is set to."""
         version = StaticHandler.append_version
         scripts = ["bokeh", "bokeh-widgets"]
         return Resources("server", root_url="/", path_versioner=version, components=scripts)
+
+    def find_handler(self, request: HTTPServerRequest, **options: Any) -> Any:
+        """Refuse a foreign request here, because Bokeh logs a traceback for some of them."""
+        if self._is_own(request):
+            return super().find_handler(request, **options)
+        return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+
+    def _is_own(self, request: HTTPServerRequest) -> bool:
+        """Whether a request is to this machine, from no other page, and has no false token."""
+        own = f"http://{request.host}"
+        if request.host_name not in _OWN_NAMES or request.headers.get("Origin", own) != own:
+            return False
+        if request.path != "/ws":
+            return "bokeh-token" not in request.arguments  # the pages send none there
+        token = request.headers.get("Sec-WebSocket-Protocol", "").rpartition(",")[2].strip()
+        try:
+            return check_token_signature(token, self.secret_key, signed=True)
+        except Exception:  # whatever a text that is no token leads to
+            return False
 
 
 class Explorer:
@@ -98,16 +147,19 @@ class Explorer:
         """Run the server until its loop is stopped."""
         asyncio.set_event_loop(asyncio.new_event_loop())
         self._loop = IOLoop.current()
+        asyncio.get_event_loop().set_exception_handler(self._handle_failure)
+        hosts = [f"{name}:{self._port}" for name in _OWN_NAMES]
         application = _Application(
             self._open,
-            extra_websocket_origins=[f"{HOST}:{self._port}", f"localhost:{self._port}"],
+            transforms=[partial(_Policy, hosts)],
+            extra_websocket_origins=hosts,
             secret_key=self._key,
             sign_sessions=True,
             generate_session_ids=False,
+            session_token_expiration=_FOREVER,
             unused_session_lifetime_milliseconds=5000,
             check_unused_sessions_milliseconds=2000,
         )
-        application.add_handlers(rf"(?!{_OWN_NAMES}$).*", [(r".*", _Foreign)])
         http = HTTPServer(application)
         http.add_socket(self._socket)
         server = BaseServer(self._loop, application, http)
@@ -116,6 +168,16 @@ class Explorer:
         self._loop.start()
         server.stop(wait=False)
         self._loop.run_sync(http.close_all_connections)
+
+    def _handle_failure(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take no connection for a while where there are no descriptors left; log all else."""
+        error = context.get("exception")
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            assert self._loop is not None
+            self._loop.update_handler(self._socket, 0)
+            self._loop.call_later(_PAUSE, self._loop.update_handler, self._socket, IOLoop.READ)
+        else:
+            loop.default_exception_handler(context)
 
     def _open(self, document: Document) -> None:
         self.pages.append(Page(document, self._home, self._folder))

@@ -1,23 +1,16 @@
 """The live picture without a browser: views, pixels, the thread that computes, and the server."""
 
-import http.client
-import signal
 import subprocess
 import sys
 import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import numpy as np
-import psutil
 import pytest
 from bokeh.document import Document
 from bokeh.models import LogScale
-from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.ioloop import IOLoop
-from tornado.websocket import websocket_connect
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
@@ -36,13 +29,6 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 @pytest.fixture
 def view():
     return View.of(load_config(CONFIGS / "quickstart.yaml"))
-
-
-@pytest.fixture(scope="module")
-def explorer():
-    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
-    yield explorer
-    explorer.close()
 
 
 def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
@@ -109,6 +95,15 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
     with open_sweep(path) as dataset:
         for name in dataset.data_vars:
             np.testing.assert_array_equal(results[name], dataset[name].values)
+
+
+@pytest.mark.parametrize("key", ["periods", "impacts"])
+def test_more_than_the_memory_is_refused_with_both_figures(view, key):
+    """Of 1,000,000 numbers at each of 4096 points and more."""
+    config = view.with_query(f"{key}=1000000").diagram(4096)
+    two_figures = r"4,096 points takes about [\d.]+ GB of memory, and only [\d.]+ [MG]B are"
+    with pytest.raises(Refused, match=two_figures):
+        numbers(config)
 
 
 LOGARITHMIC = {
@@ -195,15 +190,6 @@ def test_failed_points_are_marked_and_named(tmp_path):
     page.worker.close()
 
 
-@pytest.mark.slow
-def test_ctrl_c_ends_the_command_at_once_with_0(tmp_path):
-    command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path) as process:
-        assert process.stdout.readline().startswith("http://127.0.0.1:")
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
-
-
 def test_only_the_newest_request_is_finished():
     started, shown = threading.Event(), []
     worker = Worker(lambda call: call(), shown.append)
@@ -252,56 +238,10 @@ def test_an_error_of_a_step_is_said_once():
     assert said == ["too much"]
 
 
-def answer(explorer, path, **headers):
-    connection = http.client.HTTPConnection(
-        "127.0.0.1", urlsplit(explorer.address).port, timeout=30
-    )
-    connection.request("GET", path, headers=headers)
-    response = connection.getresponse()
-    connection.close()
-    return response.status, response.read().decode()
-
-
-def test_only_the_signed_address_and_this_host_are_served(explorer):
-    parts = urlsplit(explorer.address)
-    signed = f"/?{parts.query}"
-    status, text = answer(explorer, signed)
-    assert status == 200
-    assert "cdn" not in text.lower() and "http://" not in text and "https://" not in text
-    assert answer(explorer, "/")[0] == 403
-    assert answer(explorer, signed[:-5] + "aaaaa")[0] == 403
-    for host in ("evil.example", f"evil.example:{parts.port}", "127.0.0.1.evil.example"):
-        assert answer(explorer, signed, Host=host)[0] == 403
-        assert answer(explorer, "/static/js/bokeh.min.js", Host=host)[0] == 403
-    assert answer(explorer, signed, Host=f"localhost:{parts.port}")[0] == 200
-    sockets = psutil.Process().net_connections("tcp")
-    bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
-    assert bound == {"127.0.0.1"}
-
-
-def test_the_websocket_of_another_page_is_refused(explorer):
-    parts = urlsplit(explorer.address)
-    request = HTTPRequest(f"ws://{parts.netloc}/ws", headers={"Origin": "http://evil.example"})
-    with pytest.raises(HTTPClientError, match="403"):
-        IOLoop(make_current=False).run_sync(lambda: websocket_connect(request))
-
-
-def test_a_notebook_shows_the_page_itself(explorer):
-    text = explorer._repr_html_()
-    assert text.startswith("<iframe")
-    assert explorer.address in text
-
-
 @pytest.mark.slow
 def test_the_room_can_be_called_whatever_was_imported_first():
     code = "import sweeps.explore.view, sweeps; assert callable(sweeps.explore), sweeps.explore"
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_a_port_in_use_is_refused(explorer):
-    port = urlsplit(explorer.address).port
-    with pytest.raises(Refused, match=f"--port {port} cannot be used .*in use"):
-        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)
 
 
 def test_without_bokeh_the_extra_is_named(monkeypatch):

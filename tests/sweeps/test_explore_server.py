@@ -1,0 +1,230 @@
+"""The server of the live picture: who reaches it, what it shows of others' texts, and its end."""
+
+import html
+import http.client
+import os
+import re
+import resource
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from functools import partial
+from itertools import cycle
+from pathlib import Path
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+import psutil
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.ioloop import IOLoop
+from tornado.websocket import websocket_connect
+
+import sweeps
+from browser import Window, chromium
+from sweeps import Refused, load_config
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture(scope="module")
+def explorer():
+    explorer = sweeps.explore(load_config(CONFIGS / "quickstart.yaml"))
+    yield explorer
+    explorer.close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@contextmanager
+def started(*options, **variables):
+    """Start the command; yield its process and the address that it shows, and end it."""
+    command = [sys.executable, "-m", "sweeps.cli", "explore", *options]
+    streams = {"stdout": subprocess.PIPE, "stderr": Path("stderr.txt").open("w"), "text": True}
+    with subprocess.Popen(command, env={**os.environ, **variables}, **streams) as process:
+        try:
+            yield process, process.stdout.readline().strip()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 0
+        finally:
+            process.kill()
+            streams["stderr"].close()
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_command_at_once_with_0():
+    with started("--no-browser") as (_, address):
+        assert address.startswith("http://127.0.0.1:")
+
+
+def answer(address, path, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", urlsplit(address).port, timeout=30)
+    connection.request("GET", path, headers=headers)
+    response = connection.getresponse()
+    status, text = response.status, response.read().decode()
+    connection.close()
+    return status, text
+
+
+def test_only_the_signed_address_and_this_host_are_served(explorer):
+    parts = urlsplit(explorer.address)
+    signed = f"/?{parts.query}"
+    status, text = answer(explorer.address, signed)
+    assert status == 200
+    assert "cdn" not in text.lower() and "http://" not in text and "https://" not in text
+    assert answer(explorer.address, "/")[0] == 403
+    assert answer(explorer.address, signed[:-5] + "aaaaa")[0] == 403
+    for host in ("evil.example", f"evil.example:{parts.port}", "127.0.0.1.evil.example"):
+        assert answer(explorer.address, signed, Host=host)[0] == 403
+        assert answer(explorer.address, "/static/js/bokeh.min.js", Host=host)[0] == 403
+    assert answer(explorer.address, signed, Host=f"localhost:{parts.port}")[0] == 200
+    sockets = psutil.Process().net_connections("tcp")
+    bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
+    assert bound == {"127.0.0.1"}
+
+
+def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, caplog):
+    parts = urlsplit(explorer.address)
+    _, text = answer(explorer.address, f"/?{parts.query}")
+    token = re.search(r'"token":"([^"]*)"', text)[1]
+    false = ("", "x", "\xff", token[:-9], f"{token}x", token.partition(".")[0] + ".x")
+    attempts = [{"Sec-WebSocket-Protocol": f"bokeh, {text}"} for text in false]
+    attempts += [{"Sec-WebSocket-Protocol": f"bokeh, {token}", "Origin": "http://evil.example"}, {}]
+    for headers in attempts:
+        request = HTTPRequest(f"ws://{parts.netloc}/ws", headers=headers)
+        with pytest.raises(HTTPClientError, match="403"):
+            IOLoop(make_current=False).run_sync(partial(websocket_connect, request))
+    for path in ("/", "/autoload.js", "/metadata"):
+        assert answer(explorer.address, f"{path}?bokeh-token=x")[0] == 403
+    assert [record for record in caplog.records if record.name != "tornado.access"] == []
+    right = {"Sec-WebSocket-Protocol": f"bokeh, {token}", "Origin": f"http://{parts.netloc}"}
+    request = HTTPRequest(f"ws://{parts.netloc}/ws", headers=right)
+    IOLoop(make_current=False).run_sync(partial(websocket_connect, request)).close()
+
+
+@pytest.mark.slow
+def test_a_server_without_descriptors_waits_and_goes_on():
+    """Others may take all connections; the log stays empty, and the page is there afterwards."""
+    with started("--no-browser") as (process, address):
+        parts = urlsplit(address)
+        assert answer(address, f"/?{parts.query}")[0] == 200
+        left = psutil.Process(process.pid).num_fds() + 5
+        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (left, left))
+        taken = [socket.create_connection((parts.hostname, parts.port)) for _ in range(8)]
+        time.sleep(0.5)
+        for connection in taken:
+            connection.close()
+        assert answer(address, f"/?{parts.query}")[0] == 200
+    assert Path("stderr.txt").read_text() == ""
+
+
+#: Stands for a browser: it waits to be seen in the list of processes.
+BROWSER = """\
+import os, sys, time
+open("new", "w").write(sys.argv[1])
+os.rename("new", "opened")
+while os.path.exists("opened"):
+    time.sleep(0.1)
+"""
+
+
+@pytest.mark.slow
+def test_the_list_of_processes_does_not_show_the_address():
+    """The browser is given a file of this user alone, which leads to the address and is removed."""
+    Path("browser.py").write_text(BROWSER)
+    opened = Path("opened")
+    with started(BROWSER=f"{sys.executable} browser.py %s &") as (process, address):
+        while not opened.exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        seen = [" ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline"])]
+        given = opened.read_text()
+        opened.unlink()
+        assert any(given in arguments for arguments in seen)
+        assert not any(address.rpartition("=")[2] in arguments for arguments in seen)
+        page = Path(urlsplit(given).path)
+        assert stat.S_IMODE(page.stat().st_mode) == 0o600
+        assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
+        assert f"url={address}" in html.unescape(page.read_text())
+    assert not page.parent.exists()
+
+
+def test_a_notebook_shows_the_page_itself(explorer):
+    text = explorer._repr_html_()
+    assert text.startswith("<iframe")
+    assert explorer.address in text
+
+
+def test_a_port_in_use_is_refused(explorer):
+    port = urlsplit(explorer.address).port
+    with pytest.raises(Refused, match=f"--port {port} cannot be used .*in use"):
+        sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)
+
+
+MARKUP = (
+    '<img src=x onerror="window.ran = 1">',
+    "<svg onload='window.ran = 1'>",
+    "<script>window.ran = 1</script>",
+    '"><iframe srcdoc="<script>parent.ran = 1</script>">',
+    "&lt;b&gt; <b>$$x$$",
+)
+
+
+def ask(window, query):
+    """Let the page read an address."""
+    code = "(text) => {Bokeh.documents[0].get_model_by_name('address').value = text}"
+    window.tab.evaluate(code, query)
+
+
+def shown(window, name):
+    """Return the text that is seen in a place of messages, and the number of its elements."""
+    code = (
+        "{const e = Bokeh.index.find_one(m).markup_el; return [e.textContent, e.children.length]}"
+    )
+    return window.model(name, code)
+
+
+@pytest.mark.slow
+def test_markup_in_files_addresses_and_fields_is_shown_as_text(browser, tmp_path):
+    name = "<img src=x onerror='window.ran = 1'>"
+    config = {
+        "name": name,
+        "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.4, 3.5], "f": 1.0},
+        "record": {"transient": 10, "periods": 5},
+    }
+    explorer = sweeps.explore(load_config(config), folder=tmp_path)
+    window = Window(browser, explorer)
+    page, controls = window.page, window.page.controls
+    assert window.tab.title() == f"{name}: vibroimpact"
+    window.tab.get_by_text("save as YAML").click()
+    window.settle(lambda: shown(window, "status") == [controls.status.text, 0])
+    assert name in controls.status.text
+    (path,) = tmp_path.iterdir()
+    assert path.name == f"{name}-view-1.yaml"
+    load_config(path)
+    for (key, _), markup in zip(parse_qsl(page.view.query()), cycle(MARKUP), strict=False):
+        ask(window, urlencode({key: markup}))
+        window.settle(lambda markup=markup: markup in controls.error.text)
+        window.settle(lambda: shown(window, "error") == [controls.error.text, 0])
+    assert window.tab.evaluate("window.ran") is None
+    assert window.problems == []
+    window.tab.close()
+    explorer.close()
+
+
+@pytest.mark.slow
+def test_a_script_that_gets_into_the_page_is_not_run(browser, explorer):
+    window = Window(browser, explorer)
+    code = "(text) => document.body.append(document.createRange().createContextualFragment(text))"
+    for markup in MARKUP:
+        window.tab.evaluate(code, markup)
+    window.tab.wait_for_timeout(200)
+    assert window.tab.evaluate("window.ran") is None
+    window.tab.close()
