@@ -151,7 +151,7 @@ def exact_samples(
     t, x, v : ndarray, shape (k,)
         The rows, unchanged, and the samples between them.
     """
-    omega, pt = oscillator.omega, oscillator.at()[0]
+    omega, pt = oscillator.omega, oscillator.at(oscillator.clearance)[0]
     step = np.diff(t)
     # The margin keeps rounding from halving steps that are short enough.
     parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9).astype(np.int64)

@@ -4,7 +4,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,12 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.engine.background import check_given_up
 from sweeps.explore import picture
 from sweeps.explore.diagram import Diagram, numbers
+from sweeps.explore.motion import motion_at
 from sweeps.explore.page import Page
 from sweeps.explore.view import MAP, View
 from sweeps.explore.worker import Step, Worker
-from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -46,6 +48,17 @@ def test_the_height_is_that_above_the_stop_of_each_column(view):
     results = numbers(config)
     expected = np.linspace(0.0, 2.0, 4)[:, None] - results["poincare_x"]
     np.testing.assert_array_equal(picture.ordinates(config, results, "poincare_height"), expected)
+
+
+def test_the_motion_at_a_stop_that_presses(view):
+    """The orbit in closed form, and a line through its impacts that stays below the stop."""
+    osc = Oscillator(h=0.05, R=0.7, omega=2.3, f=1.0, clearance=-0.2)
+    drawn = motion_at(view.moved(**asdict(osc), x0=-0.5))
+    closed = one_impact_orbit(osc)
+    assert closed.stable and drawn.text.startswith("periodic, class 1/1")
+    np.testing.assert_allclose(drawn.impacts[2], [closed.v] * 4, rtol=1e-6)
+    assert drawn.line[1].max() == drawn.clearance == -0.2
+    assert np.diff(drawn.line[0]).max() <= osc.forcing_period / 64 * (1.0 + 1e-9)
 
 
 def test_every_scene_can_be_looked_at():

@@ -45,7 +45,13 @@ def test_what_is_not_allowed_is_named(name, value):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "osc", [OSC, Oscillator(0.0, 0.8, 1.0, 1.0), Oscillator(1.0, 0.8, 0.7, 1.0, clearance=0.4)]
+    "osc",
+    [
+        OSC,
+        Oscillator(0.0, 0.8, 1.0, 1.0),
+        Oscillator(1.0, 0.8, 0.7, 1.0, clearance=0.4),
+        Oscillator(0.05, 0.7, 2.3, 1.0, clearance=-0.2),
+    ],
 )
 def test_states_between_the_steps_are_on_the_flow(osc):
     """Against an integration of eq. (1) by SciPy, also at resonance and critical damping."""
