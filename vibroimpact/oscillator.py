@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -57,10 +57,10 @@ class Parameter:
             return f"a finite number {'>' if self.low_open else '>='} {self.low:g}"
         return "a finite number"
 
-    def accepts(self, value: float) -> bool:
-        """Whether `value` is finite and inside the valid interval."""
+    def accepts(self, value: Any) -> Any:
+        """Whether `value` is finite and inside the valid interval, elementwise."""
         above = value > self.low if self.low_open else value >= self.low
-        return math.isfinite(value) and above and value <= self.high
+        return np.isfinite(value) & above & (value <= self.high)
 
 
 PARAMETERS: Mapping[str, Parameter] = {
@@ -101,9 +101,7 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
                 "; for many points at once: vibroimpact.integrate, or a sweep over an axis, "
                 "sweeps.run_sweep"
             )
-        shown = " ".join(repr(value).split())
-        shown = shown if len(shown) <= 60 else shown[:57] + "..."
-        raise TypeError(f"{title} must be {bounds.allowed}, not {shown}{hint}")
+        raise TypeError(f"{title} must be {bounds.allowed}, not {_shown(value)}{hint}")
     try:
         number = float(value)
     except OverflowError:
@@ -111,6 +109,27 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
     if not bounds.accepts(number):
         raise ValueError(f"{title} must be {bounds.allowed}, not {value}")
     return number
+
+
+def whole(name: str, value: object, least: int, most: int) -> int:
+    """Return `value` as an int, or refuse what is not an integer from `least` to `most`."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+        number = int(value)
+        if least <= number <= most:
+            return number
+    raise ValueError(f"{name} must be an integer from {least:,} to {most:,}, not {_shown(value)}")
+
+
+def refuse_other(name: str, value: object, kind: type) -> None:
+    """Refuse an argument that is not of its kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be of the type {kind.__name__}, not {_shown(value)}")
+
+
+def _shown(value: object) -> str:
+    """Return a value on one line of 60 characters at the most."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 @dataclass(frozen=True)
@@ -259,6 +278,33 @@ class Oscillator:
             )
         values = tuple(getattr(self, field.name) for field in fields(self))
         return np.array([(*values, x0, v0)], dtype=POINT)
+
+
+def refuse_invalid(points: np.ndarray, beyond_stop: bool) -> None:
+    """Refuse an array that is not of valid parameter points; some start `beyond_stop`.
+
+    Raises
+    ------
+    TypeError
+        If it is no array of dtype ``POINT``.
+    ValueError
+        If it has not one dimension, or a value is not valid.
+    """
+    if not isinstance(points, np.ndarray) or points.dtype != POINT:
+        raise TypeError(f"points must be an array of the dtype POINT, not {_shown(points)}")
+    if points.ndim != 1:
+        raise ValueError(f"points must have the shape (n,), not {points.shape}")
+    for name, parameter in PARAMETERS.items():
+        values = points[name]
+        wrong, allowed = ~parameter.accepts(values), parameter.allowed
+        if name == "x0" and not beyond_stop and not wrong.any():
+            wrong, allowed = values > points["clearance"], "at most the clearance"
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise ValueError(
+                f"points[{row}]: {name} ({parameter.meaning}) must be {allowed}, "
+                f"not {float(values[row])!r}"
+            )
 
 
 def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarray:

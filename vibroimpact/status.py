@@ -35,5 +35,5 @@ _MEANING = {
     Status.SETTLED: "bounces too short to follow were taken for rest",
     Status.UNBOUNDED: "the motion grew throughout the record (R = 1, h = 0: no dissipation)",
     Status.UNRESOLVED: "more impacts within one step than the impact rule can resolve",
-    Status.NON_FINITE: "the state overflowed: the step is unstable or the motion unbounded",
+    Status.NON_FINITE: "a number overflowed: the step is unstable, or the motion too large",
 }

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.jit import on_threads
+from vibroimpact.oscillator import Oscillator, refuse_other, whole
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import exact
 from vibroimpact.step.log import SECTION, trace
-from vibroimpact.step.methods import stepping
+from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, stepping
 from vibroimpact.step.stop import IMPACT, RELEASE, REST, time_to_release
+
+#: A trajectory of more rows is refused.
+MOST_ROWS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,12 @@ def simulate(
     ----------
     oscillator : Oscillator
     periods : int
-        Forcing periods, >= 1.
+        Forcing periods, from 1 to ``MOST_RECORDED``.
     integrator, impact : str
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
     steps_per_period : int, optional
-        Steps of length T = 2 pi / (omega steps_per_period), >= 1, stable or not; by default 100
+        Steps of length T = 2 pi / (omega steps_per_period), from 1 to ``MOST_STEPS``, stable or
+        not; by default 100
         or as many as are stable, and for the impact rule ``exact`` as few as it allows.
     x0, v0 : float
         Start: displacement (<= clearance) [length] and velocity [length/time].
@@ -79,7 +84,7 @@ def simulate(
         omega t at the start, in [0, 2 pi) [rad]: the motion starts at t = phase / omega. With a
         state of a section and the phase of the section, it goes on from there.
     transient : int
-        Forcing periods left out at the start, >= 0.
+        Forcing periods left out at the start, from 0 to ``MOST_PERIODS``.
 
     Returns
     -------
@@ -88,22 +93,20 @@ def simulate(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not of its kind or not in its valid range.
+        If an argument is not of its kind or not in its valid range, or the trajectory has more than
+        ``MOST_ROWS`` rows.
     """
-    if not isinstance(oscillator, Oscillator):
-        raise TypeError(f"oscillator must be an Oscillator, not {oscillator!r}")
-    for name, number, least in (
-        ("periods", periods, 1),
-        ("steps_per_period", 1 if steps_per_period is None else steps_per_period, 1),
-        ("transient", transient, 0),
-    ):
-        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < least:
-            raise ValueError(f"{name} must be an integer >= {least}, not {number!r}")
-    if not 0.0 <= phase < 2.0 * math.pi:
-        raise ValueError(f"phase must be from 0 to below 2 pi, not {phase!r}")
-    points = oscillator.at(x0, v0)
-    steps = stepping(points, integrator, impact, steps_per_period, float(phase), at_section=True)
-    log, status = trace(points, steps, int(periods), int(transient))
+    refuse_other("oscillator", oscillator, Oscillator)
+    periods = whole("periods", periods, 1, MOST_RECORDED)
+    transient = whole("transient", transient, 0, MOST_PERIODS)
+    points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
+    steps = stepping(points, integrator, impact, steps_per_period, phase, at_section=True)
+    arguments = points, steps, periods, transient, 1, interrupt, MOST_ROWS
+    ((log, status),) = on_threads(1, interrupt, trace, *arguments)
+    if status is Status.PENDING:
+        raise ValueError(
+            f"the trajectory has more than {MOST_ROWS:,} rows; expected: fewer periods"
+        )
     kind, t, x, v = log.T.copy()
     hit, section = kind == IMPACT, kind == SECTION
     depth = x[np.isfinite(x)] - oscillator.clearance
@@ -116,7 +119,7 @@ def simulate(
         rests=_rests(kind, t, points),
         section_x=x[section],
         section_v=v[section],
-        max_penetration=max(0.0, float(depth.max())),
+        max_penetration=float(depth.max(initial=0.0)),
         status=status,
     )
 

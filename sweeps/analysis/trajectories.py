@@ -74,8 +74,6 @@ def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> Point
     Refused
         If there is no such state, or no motion from it.
     """
-    if periods < 1:
-        raise Refused(f"periods = {periods} is not allowed; expected: an integer >= 1")
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
     setting = Setting.of(dataset)
     oscillator = setting.oscillator(point)
@@ -83,14 +81,17 @@ def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> Point
     if not len(allowed):
         raise Refused("every recorded state of the section is beyond the stop at this point")
     last = int(allowed[-1])
-    motion = simulate(
-        oscillator,
-        periods,
-        **setting.scheme,
-        x0=float(x[last]),
-        v0=float(v[last]),
-        phase=setting.phase,
-    )
+    try:
+        motion = simulate(
+            oscillator,
+            periods,
+            **setting.scheme,
+            x0=float(x[last]),
+            v0=float(v[last]),
+            phase=setting.phase,
+        )
+    except ValueError as error:
+        raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
     turns = setting.record.get("transient", 0) + last + 1

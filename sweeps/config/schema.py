@@ -37,7 +37,7 @@ from sweeps.config.values import (
 from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.methods import MOST_STEPS
+from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, MOST_STEPS
 from vibroimpact.step.rules import IMPACT_RULES
 
 #: What can be computed of each point beside what is always recorded.
@@ -45,10 +45,6 @@ DIAGNOSTICS = ("period", "lyapunov")
 
 #: The ways along an axis that is followed.
 DIRECTIONS = ("up", "down", "both")
-
-# Limits that turn a slip of the keyboard into a message instead of a lack of memory.
-_MOST_PERIODS = 1_000_000_000
-_MOST_RECORDED = 1_000_000
 
 
 def choice(meaning: str, table: Collection[str], default: str) -> Any:
@@ -169,7 +165,7 @@ class MethodConfig(Group):
 class Trajectory(Group):
     """Which samples of the motion are kept."""
 
-    every: Whole = integer("time steps from one sample to the next", 1, _MOST_PERIODS)
+    every: Whole = integer("time steps from one sample to the next", 1, MOST_PERIODS)
 
 
 def _false(value: object) -> object:
@@ -181,16 +177,16 @@ class RecordConfig(Group):
     """What is kept of each point."""
 
     transient: Whole = integer(
-        "forcing periods computed before anything is kept", 0, _MOST_PERIODS, 200
+        "forcing periods computed before anything is kept", 0, MOST_PERIODS, 200
     )
-    periods: Whole = integer("forcing periods kept, with one section each", 1, _MOST_RECORDED, 100)
+    periods: Whole = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
     phase: Number = Field(
         0.0,
         ge=0.0,
         lt=2.0 * math.pi,
         description="forcing phase omega t of the section [rad]: a number >= 0 and < 2 pi",
     )
-    impacts: Whole = integer("how many of the last impacts are kept", 0, _MOST_RECORDED, 64)
+    impacts: Whole = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
         Annotated[Literal[False], BeforeValidator(_false), Tag("<scalar>")]
         | Annotated[Trajectory, Tag("<mapping>")],

@@ -16,4 +16,5 @@ def results(points, widths, seed=0):
     arrays["period"] = random.integers(0, 3, points)
     arrays["rest_fraction"] = random.integers(0, 2, points) / 4.0
     arrays["impact_v"][..., -1:] = np.nan
+    np.minimum(arrays["poincare_x"], FIXED["clearance"], out=arrays["poincare_x"])
     return arrays

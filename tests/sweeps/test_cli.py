@@ -325,7 +325,7 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
     assert "line 2: method.steps_per_period: 25 are not enough for euler" in message
     assert "an integer from 105 to" in message and "allow_unstable" in message
     text = accepted("run", "unstable.yaml", "--set", "method.allow_unstable=true")
-    assert "2 points, of which 1 NON_FINITE (the state overflowed: the step is unstable" in text
+    assert "2 points, of which 1 NON_FINITE (a number overflowed: the step is unstable" in text
     accepted("run", "unstable.yaml", "--overwrite", "--set", "method.steps_per_period=105")
 
 

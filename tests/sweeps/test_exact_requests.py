@@ -109,7 +109,7 @@ def test_where_nothing_is_periodic_there_is_nothing(file, name):
     ("name", "kind", "message"),
     [
         ("failed", "map", "0 exact curves: none"),
-        ("failed", "bifurcation", "no point has a result: the state overflow"),
+        ("failed", "bifurcation", "no point has a result: a number overflow"),
         ("at rest", "map", "0 exact curves: none"),
         ("at rest", "bifurcation", "no exact orbit is found"),
         ("single value", "map", "omega has the single value 2.6"),

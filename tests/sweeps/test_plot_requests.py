@@ -156,7 +156,7 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
         (
             {"kind": "trajectory", "periods": -1},
-            "periods = -1 is not allowed; expected: an integer",
+            "periods must be an integer from 1 to .*, not -1",
         ),
         ({"kind": "map", "quantity": "chatters"}, "a map does not show chatters; choose from: "),
         ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),

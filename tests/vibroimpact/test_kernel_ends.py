@@ -1,6 +1,8 @@
 """Lanes that overflow, rest, hang or are interrupted, and arguments that are refused."""
 
 import math
+import subprocess
+import sys
 import threading
 import time
 
@@ -174,6 +176,69 @@ def test_lanes_without_a_point_have_no_tangent_vectors():
     assert (rows[::2, :5].any(axis=0)).all() and not rows[:, 5:].any()
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("x0", 0.1, "at most the clearance"),
+        ("x0", math.nan, "a finite number"),
+        ("R", -3.0, "a number from 0 to 1"),
+        ("h", -0.1, "a finite number >= 0"),
+        ("omega", 0.0, "a finite number > 0"),
+        ("p", math.inf, "a finite number > 0"),
+    ],
+)
+def test_a_point_that_is_not_valid_is_named(name, value, allowed):
+    points = random_points(5)
+    points["clearance"] = points["x0"] = 0.0
+    points[name][3] = value
+    with pytest.raises(
+        ValueError, match=rf"^points\[3\]: {name} .* must be {allowed}, not {value}"
+    ):
+        integrate(points)
+
+
+def test_what_is_no_array_of_points_is_refused():
+    points = random_points(4)
+    for wrong in (None, points.tolist(), points["h"], Oscillator(0.1, 0.5, 1.0, 1.0)):
+        with pytest.raises(TypeError, match="points must be an array of the dtype POINT, not "):
+            integrate(wrong)
+    with pytest.raises(ValueError, match=r"points must have the shape \(n,\), not \(2, 2\)"):
+        integrate(points.reshape(2, 2))
+    expected = integrate(points[::2].copy(), transient=0, periods=2)
+    assert_same(integrate(points[::2], transient=0, periods=2), expected)
+
+
+def test_the_plain_rule_goes_on_from_beyond_the_stop():
+    """At a section only, where the rule itself leaves the mass."""
+    points = one()
+    points["x0"] = 0.01
+    plain = {"integrator": "newmark", "impact": "plain", "transient": 0, "periods": 1}
+    assert integrate(points, **plain, at_section=True)["status"] == Status.COMPUTED
+    for other in (plain, plain | {"impact": "cubic", "at_section": True}):
+        with pytest.raises(ValueError, match=r"x0 .* must be at most the clearance, not 0\.01"):
+            integrate(points, **other)
+
+
+def test_numbers_out_of_their_range_are_refused():
+    for wrong in (
+        {"transient": -1}, {"transient": 10**12}, {"periods": 0}, {"periods": 10**12},
+        {"impacts": 2.0}, {"threads": 0}, {"steps_per_period": 10**9}, {"phase": 7.0},
+    ):  # fmt: skip
+        (name,) = wrong
+        with pytest.raises(ValueError, match=f"^{name} must be "):
+            integrate(one(), **wrong)
+
+
+@pytest.mark.parametrize(("R", "v0"), [(1.0, 3e307), (0.5, 1e200)])
+def test_a_result_that_overflows_is_no_certified_one(R, v0):
+    """The impulse of finite speeds, and the energy: both are beyond the largest number."""
+    out = integrate(one(0.0, R, 1.0, v0=v0), transient=0, periods=3)
+    assert out["status"] == Status.NON_FINITE
+    assert np.isnan(out["impulse"]) and np.isnan(out["energy_lost"])
+    smaller = integrate(one(0.0, R, 1.0, v0=1e-60 * v0), transient=0, periods=3)
+    assert smaller["status"] == Status.CERTIFIED and np.isfinite(smaller["impulse"])
+
+
 def test_unknown_names_are_refused():
     """The engine validates names before; the kernel does not guess."""
     for wrong in ({"integrator": "euler2"}, {"impact": "soft"}):
@@ -235,7 +300,7 @@ def test_a_run_of_days_ends_when_it_is_interrupted():
     interrupt = np.zeros(1, np.int64)
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     timer.start()
-    out = integrate(one(), transient=10**11, periods=1, interrupt=interrupt)
+    out = integrate(one(), transient=10**9, periods=1, interrupt=interrupt)
     assert interrupt[0] and out["status"] == Status.PENDING
     steps, extent = stepping(one(), "exact", "exact", None), {"transient": 10**11, "periods": 2}
     log, status = trace(one(), steps, **extent, interrupt=interrupt)
@@ -246,3 +311,25 @@ def test_a_run_of_days_ends_when_it_is_interrupted():
     interrupt[0] = 0
     timer.start()
     assert trace(one(), steps, **extent, interrupt=interrupt)[1] < 0
+
+
+INTERRUPTED = """
+import os, signal, threading
+from vibroimpact import Oscillator, integrate, simulate
+osc = Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0)
+for run in (simulate, lambda osc, **many: integrate(osc.at(), **many)):
+    run(osc, periods=1)
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    try:
+        run(osc, transient=10**9, periods=1)
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_run_of_hours():
+    """Of one orbit, and of many points."""
+    command = [sys.executable, "-c", INTERRUPTED]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["interrupted"] * 2, done.stderr

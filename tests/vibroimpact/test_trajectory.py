@@ -236,11 +236,11 @@ def test_an_approach_on_the_stop_at_the_start_is_an_impact_at_once(truth, rule):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"periods": 0}, "periods must be an integer >= 1, not 0"),
-        ({"periods": 2.5}, "periods must be an integer >= 1, not 2.5"),
-        ({"periods": True}, "periods must be an integer >= 1, not True"),
-        ({"steps_per_period": 0}, "steps_per_period must be an integer >= 1, not 0"),
-        ({"steps_per_period": "100"}, "steps_per_period must be an integer >= 1, not '100'"),
+        ({"periods": 0}, "periods must be an integer from 1 to 1,000,000, not 0"),
+        ({"periods": 2.5}, "periods must be an integer from 1 to 1,000,000, not 2.5"),
+        ({"periods": True}, "periods must be an integer from 1 to 1,000,000, not True"),
+        ({"steps_per_period": 0}, "steps_per_period must be an integer from 1 to 1,000,000, not 0"),
+        ({"steps_per_period": "9"}, "steps_per_period must be an integer from 1 to .*, not '9'"),
         ({"integrator": "rk5"}, f"integrator must be one of {', '.join(INTEGRATORS)}, not 'rk5'"),
         ({"impact": "soft"}, "impact must be one of plain, reduced-step, cubic, exact, not 'soft'"),
         ({"integrator": "rk4"}, "impact 'exact' needs the integrator 'exact', not 'rk4'"),
@@ -253,6 +253,19 @@ def test_a_wrong_argument_is_refused_with_its_name(change, words):
     """The message says what was given and what is allowed."""
     with pytest.raises(ValueError, match=words):
         simulate(oscillator(0.5, 0.5), **change)
+
+
+def test_more_rows_than_fit_are_refused():
+    with pytest.raises(ValueError, match="more than 10,000,000 rows"):
+        simulate(oscillator(0.5, 0.5), 1_000_000)
+
+
+def test_an_overflow_before_the_record_is_a_status():
+    """Euler's method at p T = 2 pi: no row of the record is a number."""
+    tr = simulate(Oscillator(0.0, 0.8, 2.5, 1.0, p=20.0), 20, "euler", "plain", 8, transient=3000)
+    assert tr.status is Status.NON_FINITE
+    assert len(tr.x) == 161 and np.isnan(tr.x).all() and np.isnan(tr.v).all()
+    assert tr.max_penetration == 0.0
 
 
 def test_an_unstable_step_ends_as_not_a_number():

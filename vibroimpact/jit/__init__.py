@@ -1,4 +1,4 @@
-"""Compiled functions: their options, single instructions of LLVM, and the disk cache."""
+"""Compiled functions: their options, single instructions of LLVM, disk cache, and threads."""
 
 from vibroimpact.jit.cache import NUMERICS
 from vibroimpact.jit.compiling import ALL_THREADS, compiled, jit
@@ -13,6 +13,7 @@ from vibroimpact.jit.intrinsics import (
     widest_vectors,
 )
 from vibroimpact.jit.sources import name_of
+from vibroimpact.jit.threads import on_threads
 
 __all__ = [
     "ALL_THREADS",
@@ -26,6 +27,7 @@ __all__ = [
     "lowest_bit",
     "name_of",
     "not_negative",
+    "on_threads",
     "select",
     "widest_vectors",
 ]

@@ -7,8 +7,9 @@ import numpy as np
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.lanes.kernel import Run, lanes_per_block, run_blocks
 from vibroimpact.lanes.tally import SUMS, Tally
+from vibroimpact.oscillator import POINT, refuse_invalid, whole
 from vibroimpact.status import Status
-from vibroimpact.step.methods import stepping
+from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, stepping
 from vibroimpact.step.rules import EXACT
 
 
@@ -43,7 +44,7 @@ def integrate(
         Steps of length T = 2 pi / (omega steps_per_period), stable or not; by default as from
         ``default_steps``.
     transient, periods : int
-        Forcing periods left out, and recorded.
+        Forcing periods left out, at most ``MOST_PERIODS``, and recorded, at most ``MOST_RECORDED``.
     phase : float
         omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. The grid of steps is
         laid so that it falls on a grid point.
@@ -51,7 +52,7 @@ def integrate(
         Whether the start is the state at a passage of `phase`, not at t = 0: the last section of
         one run, as the start of another, continues it.
     impacts : int
-        How many of the last impacts to keep.
+        How many of the last impacts to keep, at most ``MOST_RECORDED``.
     lyapunov : bool
         Whether to compute the Lyapunov exponents; with the rule ``exact`` only.
     threads : int, optional
@@ -79,10 +80,22 @@ def integrate(
 
     Raises
     ------
+    TypeError
+        If `points` is no array of dtype ``POINT``.
     ValueError
-        For an unknown integrator or impact rule, the rule ``exact`` with another integrator, or
-        too few steps per period for it.
+        If a point is not valid, which is named by its row and parameter; or a start is beyond the
+        stop, but for one at a section with the rule ``plain``, which lets the mass pass the stop.
+        For any other argument out of its range, an unknown integrator or impact rule, the rule
+        ``exact`` with another integrator, or too few steps per period for it.
+    MemoryError
+        If there is no room for the results.
     """
+    refuse_invalid(points, beyond_stop=at_section and impact == "plain")
+    points = np.array(points, POINT)  # contiguous and writable, for which the kernel is compiled
+    transient = whole("transient", transient, 0, MOST_PERIODS)
+    periods = whole("periods", periods, 1, MOST_RECORDED)
+    impacts = whole("impacts", impacts, 0, MOST_RECORDED)
+    threads = ALL_THREADS if threads is None else whole("threads", threads, 1, MOST_RECORDED)
     steps = stepping(points, integrator, impact, steps_per_period, phase, at_section)
     rule = steps.method[0]
     if lyapunov and rule != EXACT:
@@ -97,12 +110,11 @@ def integrate(
     tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    threads = threads or ALL_THREADS
     lanes = lanes_per_block(rule, n, threads)
     # No thread without lanes: to start one takes longer than to compute a few lanes.
     threads = min(threads, max(1, -(-n // lanes)))
     claimed = np.zeros(1, np.int64)
-    run = Run(points, steps, transient, periods, lyapunov, lanes, tally, claimed, interrupt)
+    run = Run(points, steps, transient, periods, bool(lyapunov), lanes, tally, claimed, interrupt)
     run_blocks(threads, run)
     results = _results(points, periods, tally)
     if not lyapunov:
@@ -117,7 +129,6 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     if pending.any():
         sections[pending], tally.impacts[pending] = np.nan, np.nan
     sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
-    failed = (sums["status"] >= Status.UNRESOLVED) | pending
     no_impact, R = sums["impacts"] == 0, points["R"]
     # The energy of a finite motion may overflow, and so does the period where omega is below the
     # smallest normal number.
@@ -140,6 +151,9 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
         "max_penetration": sums["max_penetration"],
         "rest_fraction": share,
     }
+    overflowed = np.logical_or.reduce([np.isinf(values) for values in numbers.values()])
+    sums["status"][overflowed & ~pending & (sums["status"] < Status.UNRESOLVED)] = Status.NON_FINITE
+    failed = (sums["status"] >= Status.UNRESOLVED) | pending
     return {
         "poincare_x": sections[:, :, 0],
         "poincare_v": sections[:, :, 1],

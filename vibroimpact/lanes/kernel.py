@@ -11,13 +11,11 @@ does not hold Python's lock.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import claim, compiled, is_set, jit, widest_vectors
+from vibroimpact.jit import claim, compiled, is_set, jit, on_threads, widest_vectors
 from vibroimpact.lanes.columns import VECTOR
 from vibroimpact.lanes.exact import run_exact
 from vibroimpact.lanes.exact_block import EXACT_LANES, new_memory
@@ -220,18 +218,7 @@ def take_exact(run):
 
 
 def run_blocks(threads: int, run: Run) -> None:
-    """Run every point on so many threads, the caller's among them.
-
-    Threads of Python that last as long as the call: a forked process misses none of them, and
-    callers in several threads do not meet.
-    """
+    """Run every point on so many threads."""
     loops = {PLAIN: take_plain, EXACT: take_exact}
     work = compiled(loops.get(run.stepping.method[0], take_mended), run)
-    helpers = []
-    with ThreadPoolExecutor(threads) as pool:
-        with suppress(RuntimeError):  # if no more can be started, the started ones do the work
-            for _ in range(threads - 1):
-                helpers.append(pool.submit(work, run))
-        work(run)
-    for helper in helpers:
-        helper.result()
+    on_threads(threads, run.interrupt, work, run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 
@@ -50,10 +51,11 @@ def _put_start(log, t, pt, resting):
 
 
 @jit
-def _trace(pt, stepping, periods, transient, every, log, interrupt):
+def _trace(pt, stepping, periods, transient, every, most_rows, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
-    Once `interrupt` is set the run ends within a forcing period, with the status ``PENDING``.
+    Once `interrupt` is set the run ends within a forcing period, and a run of more rows than
+    `most_rows` within a step, with the status ``PENDING``.
 
     Returns
     -------
@@ -80,6 +82,8 @@ def _trace(pt, stepping, periods, transient, every, log, interrupt):
             x, v = from_state(rule, state, pt)
             rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
         for n in range(steps.size):
+            if rows > most_rows:
+                return 0, _PENDING
             state, n_events, outcome = advance(method, prepared, state, steps, n, pt, scratch)
             status = max(status, outcome)
             x, v = from_state(rule, state, pt)
@@ -106,6 +110,7 @@ def trace(
     transient: int = 0,
     every: int = 1,
     interrupt: np.ndarray | None = None,
+    most_rows: int = sys.maxsize,
 ) -> tuple[np.ndarray, Status]:
     """Log the motion of one parameter point.
 
@@ -119,21 +124,27 @@ def trace(
         Keep every that many grid states; both sides of every impact are kept always.
     interrupt : ndarray of int64, shape (1,), optional
         As for ``integrate``.
+    most_rows : int
+        A run is given up where its log has more rows.
 
     Returns
     -------
     log : ndarray, shape (rows, 4)
         Kind of row, t, x, v. NaN after a failure.
     status : Status
-        ``PENDING`` with an empty log where `interrupt` was set.
+        ``PENDING`` with an empty log where the run was given up.
     """
+    if periods * (stepping.grid.size // every) > most_rows:
+        return np.empty((0, 4)), Status.PENDING
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
     outcome = Status.CERTIFIED if stepping.method[0] == EXACT else Status.COMPUTED
     rows, log = periods * (stepping.grid.size // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):  # ends: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
-        rows, status = _trace(points[0], stepping, periods, transient, every, log, interrupt)
+        rows, status = _trace(
+            points[0], stepping, periods, transient, every, most_rows, log, interrupt
+        )
     log = log[:rows]
     if status == Status.PENDING:
         return log, Status.PENDING

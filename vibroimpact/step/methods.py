@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.oscillator import whole
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.phases import Phases, lead_in, one_period
@@ -14,6 +17,9 @@ from vibroimpact.step.stability import least_stable_steps
 
 #: More steps per forcing period are not chosen, and the rule ``exact`` is refused if it needs more.
 MOST_STEPS = 1_000_000
+#: More forcing periods are not left out, and more periods or impacts are not recorded: a slip of
+#: the keyboard ends in a message instead of a lack of memory.
+MOST_PERIODS, MOST_RECORDED = 1_000_000_000, 1_000_000
 #: The steps per forcing period of the paper.
 PAPER_STEPS = 100
 
@@ -73,9 +79,12 @@ def stepping(
     Raises
     ------
     ValueError
-        If a name is unknown, the rule does not take the integrator, or the rule ``exact`` needs
-        more steps than `steps_per_period` or ``MOST_STEPS``.
+        If a name is unknown, the rule does not take the integrator, `steps_per_period` or `phase`
+        is not in its range, or the rule ``exact`` needs more steps than `steps_per_period` or
+        ``MOST_STEPS``.
     """
+    if isinstance(phase, bool) or not isinstance(phase, Real) or not 0.0 <= phase < 2.0 * math.pi:
+        raise ValueError(f"phase must be a number from 0 to below 2 pi, not {phase!r}")
     for name, value, table in (
         ("integrator", integrator, INTEGRATORS),
         ("impact", impact, IMPACT_RULES),
@@ -85,6 +94,8 @@ def stepping(
     if impact == "exact" and integrator != "exact":
         raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
     steps = steps_per_period
+    if steps is not None:
+        steps = whole("steps_per_period", steps, 1, MOST_STEPS)
     if steps is None or impact == "exact":
         least = default_steps(points, impact, integrator)
         steps = least if steps is None else steps
@@ -94,6 +105,6 @@ def stepping(
             )
     return Stepping(
         (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
-        lead_in(phase, steps, at_section),
-        one_period(phase, steps),
+        lead_in(float(phase), steps, at_section),
+        one_period(float(phase), steps),
     )
