@@ -101,6 +101,18 @@ def test_every_orbit_of_a_branch_is_one():
         assert found.stable[i] == (closed.stable and found.orbit(i).stable)
 
 
+def test_a_branch_of_too_much_work_is_lost(monkeypatch):
+    """All its points are orbits; it has as many as the work allows."""
+    whole = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
+    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 100)
+    found = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
+    assert len(special(found, "lost")) == 2 and len(special(whole, "edge")) == 2
+    assert 1 < len(found.values) < len(whole.values)
+    for value, speed in zip(found.values, found.speeds, strict=True):
+        closed = one_impact_orbit(replace(LIGHT, omega=float(value)))
+        assert speed[0] == pytest.approx(closed.v, abs=1e-13)
+
+
 @pytest.mark.parametrize(("speed", "kept"), [(-1e-3, -1e-3), (-1e-13, 0.0), (1e-13, 0.0)])
 def test_only_rounding_is_taken_for_a_speed_of_zero(speed, kept):
     """A negative speed that is not rounding is no graze, and shows."""

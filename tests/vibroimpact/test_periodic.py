@@ -7,9 +7,13 @@ import naive
 import numpy as np
 import pytest
 
+from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.step.flight import LONGEST_STEP
 from vibroimpact.step.log import trace
 from vibroimpact.step.methods import stepping
 from vibroimpact.trajectory import simulate
@@ -267,13 +271,39 @@ def test_500_one_impact_orbits_are_those_in_closed_form():
     assert amplified < 10
 
 
+def test_a_repetition_of_too_many_steps_or_impacts_is_refused():
+    """Before it is followed: three periods of a natural frequency 5512 times that of the force."""
+    stiff = Oscillator(h=0.1, R=1.0, omega=2.5, f=1.0, p=13781.0)
+    steps = 3 * 2.0 * math.pi * ((0.2 + 13781.0) / 2.5 + 1.0) / LONGEST_STEP
+    for find in (
+        lambda: periodic_orbit(stiff, 0.0, 0.0, 3),
+        lambda: branch(PeriodicOrbit(stiff, 3, np.ones(1), np.ones(1)), "f", 0.5, 2.0),
+        lambda: bifurcation_curve(
+            PeriodicOrbit(stiff, 3, np.ones(1), np.ones(1)), "flip", ("f", 0.5, 2), ("h", 0, 1)
+        ),
+    ):
+        with pytest.raises(OrbitError, match=f"are {steps:,.0f} time steps, more than the 32,768"):
+            find()
+    with pytest.raises(OrbitError, match="5,000 impacts are more than the 4,096"):
+        branch(PeriodicOrbit(LIGHT, 1, np.linspace(0, 6, 5000), np.ones(5000)), "f", 0.5, 2.0)
+
+
+def test_a_motion_of_endless_impacts_is_not_followed():
+    """Hardly any loss at the stop, and so slow a force that none of its bounces is the last."""
+    osc = Oscillator(h=0.0, R=1.0, omega=0.001, f=1.0)
+    with pytest.raises(OrbitError, match="more impacts than are followed"):
+        periodic_orbit(osc, -1e-9, 0.0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         ((0.1, 0.0), "beyond the stop"),
         ((math.nan, 0.0), "finite"),
-        ((-0.1, 0.0, 0), "m must be an integer >= 1, not 0"),
-        ((-0.1, 0.0, True), "m must be an integer >= 1, not True"),
+        ((-0.1, 0.0, 0), "m must be an integer from 1 to 32,768, not 0"),
+        ((-0.1, 0.0, True), "m must be an integer from 1 to 32,768, not True"),
+        ((-0.1, 0.0, 10**12), "m must be an integer from 1 to 32,768"),
+        ((-0.1, 0.0, 1, "0"), "phase must be a number from 0 to below 2 pi, not '0'"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, said):

@@ -15,6 +15,7 @@ SMALLEST_NORMAL = sys.float_info.min
 
 
 FUZZ = Path(__file__).with_name("fuzz_steps.py")
+HOSTILE = Path(__file__).with_name("hostile_calls.py")
 
 
 def in_time(*arguments, seconds):
@@ -51,6 +52,21 @@ def test_every_step_ends():
 def test_a_million_steps_end():
     """A million steps with every rule."""
     in_time(FUZZ, 2, 1_000_000, seconds=3600)
+
+
+# --- calls with arguments of every magnitude ---
+
+
+@pytest.mark.slow
+def test_every_call_ends_as_it_is_documented():
+    """200 calls of the public functions; see ``hostile_calls.py``."""
+    in_time(HOSTILE, 1, 200, seconds=300)
+
+
+@pytest.mark.campaign
+def test_ten_thousand_calls_end():
+    """Ten thousand of them."""
+    in_time(HOSTILE, 2, 10_000, seconds=3600)
 
 
 # --- free decay ---

@@ -18,9 +18,9 @@ import numpy as np
 from vibroimpact.orbits.continuation import End, Track, both_directions, walk
 from vibroimpact.orbits.family import Axis, Orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
-from vibroimpact.orbits.periodic import OrbitError, solved
+from vibroimpact.orbits.periodic import OrbitError, refuse_long, solved
 from vibroimpact.orbits.special_points import bifurcations, ending, halving
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import Oscillator, refuse_other
 
 #: Values of the parameter at which the free oscillation is looked at.
 _FREE_VALUES = 201
@@ -106,6 +106,9 @@ class Branch:
 def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
     """Follow a periodic orbit along a parameter, through its folds, in both directions.
 
+    The branch ends ``lost`` after ``MOST_POINTS`` points in a direction, or ``MOST_WORK`` time
+    steps of all its orbits together.
+
     Parameters
     ----------
     orbit : PeriodicOrbit
@@ -121,9 +124,13 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
 
     Raises
     ------
+    OrbitError
+        If a repetition of the orbit is more than is solved for, as in `periodic_orbit`.
     TypeError, ValueError
-        If a range is not valid, or the orbit outside it.
+        If an argument is not of its kind, a range is not valid, or the orbit outside it.
     """
+    refuse_other("orbit", orbit, PeriodicOrbit)
+    refuse_long(orbit.oscillator, orbit.m, orbit.q)
     axis = Axis.of(orbit.oscillator, parameter, low, high)
     value = getattr(orbit.oscillator, parameter)
     if not low <= value <= high:

@@ -22,8 +22,9 @@ from vibroimpact.orbits.continuation import End, Segment, Track, both_directions
 from vibroimpact.orbits.family import Axis, Objection, Orbits
 from vibroimpact.orbits.flights import state_after, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError
+from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.orbits.special_points import with_touch
+from vibroimpact.oscillator import refuse_other
 
 #: Kinds of curves, with their condition.
 KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
@@ -48,9 +49,10 @@ class CurvePoint(NamedTuple):
     kind : str
         ``cusp``; on a curve of grazes ``flip`` and ``fold``, which meet it there; and the ends
         ``graze`` (another impact has no speed, to 1e-5 of the unit of speed, or a flight touches
-        the stop), ``rest``, ``edge`` and ``lost`` (Newton's method fails before any of these);
-        ``penetration`` if a flight crosses the stop, but its touch is missed by more than rounding,
-        because Newton's method fails where two halves of the orbit become equal.
+        the stop), ``rest``, ``edge`` and ``lost`` (Newton's method fails before any of these, or
+        the curve is too long); ``penetration`` if a flight crosses the stop, but its touch is
+        missed by more than rounding, because Newton's method fails where two halves of the orbit
+        become equal.
     values : ndarray, shape (2,)
         Of the two parameters.
     orbit : PeriodicOrbit
@@ -93,7 +95,7 @@ def bifurcation_curve(
     first: tuple[str, float, float],
     second: tuple[str, float, float],
 ) -> Curve:
-    """Follow a bifurcation of an orbit in two parameters.
+    """Follow a bifurcation of an orbit in two parameters, as far as a `branch` goes.
 
     Parameters
     ----------
@@ -111,12 +113,18 @@ def bifurcation_curve(
     Raises
     ------
     OrbitError
-        If no such bifurcation is found beside the orbit, or it is outside a range.
+        If no such bifurcation is found beside the orbit, or it is outside a range; or if a
+        repetition of the orbit is more than is solved for, as in `periodic_orbit`.
     TypeError, ValueError
         If an argument is not valid.
     """
-    if kind not in KINDS:
+    refuse_other("orbit", orbit, PeriodicOrbit)
+    refuse_long(orbit.oscillator, orbit.m, orbit.q)
+    if not isinstance(kind, str) or kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
+    for bounds in (first, second):
+        if not isinstance(bounds, (tuple, list)) or len(bounds) != 3:
+            raise ValueError(f"a parameter needs (name, low, high), not {bounds!r}")
     axes = tuple(Axis.of(orbit.oscillator, *bounds) for bounds in (first, second))
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import characteristic
-from vibroimpact.orbits.flights import first_pass, values_of
+from vibroimpact.orbits.flights import MOST_WORK, first_pass, time_steps, values_of
 from vibroimpact.orbits.linear_system import System, inner, linearised, parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
@@ -116,6 +116,7 @@ class Orbits:
         at = [getattr(self.osc, axis.name) / axis.span for axis in axes]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
         self.start = np.concatenate([z.ravel(), at])
+        self._work = 0.0
 
     def values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at a point."""
@@ -149,8 +150,14 @@ class Orbits:
     def corrected(
         self, X: np.ndarray, planes: np.ndarray, condition: int | None = None, index: int = 0
     ) -> np.ndarray | None:
-        """Return the point of the branch or curve in planes through X; None if none is found."""
+        """Return the point of the branch or curve in planes through X; None if none is found.
+
+        None also once all points together have taken more than ``MOST_WORK`` time steps.
+        """
         system = self.system
+        self._work += time_steps(parameters_at(system, X), self.m, self.q)
+        if not self._work <= MOST_WORK:
+            return None
         if condition is not None:
             system = system._replace(condition=condition, graze=index)
         X = X.copy()

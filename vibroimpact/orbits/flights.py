@@ -47,6 +47,8 @@ from vibroimpact.step.trigonometry import sin_cos
 _ROUNDINGS = 32.0 * 2.0**-52
 #: Longest flight, in units of the fastest rate of the system.
 _LONGEST = 1e6
+#: The limits of the work: time steps of a repetition, and those that a search or a walk takes.
+MOST_STEPS, MOST_WORK = 2**15, 2**19
 
 
 class Flight(NamedTuple):
@@ -67,6 +69,13 @@ def parameters(values):
 def values_of(osc: Oscillator) -> np.ndarray:
     """Return the parameters of an oscillator in an array of six."""
     return np.array([osc.h, osc.R, osc.omega, osc.f, osc.p, osc.clearance])
+
+
+@jit
+def time_steps(values, m, q):
+    """Return about how many time steps the flights of a repetition are divided into."""
+    pt = parameters(values)
+    return abs(m * 2.0 * math.pi * ((2.0 * pt.h + pt.p) / pt.omega + 1.0) / LONGEST_STEP) + q
 
 
 @jit

@@ -41,14 +41,14 @@ import numpy as np
 from vibroimpact.orbits.flights import highest_turn, values_of
 from vibroimpact.orbits.flow_over_periods import flow_over_periods
 from vibroimpact.orbits.orbit import determinant, multipliers_of
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import Oscillator, refuse_other, whole
 from vibroimpact.step.stop import pressing
 
 _EPS = float(np.finfo(float).eps)
 #: More forcing periods than this between two impacts are refused.
 MOST_PERIODS = 100_000
-# A flight of more radians, of all its rates together, would take minutes to search for a touch.
-_LONGEST_FLIGHT = 1e7
+# A flight of more radians, of all its rates together, would take seconds to search for a touch.
+_LONGEST_FLIGHT = 2e6
 
 
 @dataclass(frozen=True)
@@ -133,14 +133,6 @@ def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
 
 
-def _checked_periods(n: object) -> int:
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-        raise ValueError(f"n must be an integer >= 1, not {n!r}")
-    if n > MOST_PERIODS:
-        raise ValueError(f"n must be at most {MOST_PERIODS:,}, not {n:,}")
-    return int(n)
-
-
 def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]:
     """Return all orbits with one impact in `n` forcing periods, the slower first.
 
@@ -161,24 +153,31 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
 
     Raises
     ------
+    TypeError
+        If `osc` is no Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_PERIODS``, or the flight is too long: omega far
-        below h or p.
+        If `n` is not an integer from 1 to ``MOST_PERIODS``, the flight is too long, because omega
+        is far below h or p, or its numbers overflow or underflow.
 
     Notes
     -----
     For clearance 0 and h = 0 this is, with k = pi n p / omega,
     v^2 {[(1 + R) cot(k) / (2 p)]^2 + [(1 - R) / (2 omega)]^2} = f^2 / (p^2 - omega^2)^2.
     """
-    n = _checked_periods(n)
-    solutions = _solve(osc, n)
-    if solutions is None or not solutions.discriminant >= 0.0:
-        return ()
+    refuse_other("osc", osc, Oscillator)
+    n = whole("n", n, 1, MOST_PERIODS)
     if not _radians(osc, n) <= _LONGEST_FLIGHT:
         raise ValueError(
             f"the flight between two impacts would be searched over more than "
             f"{_LONGEST_FLIGHT:g} radians of (2h + p + omega) t; omega is too small against h and p"
         )
+    try:
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            solutions = _solve(osc, n)
+    except ArithmeticError:
+        raise ValueError(f"the numbers of the orbit are too large or too small: {osc}") from None
+    if solutions is None or not solutions.discriminant >= 0.0:
+        return ()
     root = math.sqrt(solutions.discriminant)
     slowest = _rounding(osc, n) * (osc.f / osc.omega + osc.p * abs(osc.clearance))
     return tuple(
@@ -224,8 +223,10 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
 
     Raises
     ------
+    TypeError
+        If `osc` is no Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_PERIODS``, or the flight is too long: omega far
-        below h or p.
+        If `n` is not an integer from 1 to ``MOST_PERIODS``, the flight is too long, because omega
+        is far below h or p, or its numbers overflow or underflow.
     """
     return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))

@@ -102,10 +102,11 @@ def determinant(h: float, R: float, omega: float, m: int, q: int) -> float:
 
 def multipliers_of(trace: float, determinant: float) -> np.ndarray:
     """Return the eigenvalues of a 2 x 2 matrix, complex, the larger first."""
-    root = np.sqrt(complex(trace * trace - 4.0 * determinant))
-    larger = 0.5 * (trace + math.copysign(1.0, trace) * root)
-    if root.imag:
-        return np.array([larger, larger.conjugate()])
+    discriminant = trace * trace - 4.0 * determinant
+    root = math.copysign(math.sqrt(abs(discriminant)), trace)
+    if discriminant < 0.0:
+        return 0.5 * np.array([complex(trace, root), complex(trace, -root)])
+    larger = 0.5 * (trace + root)
     return np.array([larger, determinant / larger if larger else 0.0], complex)
 
 

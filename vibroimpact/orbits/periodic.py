@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import null_vector
-from vibroimpact.orbits.flights import first_pass, values_of
+from vibroimpact.orbits.flights import MOST_STEPS, MOST_WORK, first_pass, time_steps, values_of
 from vibroimpact.orbits.linear_system import System
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
@@ -23,7 +23,7 @@ from vibroimpact.orbits.orbit import (
     steady_response,
     unit_of_speed,
 )
-from vibroimpact.oscillator import Oscillator, checked
+from vibroimpact.oscillator import Oscillator, checked, refuse_other, whole
 from vibroimpact.status import Status
 from vibroimpact.step.log import trace
 from vibroimpact.step.methods import stepping
@@ -59,7 +59,8 @@ def periodic_orbit(
     """Find the periodic orbit of `m` forcing periods that a section state leads to.
 
     The motion is followed over `m` forcing periods; its impacts are where Newton's method starts.
-    If that ends at no orbit, the motion is followed longer, several times over.
+    If that ends at no orbit, the motion is followed longer, several times over, as far as
+    ``MOST_WORK`` time steps go.
 
     Parameters
     ----------
@@ -68,6 +69,7 @@ def periodic_orbit(
         Where to begin: a state at the section [length, length/time].
     m : int
         Forcing periods after which the orbit is to repeat; it may do so after a divisor of them.
+        They are ``MOST_STEPS`` time steps at the most: m (1 + (2 h + p) / omega) < 6831.
     phase : float
         omega t mod 2 pi of the section, in [0, 2 pi) [rad].
 
@@ -80,21 +82,25 @@ def periodic_orbit(
     ------
     OrbitError
         If there is none: the motion rests on the stop, or what Newton's method ends at is no orbit.
+        If it is not sought, because `m` periods are too many time steps, or have more than
+        ``MOST_IMPACTS`` impacts, or because the motion has more impacts than ``MOST_WORK``.
     TypeError, ValueError
-        If the state is not of numbers, or beyond the stop, or `m` is not an integer >= 1.
+        If `osc` is no Oscillator, the state is not of numbers or beyond the stop, or `m` or `phase`
+        is not in its range.
     """
-    if isinstance(m, bool) or not isinstance(m, (int, np.integer)) or m < 1:
-        raise ValueError(f"m must be an integer >= 1, not {m!r}")
+    refuse_other("osc", osc, Oscillator)
+    m = whole("m", m, 1, MOST_STEPS)
+    refuse_long(osc, m, 0)
     state = checked("x0", x), checked("v0", v)
     if state[0] > osc.clearance:
         raise ValueError(f"x = {x:g} lies beyond the stop at {osc.clearance:g}")
     reason = ""
-    for impacts in _impacts_from(osc, state, int(m), phase):
+    for impacts in _impacts_from(osc, state, m, phase):
         if isinstance(impacts, str):
             reason = impacts
             continue
         try:
-            return solved(osc, int(m), *impacts)
+            return solved(osc, m, *impacts)
         except OrbitError as error:
             reason = str(error)
     raise OrbitError(reason)
@@ -109,7 +115,12 @@ def _impacts_from(
         periods = m * (later - before + 1)
         points = osc.at(*state)
         steps = stepping(points, "exact", "exact", None, phase, at_section=True)
-        log, status = trace(points, steps, periods)
+        if later and m * (later + 1) * steps.grid.size > MOST_WORK:
+            return
+        log, status = trace(points, steps, periods, every=steps.grid.size, most_rows=MOST_WORK)
+        if status is Status.PENDING:
+            yield "the motion has more impacts than are followed"
+            return
         if status >= Status.UNRESOLVED:
             yield f"the motion cannot be followed: {status.meaning}"
             return
@@ -144,8 +155,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     OrbitError
     """
     q = len(phases)
-    if q > MOST_IMPACTS:
-        raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
+    refuse_long(osc, m, q)
     if q == 0:
         if not abs(steady_response(osc)) < osc.clearance:
             raise OrbitError("the free oscillation reaches the stop")
@@ -168,6 +178,18 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     if reason:
         raise OrbitError(reason)
     return orbit
+
+
+def refuse_long(osc: Oscillator, m: int, q: int) -> None:
+    """Refuse an orbit whose impacts or time steps are more than are solved for."""
+    if q > MOST_IMPACTS:
+        raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
+    steps = time_steps(values_of(osc), m, 0)
+    if not steps <= MOST_STEPS:
+        raise OrbitError(
+            f"{m:,} forcing periods here are {steps:,.0f} time steps, more than the "
+            f"{MOST_STEPS:,} that are solved for"
+        )
 
 
 def objection(orbit: PeriodicOrbit) -> str:
