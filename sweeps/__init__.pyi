@@ -1,6 +1,6 @@
 from .analysis.distinct_attractors import attractors as attractors
-from .analysis.exact_tables import branches as branches
-from .analysis.exact_tables import curves as curves
+from .analysis.exact_branches import branches as branches
+from .analysis.exact_curves import curves as curves
 from .config.loading import ConfigError as ConfigError
 from .config.loading import load_config as load_config
 from .config.sweep import SweepConfig as SweepConfig

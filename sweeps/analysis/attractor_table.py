@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.csv_tables import write_rows
+from sweeps.analysis import tables
 from sweeps.analysis.grouping import STARTS, PointNumbers, records
 from sweeps.analysis.longer_runs import orbit_speeds
 from sweeps.analysis.motion import Motion
@@ -204,7 +204,7 @@ def write_csv(path: Path, attractors: Sequence[Row]) -> None:
     """Write every row to a file, with the impact speeds separated by spaces."""
     axes = list(attractors[0].parameters) if attractors else []
     columns = [*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"]
-    write_rows(path, columns, map(_numbers, attractors))
+    tables.write_csv(path, map(_numbers, attractors), columns)
 
 
 def _numbers(row: Row) -> list[object]:

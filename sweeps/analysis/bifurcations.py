@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis import tables
 from sweeps.analysis.class_changes import Change, cascades, changes, labels, ratio
-from sweeps.analysis.csv_tables import write_rows
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
@@ -238,12 +238,11 @@ def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> Non
     """
     other_axes = list(bifurcations[0].at) if bifurcations else []
     head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]
-    write_rows(path, [*other_axes, *head], map(_numbers, bifurcations))
+    tables.write_csv(path, map(_numbers, bifurcations), [*other_axes, *head])
 
 
 def _numbers(item: Bifurcation) -> list[object]:
     """Write a bifurcation with all digits."""
     change = item.change
-    value = "" if np.isnan(item.value) else repr(item.value)
     ends = [change.low, change.high, str(change.before), str(change.after)]
-    return [*item.at.values(), *ends, item.kind, value, change.between]
+    return [*item.at.values(), *ends, item.kind, item.value, change.between]

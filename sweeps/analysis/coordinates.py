@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.store.variables import VARIABLES, Variable
-from vibroimpact.orbits.periodic import PeriodicOrbit
+from vibroimpact.orbits.orbit import PeriodicOrbit
 
 #: The coordinates by name; the height is not in a file, but follows from x and the clearance.
 COORDINATES: Mapping[str, Variable] = {
@@ -28,26 +28,11 @@ def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
     return (dataset["clearance"] - x).transpose(*x.dims)
 
 
-def orbit_coordinate(orbit: PeriodicOrbit, coordinate: str, phase: float) -> np.ndarray:
-    """Return a coordinate of an orbit, in time order.
+def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:
+    """Return the coordinates of an orbit by name, in time order, shapes (m,) and (q,).
 
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-    coordinate : str
-        One of ``COORDINATES``.
-    phase : float
-        Of the section [rad].
-
-    Returns
-    -------
-    ndarray, shape (m,) or (q,)
+    The phases of the impacts increase; `phase` is that of the section [rad].
     """
-    if coordinate == "impact_v":
-        return orbit.speeds
-    if coordinate == "impact_phase":
-        return orbit.phases % (2.0 * np.pi)
     x, v = orbit.sections(phase).T
-    if coordinate == "poincare_height":
-        return orbit.oscillator.clearance - x
-    return v if coordinate == "poincare_v" else x
+    values = (x, v, orbit.oscillator.clearance - x, orbit.speeds, orbit.phases)
+    return dict(zip(COORDINATES, values, strict=True))

@@ -1,27 +1,31 @@
 """The exact branches of the periodic motions along a line of computed points.
 
 Every periodic motion in the file is a seed: the orbit that it is on is found by Newton's method,
-and followed with all that its flips and grazes lead to (`vibroimpact.orbits.trees`).
+and followed with all that its flips and grazes lead to (`vibroimpact.orbits.branch_set`). How far
+the points are from their orbits is found from the points alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.coordinates import orbit_coordinate, recorded_coordinate
-from sweeps.analysis.selection import Cut, Setting, directions, listed, select
+from sweeps.analysis.coordinates import COORDINATES, orbit_coordinates, recorded_coordinate
+from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, listed, select
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
+from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.period_class import period_class
-from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
-from vibroimpact.orbits.trees import Tree
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _NAMES = [field.name for field in fields(Oscillator)]
 #: Longer orbits are neither seeds nor followed, nor more branches than this.
@@ -30,7 +34,7 @@ MOST_PERIODS, MOST_BRANCHES = 8, 60
 
 @dataclass(frozen=True)
 class Line:
-    """A line of computed points along one axis.
+    """A line of computed points along one axis, in the order of its values.
 
     Attributes
     ----------
@@ -38,20 +42,30 @@ class Line:
         A cut through an opened sweep, with `axis` as its only swept axis.
     axis : str
         A parameter of the oscillator.
+    values : ndarray, shape (n,)
+        Of the axis, increasing.
     oscillator : Oscillator
-        At the first point of the line.
+        At one of them.
     phase : float
         Of the section [rad].
+    states : ndarray, shape (n, 2)
+        x and v at the last section.
+    m, q : ndarray of int, shape (n,)
+        Forcing periods and impacts per repetition; 0 where the motion does not repeat, or rests.
     """
 
     dataset: xr.Dataset
     axis: str
+    values: np.ndarray
     oscillator: Oscillator
     phase: float
+    states: np.ndarray
+    m: np.ndarray
+    q: np.ndarray
 
     @classmethod
     def of(cls, dataset: xr.Dataset, axis: str) -> Line:
-        """Read what is fixed along a line from the configuration.
+        """Read the points of a line.
 
         Raises
         ------
@@ -59,40 +73,19 @@ class Line:
             If the orbits do not depend on `axis`, or it has a single value.
         """
         check_axis(dataset, axis, "it")
-        setting = Setting.of(dataset)
-        return cls(dataset, axis, setting.oscillator(dataset.isel({axis: 0})), setting.phase)
-
-
-@dataclass(frozen=True)
-class Motions:
-    """The periodic motions of a line.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Of the axis, increasing.
-    states : ndarray, shape (n, 2)
-        x and v at the last section.
-    m, q : ndarray of int, shape (n,)
-        Forcing periods and impacts per repetition; 0 where the motion does not repeat, or rests.
-    """
-
-    values: np.ndarray
-    states: np.ndarray
-    m: np.ndarray
-    q: np.ndarray
-
-    @classmethod
-    def of(cls, line: Line) -> Motions:
-        """Read them from the records of a line."""
+        setting, dataset = Setting.of(dataset), dataset.sortby(axis)
         names = ["status", "poincare_x", "poincare_v", "impacts_per_period", "rest_fraction"]
-        data = line.dataset[names].sortby(line.axis).load()
+        data = dataset[names].load()
         x, v = data["poincare_x"].values, data["poincare_v"].values
         m, q = period_class(x, v, data["impacts_per_period"].values)
         failed = np.isin(data["status"].values, [status for status in Status if status.failed])
-        unknown = failed | (data["rest_fraction"].values > 0.0)
+        known = ~failed & ~(data["rest_fraction"].values > 0.0)
+        oscillator = setting.oscillator(dataset.isel({axis: 0}))
         states = np.stack([x[:, -1], v[:, -1]], axis=1)
-        return cls(data[line.axis].values, states, np.where(unknown, 0, m), np.where(unknown, 0, q))
+        return cls(
+            dataset, axis, data[axis].values, oscillator, setting.phase, states,
+            np.where(known, m, 0), np.where(known, q, 0),
+        )  # fmt: skip
 
     def seeds(self) -> list[int]:
         """Return the middle of every run of points of one class, the longest runs first."""
@@ -100,143 +93,189 @@ class Motions:
         begins = np.flatnonzero(np.diff(classes, prepend=-1))
         lengths = np.diff(begins, append=len(classes))
         order = np.argsort(-lengths, kind="stable")
-        middles = (begins + lengths // 2)[order].tolist()
-        return [i for i in middles if 0 < self.m[i]]
+        return [i for i in (begins + lengths // 2)[order].tolist() if self.m[i] > 0]
+
+    def orbit(self, i: int) -> PeriodicOrbit:
+        """Return the orbit that a periodic point is on; OrbitError if none is found."""
+        oscillator = replace(self.oscillator, **{self.axis: float(self.values[i])})
+        x, v = self.states[i].tolist()
+        return periodic_orbit(
+            oscillator, min(x, oscillator.clearance), v, int(self.m[i]), self.phase
+        )
 
 
-def grow(lines: Sequence[Line], check: Callable[[], object] | None = None) -> Tree:
-    """Follow all orbits that the periodic motions of lines are on.
+def branches(
+    dataset: xr.Dataset,
+    axis: str | None = None,
+    at: Cut | None = None,
+    check: Callable[[], object] = lambda: None,
+) -> xr.Dataset:
+    """Follow the orbits of all periodic motions of a sweep along one axis.
 
     Parameters
     ----------
-    lines : sequence of Line
-        Of one oscillator and axis: the directions in which it was followed.
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axis : str, optional
+        A swept parameter of the oscillator, by default the longest axis.
+    at : mapping of str to float, optional
+        Values of the other swept axes; by default the first.
     check : callable, optional
         Is called before each branch; what it raises ends the work.
 
     Returns
     -------
-    Tree
-        What was given up is in its ``given_up``.
+    Dataset
+        Along ``point``, branch after branch: the axis, ``branch`` (its number), ``stable``,
+        ``impact_phase`` and ``impact_v`` (``point``, ``impact``), and ``poincare_x``,
+        ``poincare_v`` and ``poincare_height`` (``point``, ``section``), NaN beyond q and m. Along
+        ``number``: ``m`` and ``q``. Along ``special``: ``kind``, ``special_value``,
+        ``special_branch``, ``special_m`` and ``special_q`` of the flips, folds, grazes and ends,
+        and their ``special_impact_phase``, and so on. The attribute ``summary`` says what was
+        found, ``given_up`` what was not followed; ``range`` has the ends of the axis, and ``phase``
+        is that of the section.
+
+    Raises
+    ------
+    Refused
+        If there is no such axis, or the orbits do not depend on it.
     """
-    values = np.concatenate([line.dataset[line.axis].values for line in lines])
-    seeds = []
+    (axis,) = chosen_axes(dataset, [axis] if axis else [], 1, "branch")
+    lines = lines_of(dataset, axis, at)
+    low = min(float(line.values[0]) for line in lines)
+    high = max(float(line.values[-1]) for line in lines)
+    found = BranchSet(axis, low, high, MOST_BRANCHES, MOST_PERIODS, check)
     for line in lines:
-        motions = Motions.of(line)
-        for i in motions.seeds():
-            x, v = motions.states[i].tolist()
-            seeds.append((float(motions.values[i]), int(motions.m[i]), x, v))
-    first = lines[0]
-    low, high = float(values.min()), float(values.max())
-    return _grown(first.oscillator, first.axis, low, high, first.phase, tuple(seeds), check)
+        for i in line.seeds():
+            if line.m[i] > MOST_PERIODS:
+                found.given_up[f"motions of more than {MOST_PERIODS} periods"] += 1
+                continue
+            try:
+                found.grow(line.orbit(i))
+            except OrbitError as error:
+                found.given_up[f"motions of which {error}"] += 1
+    return _as_dataset(found, lines[0].phase)
 
 
-@lru_cache(maxsize=8)
-def _grown(
-    osc: Oscillator,
-    axis: str,
-    low: float,
-    high: float,
-    phase: float,
-    seeds: tuple[tuple[float, int, float, float], ...],
-    check: Callable[[], object] | None,
-) -> Tree:
-    """Grow a tree from all seeds, each a value, m, x and v; once for all that is shown of it."""
-    tree = Tree(axis, low, high, MOST_BRANCHES, MOST_PERIODS, check)
-    for value, m, x, v in seeds:
-        if m > MOST_PERIODS:
-            tree.given_up[f"motions of more than {MOST_PERIODS} periods"] += 1
-            continue
-        try:
-            orbit = periodic_orbit(replace(osc, **{axis: value}), x, v, m, phase)
-        except OrbitError as error:
-            tree.given_up[f"motions of which {error}"] += 1
-            continue
-        tree.grow(orbit)
-    return tree
+def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
+    """Return what `branches` does."""
+    items = found.branches
+    special = [(number, point) for number, item in enumerate(items) for point in item.special]
+    # Not item.orbit(i), which may number its impacts from another impact than the branch.
+    orbits = [
+        PeriodicOrbit(item.orbit(i).oscillator, item.m, item.phases[i], item.speeds[i])
+        for item in items
+        for i in range(len(item.values))
+    ]
+    data: dict[str, Any] = {
+        "branch": ("point", np.repeat(np.arange(len(items)), [len(b.values) for b in items])),
+        "stable": ("point", np.concatenate([np.empty(0, bool), *(b.stable for b in items)])),
+        "m": ("number", np.array([item.m for item in items], int)),
+        "q": ("number", np.array([item.q for item in items], int)),
+        "kind": ("special", np.array([point.kind for _, point in special], "U11")),
+        "special_value": ("special", np.array([point.value for _, point in special], float)),
+        "special_branch": ("special", np.array([number for number, _ in special], int)),
+        "special_m": ("special", np.array([point.orbit.m for _, point in special], int)),
+        "special_q": ("special", np.array([point.orbit.q for _, point in special], int)),
+    }
+    records = [
+        orbit_coordinates(orbit, phase)
+        for orbit in (*orbits, *(point.orbit for _, point in special))
+    ]
+    for name, variable in COORDINATES.items():
+        table = _padded([record[name] for record in records])
+        data[name] = ("point", variable.record), table[: len(orbits)]
+        data[f"special_{name}"] = ("special", variable.record), table[len(orbits) :]
+    values = np.concatenate([np.empty(0), *(item.values for item in items)])
+    lines = _summary(found)
+    about = {
+        "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
+        "range": [found.low, found.high],
+    }  # fmt: skip
+    return xr.Dataset(data, {found.parameter: ("point", values)}, about)
 
 
-def summary(tree: Tree) -> list[str]:
+def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Stack rows of different lengths, with NaN where there is nothing."""
+    table = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
+    for line, row in zip(table, rows, strict=True):
+        line[: len(row)] = row
+    return table
+
+
+def _summary(found: BranchSet) -> list[str]:
     """Say in lines what was found, and what was given up."""
-    classes = sorted({(branch.m, branch.q) for branch in tree.branches})
+    classes = sorted({(branch.m, branch.q) for branch in found.branches})
     if not classes:
         return ["no exact orbit is found"]
     names = [f"{m}/{q}" for m, q in classes]
     shown = listed(names[:8]) + (", ..." if len(names) > 8 else "")
-    noun = "branch" if len(tree.branches) == 1 else "branches"
-    lines = [f"{len(tree.branches)} exact {noun} of {shown}"]
-    if tree.given_up:
-        texts = [f"{count} {reason}" for reason, count in sorted(tree.given_up.items())]
+    noun = "branch" if len(found.branches) == 1 else "branches"
+    lines = [f"{len(found.branches)} exact {noun} of {shown}"]
+    if found.given_up:
+        texts = [f"{count} {reason}" for reason, count in sorted(found.given_up.items())]
         lines.append(f"not followed: {'; '.join(texts)}")
     return lines
 
 
-@dataclass(frozen=True)
-class Deviation:
-    """How far computed points of one class are from the stable branches that they follow.
+def compare(
+    dataset: xr.Dataset, axis: str, at: Cut | None = None, coordinate: str = "poincare_x"
+) -> list[str]:
+    """Say in lines, for each direction and class, how far points are from their exact orbits."""
+    texts = []
+    for line in lines_of(dataset, axis, at):
+        way = f"{line.dataset[DIRECTION].item()}: " if DIRECTION in line.dataset.coords else ""
+        said = [
+            _said(f"{m}/{q}", axis, points)
+            for (m, q), points in deviations(line, coordinate).groupby(["m", "q"])
+        ]
+        texts += [way + text for text in said or ["no point follows a stable exact orbit"]]
+    return texts
 
-    Attributes
-    ----------
-    m, q : int
-    values : ndarray, shape (k,)
-        Values of the axis at which a computed point has this class and there is a stable orbit.
-    sizes : ndarray, shape (k,)
-        The largest deviation in its record, in the unit of the coordinate.
-    settled : ndarray of bool, shape (k,)
-        Whether the orbit's multipliers reduce a deviation to rounding within the transient.
+
+def deviations(line: Line, coordinate: str) -> pd.DataFrame:
+    """Compare the periodic points of a line with the stable orbits that they are on.
+
+    Returns
+    -------
+    DataFrame
+        A row for each point with such an orbit of its own class: ``m``, ``q``, the axis, ``size``
+        (the largest deviation in its record, in the unit of the coordinate), and ``settled``
+        (whether the multipliers reduce a deviation to rounding within the transient).
     """
+    import pandas as pd
 
-    m: int
-    q: int
-    values: np.ndarray
-    sizes: np.ndarray
-    settled: np.ndarray
-
-    def summary(self, axis: str) -> str:
-        """Say it in one line."""
-        worst = int(np.argmax(self.sizes))
-        text = (
-            f"{self.m}/{self.q}: {len(self.sizes):,} points follow the stable branch; largest "
-            f"deviation {self.sizes[worst]:.1e} at {axis} = {self.values[worst]:g}"
-        )
-        if self.settled.all():
-            return text
-        if not self.settled.any():
-            return f"{text}; the transient has died out at none of them"
-        return (
-            f"{text}, and {self.sizes[self.settled].max():.1e} at the "
-            f"{np.count_nonzero(self.settled):,} where the transient has died out"
-        )
-
-
-def deviations(line: Line, tree: Tree, coordinate: str) -> Iterator[Deviation]:
-    """Compare computed points with the stable branches that they follow.
-
-    Yields
-    ------
-    Deviation
-        For every class of which there are points.
-    """
-    motions = Motions.of(line)
-    records = recorded_coordinate(line.dataset, coordinate).sortby(line.axis).values
+    records = recorded_coordinate(line.dataset, coordinate).values
     transient = int(line.dataset["section"].values[0]) - 1
-    for m, q in sorted({(branch.m, branch.q) for branch in tree.branches if branch.q}):
-        alike = [branch for branch in tree.branches if (branch.m, branch.q) == (m, q)]
-        compared = []
-        for i in np.flatnonzero((motions.m == m) & (motions.q == q)).tolist():
-            value = float(motions.values[i])
-            orbits = [orbit for branch in alike for orbit in branch.at(value) if orbit.stable]
-            sizes = [
-                _distance(records[i], orbit_coordinate(orbit, coordinate, line.phase), coordinate)
-                for orbit in orbits
-            ]
-            if sizes:
-                nearest = int(np.argmin(sizes))
-                decay = np.abs(orbits[nearest].multipliers).max() ** (transient / m)
-                compared.append((value, sizes[nearest], decay < np.finfo(float).eps))
-        if compared:
-            values, distances, settled = (np.array(row) for row in zip(*compared, strict=True))
-            yield Deviation(m, q, values, distances, settled)
+    rows = []
+    for i in np.flatnonzero((line.q > 0) & (line.m <= MOST_PERIODS)).tolist():
+        try:
+            orbit = line.orbit(i)
+        except OrbitError:
+            continue
+        if orbit.stable and (orbit.m, orbit.q) == (line.m[i], line.q[i]):
+            exact = orbit_coordinates(orbit, line.phase)[coordinate]
+            size = _distance(records[i], exact, coordinate)
+            decay = float(np.abs(orbit.multipliers).max()) ** (transient / orbit.m)
+            settled = decay < np.finfo(float).eps
+            rows.append((orbit.m, orbit.q, float(line.values[i]), size, settled))
+    return pd.DataFrame(rows, columns=["m", "q", line.axis, "size", "settled"])
+
+
+def _said(name: str, axis: str, points: pd.DataFrame) -> str:
+    """Say in one line how far points of one class are from their orbits."""
+    worst, settled = points.loc[points["size"].idxmax()], points["size"][points["settled"]]
+    text = (
+        f"{name}: {len(points):,} points follow a stable orbit; largest deviation "
+        f"{worst['size']:.1e} at {axis} = {worst[axis]:g}"
+    )
+    if len(settled) == len(points):
+        return text
+    if not len(settled):
+        return f"{text}; the transient has died out at none of them"
+    return (
+        f"{text}, and {settled.max():.1e} at the {len(settled):,} where the transient has died out"
+    )
 
 
 def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
@@ -245,6 +284,7 @@ def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
     starts = [np.resize(np.roll(orbit, -k), record.shape) for k in range(len(orbit))]
     apart = np.abs(record - np.array(starts))
     if coordinate == "impact_phase":
+        apart %= 2.0 * np.pi
         apart = np.minimum(apart, 2.0 * np.pi - apart)
     return float(apart.max(axis=1, initial=0.0).min())
 

@@ -10,9 +10,9 @@ classes passes within one cell; each of the others gets a reason.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,64 +39,7 @@ _CELLS, _ON = 0.5, 0.2
 _EXAMPLES = 3
 
 
-@dataclass
-class CurveSearch:
-    """The curves over a map, and which of its changes they explain.
-
-    Attributes
-    ----------
-    axes : tuple of str
-        Abscissa and ordinate.
-    curves : list of Curve
-    changes : int
-        Between periodic classes.
-    explained : int
-        Those with a curve of one of their classes within one cell.
-    reasons : dict of str to Counter
-        Why the others have none, and between which classes they are.
-    """
-
-    axes: tuple[str, str]
-    curves: list[Curve] = field(default_factory=list)
-    changes: int = 0
-    explained: int = 0
-    reasons: dict[str, Counter[str]] = field(default_factory=dict)
-
-    def summary(self) -> list[str]:
-        """Say in lines what was found, and why changes have no curve."""
-        kinds = Counter(curve.kind for curve in self.curves)
-        counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
-        lines = [f"{len(self.curves)} exact curves: {counted}"]
-        if self.changes:
-            lines.append(
-                f"{self.explained:,} of {self.changes:,} changes between periodic classes "
-                f"({100.0 * self.explained / self.changes:.1f} %) have a curve within one cell"
-            )
-        else:
-            lines.append("there is no change between periodic classes")
-        for reason, pairs in sorted(self.reasons.items(), key=lambda item: -item[1].total()):
-            named = [pair for pair, _ in pairs.most_common(_EXAMPLES)]
-            dots = ", ..." if len(pairs) > _EXAMPLES else ""
-            lines.append(f"  {pairs.total():,}: {reason} ({', '.join(named)}{dots})")
-        return lines + [
-            f"a curve of {curve.kind}s of {curve.m}/{curve.q} is lost at {where}: {text}"
-            for curve in self.curves
-            for where, text in _lost_ends(curve)
-        ]
-
-
-def _lost_ends(curve: Curve) -> Iterator[tuple[str, str]]:
-    """Yield where a curve is lost, and why."""
-    for point in curve.special:
-        if point.kind == "lost":
-            values = zip(curve.parameters, point.values.tolist(), strict=True)
-            where = ", ".join(f"{name} = {value:g}" for name, value in values)
-            yield where, lost_text(len(curve.values), point.orbit.speeds)
-
-
-def find_curves(
-    dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None
-) -> CurveSearch:
+def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
     """Follow the bifurcations between the periodic motions of a map.
 
     Parameters
@@ -108,12 +51,24 @@ def find_curves(
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
 
+    Returns
+    -------
+    Dataset
+        Along ``point``, curve after curve: the two axes and ``curve`` (its number). Along
+        ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``: ``special_kind``,
+        ``special_curve`` and ``special_values`` (``special``, 2). The attributes ``changes`` and
+        ``explained`` count the changes between periodic classes, and those with a curve within one
+        cell; ``summary`` says why the others have none.
+
     Raises
     ------
     Refused
-        If there are no such axes, or the orbits do not depend on one.
+        If there are no two such axes, or the orbits do not depend on one.
     """
-    across, up = map_axes(dataset, axes)
+    chosen = [axes] if isinstance(axes, str) else axes
+    across, up = map_axes(dataset, chosen)
+    if len(chosen) == 1:
+        raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
         check_axis(dataset, axis, "the map")
     if "period" not in dataset:
@@ -122,6 +77,44 @@ def find_curves(
         )
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
     return _Search(cut, (across, up)).run()
+
+
+def summary(
+    curves: Sequence[Curve], changes: int, explained: int, reasons: Mapping[str, Counter[str]]
+) -> str:
+    """Say in lines what was found, and why changes have no curve.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+    changes, explained : int
+        Between periodic classes, and those with a curve of one of their classes within one cell.
+    reasons : mapping of str to Counter
+        Why the others have none, and between which classes they are.
+    """
+    kinds = Counter(curve.kind for curve in curves)
+    counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
+    lines = [f"{len(curves)} exact curves: {counted}"]
+    if changes:
+        lines.append(
+            f"{explained:,} of {changes:,} changes between periodic classes "
+            f"({100.0 * explained / changes:.1f} %) have a curve within one cell"
+        )
+    else:
+        lines.append("there is no change between periodic classes")
+    for reason, pairs in sorted(reasons.items(), key=lambda item: -item[1].total()):
+        named = [pair for pair, _ in pairs.most_common(_EXAMPLES)]
+        dots = ", ..." if len(pairs) > _EXAMPLES else ""
+        lines.append(f"  {pairs.total():,}: {reason} ({', '.join(named)}{dots})")
+    for curve in curves:
+        for point in curve.special:
+            if point.kind == "lost":
+                values = zip(curve.parameters, point.values.tolist(), strict=True)
+                where = ", ".join(f"{name} = {value:g}" for name, value in values)
+                why = lost_text(len(curve.values), point.orbit.speeds)
+                name = f"{curve.kind}s of {curve.m}/{curve.q}"
+                lines.append(f"a curve of {name} is lost at {where}: {why}")
+    return "\n".join(lines)
 
 
 def map_axes(dataset: xr.Dataset, axes: Sequence[str] = ()) -> list[str]:
@@ -151,7 +144,6 @@ class _Search:
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
         self._explained = np.zeros(len(self._cells), bool)
         self._lines: list[tuple[Curve, cKDTree]] = []
-        self._result = CurveSearch(axes, changes=len(self._cells))
 
     def _changes(self) -> Iterator[np.ndarray]:
         """Yield the cells on both sides of every change between periodic classes."""
@@ -161,9 +153,8 @@ class _Search:
             where = (before != after).any(axis=2) & (before[..., 0] > 0) & (after[..., 0] > 0)
             yield from np.stack([index[low][where], index[high][where]], axis=1)
 
-    def run(self) -> CurveSearch:
+    def run(self) -> xr.Dataset:
         """Look at the large tongues, and then at every change that no curve explains yet."""
-        result = self._result
         for cell, axis in self._tongues():
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):
@@ -176,11 +167,38 @@ class _Search:
                 reasons[chosen] = "the curve found there is of other classes"
             except OrbitError as error:
                 reasons[chosen] = str(error)
-        result.explained = int(self._explained.sum())
+        counted: dict[str, Counter[str]] = {}
         for i in np.flatnonzero(~self._explained).tolist():
             pair = " and ".join(f"{m}/{q}" for m, q in self._names[i])
-            result.reasons.setdefault(reasons[i], Counter())[pair] += 1
-        return result
+            counted.setdefault(reasons[i], Counter())[pair] += 1
+        return self._as_dataset(counted)
+
+    def _as_dataset(self, reasons: Mapping[str, Counter[str]]) -> xr.Dataset:
+        """Return what `curves` does."""
+        found = [curve for curve, _ in self._lines]
+        special = [(number, point) for number, one in enumerate(found) for point in one.special]
+        at = np.array([point.values for _, point in special]).reshape(-1, 2)
+        data = {
+            "curve": (
+                "point",
+                np.repeat(np.arange(len(found)), [len(one.values) for one in found]),
+            ),
+            "kind": ("number", np.array([one.kind for one in found], "U11")),
+            "m": ("number", np.array([one.m for one in found], int)),
+            "q": ("number", np.array([one.q for one in found], int)),
+            "special_kind": ("special", np.array([point.kind for _, point in special], "U11")),
+            "special_curve": ("special", np.array([number for number, _ in special], int)),
+            "special_values": (("special", "parameter"), at),
+        }
+        values = np.concatenate([np.empty((0, 2)), *(one.values for one in found)]).T
+        coordinates = {axis: ("point", v) for axis, v in zip(self._axes, values, strict=True)}
+        changes, explained = len(self._cells), int(self._explained.sum())
+        about = {
+            "changes": changes,
+            "explained": explained,
+            "summary": summary(found, changes, explained, reasons),
+        }
+        return xr.Dataset(data, coordinates, about)
 
     def _tongues(self) -> Iterator[tuple[np.ndarray, int]]:
         """Yield the middle of every large tongue where it is widest along an axis, and the axis."""
@@ -289,7 +307,6 @@ class _Search:
         )
         curve = bifurcation_curve(point.orbit, point.kind, first, second)
         line = self._line(curve)
-        self._result.curves.append(curve)
         self._lines.append((curve, line))
         separated = {(curve.m, curve.q)}
         if curve.kind == "flip":

@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from sweeps.bench.accuracy_speed import Measurement
 from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
 from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines
-from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
+from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 
 #: Title, scene and kind of error of the panels; the first is the wide one.
 PANELS = (

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from sweeps.bench import paper
+from sweeps.plotting.canvas import draw_stop
 from sweeps.plotting.labels import mathtext
-from sweeps.plotting.marks import draw_stop
-from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
+from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact import simulate
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES

@@ -50,7 +50,7 @@ def accuracy_speed(
     ] = 1,
 ) -> None:
     """Chart the accuracy of every method against its speed."""
-    from sweeps.analysis.csv_tables import write_rows
+    from sweeps.analysis.tables import write_csv
     from sweeps.bench import accuracy_tables, work_precision
     from sweeps.bench.accuracy_picture import picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure
@@ -69,7 +69,7 @@ def accuracy_speed(
         say(accuracy_tables.of_targets(measured))
         draw(output, picture, measured, orders)
         if csv is not None:
-            write_rows(csv, work_precision.COLUMNS, work_precision.rows(measured, orders))
+            write_csv(csv, work_precision.rows(measured, orders), work_precision.COLUMNS)
 
 
 @app.command()
@@ -77,7 +77,7 @@ def stability(
     output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
 ) -> None:
     """Show how long a step may be, and where each method fails."""
-    from sweeps.analysis.csv_tables import write_rows
+    from sweeps.analysis.tables import write_csv
     from sweeps.bench import failures, stability, stability_tables
     from sweeps.bench.output import draw
     from sweeps.bench.stability_picture import picture
@@ -88,7 +88,7 @@ def stability(
             say(part)
         draw(output, picture, stability.chart(quick))
         if csv is not None:
-            write_rows(csv, stability_tables.COLUMNS, stability_tables.rows(limits, figures))
+            write_csv(csv, stability_tables.rows(limits, figures), stability_tables.COLUMNS)
 
 
 @app.command()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +26,7 @@ from sweeps.cli.terminal import say
 from sweeps.errors import Refused
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
     from sweeps.analysis.selection import Cut
@@ -152,11 +153,11 @@ def plot(
     if periods is not None and periods < 1:
         raise Refused(f"--periods {periods} is not allowed; expected: an integer >= 1")
     options = {
-        "axes": tuple(axis or ()),
+        "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
         "quantity": quantity,
-        "exact": exact,
-        "below": tuple(below or ()),
+        "exact": exact or None,
+        "below": tuple(below) if below else None,
         "periods": periods,
     }
     figures = targets(files, output, [file.parent / f"{file.stem}.png" for file in files])
@@ -180,12 +181,15 @@ def draw(
     """Write a picture of an opened sweep, and say which, and what was chosen for it."""
     from sweeps.analysis.selection import on_grid
     from sweeps.plotting import Page, plot
-    from sweeps.plotting.kinds import default_kind, silent_cuts
+    from sweeps.plotting.api import KINDS, default_kind, silent_cuts
 
     cut = on_grid(dataset, cuts)
-    chosen = {name: value for name, value in options.items() if value not in (None, False, ())}
+    chosen = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, cut, **chosen) if kind is None else kind
-    lines, write = _exact(dataset, kind, cut, chosen) if "exact" in chosen else ([], None)
+    lines: list[str] = []
+    table: pd.DataFrame | None = None
+    if "exact" in chosen and "exact" in KINDS[kind].options:
+        chosen["exact"], lines, table = _exact(dataset, kind, cut, chosen)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
     written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
     say_moved(cuts, cut, "drawn")
@@ -194,28 +198,28 @@ def draw(
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
-    if csv is not None and write is not None:
-        write(csv)
+    if csv is not None and table is not None:
+        from sweeps.analysis.tables import write_csv
+
+        write_csv(csv, table)
         say(csv)
     say(written)
 
 
 def _exact(
-    dataset: xr.Dataset, kind: str, cut: Cut, options: dict[str, Any]
-) -> tuple[list[str], Callable[[Path], None]]:
-    """Find the exact branches, or the curves of a map; return what to say, and to write a CSV."""
-    from sweeps.analysis import exact_tables
+    dataset: xr.Dataset, kind: str, cut: Cut, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
+    """Find the exact branches, or the curves of a map; return them, what to say, and a table."""
+    from sweeps.analysis import tables
+    from sweeps.analysis.exact_branches import branches, compare
+    from sweeps.analysis.exact_curves import curves, map_axes
+    from sweeps.plotting.lines import select_line
 
     axes = options.get("axes", ())
     if kind == "map":
-        from sweeps.analysis.exact_curves import find_curves
-
-        search = options["exact"] = find_curves(dataset, axes, cut)
-        return search.summary(), lambda path: exact_tables.write_curves(path, search)
-    from sweeps.plotting.exact_branches import compare
-
-    texts = compare(dataset, axes, cut, options.get("coordinate"))
-    axis = axes[0] if axes else None
-    return texts, lambda path: exact_tables.write_branches(
-        path, exact_tables.branches(dataset, axis, cut)
-    )
+        found = curves(dataset, map_axes(dataset, axes), cut)
+        return found, found.attrs["summary"].split("\n"), tables.curve_table(found)
+    _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
+    found = branches(dataset, axis, cut)
+    lines = compare(dataset, axis, cut, coordinate) + found.attrs["summary"].split("\n")
+    return found, lines, tables.branch_table(found)

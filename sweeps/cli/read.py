@@ -97,13 +97,13 @@ def info(
 
 def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Path | None) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file."""
-    from sweeps.analysis import bifurcations, exact_tables
+    from sweeps.analysis import bifurcations, tables
     from sweeps.analysis.selection import on_grid
 
     along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
     say_moved(cuts, on_grid(dataset, cuts), "listed")
     say(bifurcations.describe(along, items))
-    if text := exact_tables.describe(dataset, along, cuts):
+    if text := tables.describe(dataset, along, cuts):
         say(text)
     if csv is not None:
         bifurcations.write_csv(csv, along, items)

@@ -7,15 +7,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from bokeh.models import ColumnDataSource, LegendItem
 
-from sweeps.analysis.exact_branches import Line
+from sweeps.analysis.exact_branches import branches
 from sweeps.engine.as_dataset import as_dataset
 from sweeps.engine.background import check_given_up
 from sweeps.explore.diagram import Diagram
 from sweeps.explore.view import View
 from sweeps.explore.worker import Step
-from sweeps.plotting.palette import VERMILION
+from sweeps.plotting.style import VERMILION
 
 #: What there is to see, by the name in the legend: the dashes of a line, or a marker.
 _LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": [4, 2]}
@@ -24,29 +25,14 @@ _MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 Parts = Mapping[str, tuple[list[np.ndarray], list[np.ndarray]]]
 
 
-def find_branches(diagram: Diagram) -> Parts:
-    """Follow the orbits of the diagram's points; return the coordinates of each part.
-
-    Raises
-    ------
-    Refused
-        If the orbits do not depend on the axis.
-    """
-    from sweeps.plotting.exact_branches import branch_parts  # whose import takes a second
-
-    shown = diagram.kept
-    assert shown is not None
-    dataset = as_dataset(shown.config, shown.config.grid.axes, shown.results)
-    lines = [Line.of(dataset, shown.view.axis)]
-    return branch_parts(lines, shown.view.ordinate, check_given_up)
-
-
 class Branches:
     """The lines and marks over the figure of the diagram."""
 
     def __init__(self, diagram: Diagram) -> None:
         self._diagram = diagram
         self._drawn: Any = None
+        #: The branches that were found last, and the axis and the configuration of their points.
+        self._found: tuple[Any, xr.Dataset] | None = None
         figure = diagram.figure
         self.sources = {
             name: ColumnDataSource({"x": [], "y": []}, name=name) for name in (*_LINES, *_MARKERS)
@@ -72,8 +58,30 @@ class Branches:
         if not view.exact:
             return []
         key = (view.diagram(columns), view.ordinate)
-        compute = partial(find_branches, self._diagram)
-        return [Step("branches", key, compute, partial(self._paint, _depends_on(view)))]
+        return [Step("branches", key, self._find, partial(self._paint, _depends_on(view)))]
+
+    def _find(self) -> Parts:
+        """Follow the orbits of the diagram's points; return the coordinates of each part.
+
+        Raises
+        ------
+        Refused
+            If the orbits do not depend on the axis.
+        """
+        from sweeps.plotting.exact import parts_of  # whose import takes a second
+
+        shown = self._diagram.kept
+        assert shown is not None
+        key = shown.view.axis, shown.config
+        if self._found is None or self._found[0] != key:
+            dataset = as_dataset(shown.config, shown.config.grid.axes, shown.results)
+            self._found = key, branches(dataset, shown.view.axis, check=check_given_up)
+        parts: Parts = {name: ([], []) for name in self.sources}
+        for name, x, y, _ in parts_of(self._found[1], shown.view.ordinate):
+            for column in y.T:
+                parts[name][0].append(x)
+                parts[name][1].append(column)
+        return parts
 
     def _paint(self, depends_on: Any, parts: Parts, seconds: float) -> None:
         """Show the parts of the branches, and which there are."""

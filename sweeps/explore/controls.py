@@ -23,7 +23,7 @@ from bokeh.models import (
 from sweeps.analysis.coordinates import COORDINATES
 from sweeps.explore.view import View, window_around
 from sweeps.explore.words import symbol
-from sweeps.plotting.quantity_words import as_variable
+from sweeps.plotting.labels import as_variable
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232

@@ -26,7 +26,7 @@ from sweeps.explore import picture
 from sweeps.explore.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explore.view import View, Window, bounds
 from sweeps.explore.worker import Step
-from sweeps.plotting.palette import STATUS_COLOURS, VERMILION
+from sweeps.plotting.style import STATUS_COLOURS, VERMILION
 from sweeps.text import shown_count
 
 #: The coarse picture has so many times fewer columns.

@@ -47,9 +47,8 @@ class Tiles:
 
 def _tiles(config: SweepConfig, x: str, y: str, tab: int) -> Tiles:
     """Compute a map, and put its points into kinds as the files' pictures do."""
-    from sweeps.plotting.attractor_pictures import basin_cells
-    from sweeps.plotting.cells import failed_cells
-    from sweeps.plotting.maps import period_cells
+    from sweeps.plotting.attractors import basin_cells
+    from sweeps.plotting.maps import failed_cells, period_cells
 
     begin = perf_counter()
     results = numbers(config)

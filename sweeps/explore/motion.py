@@ -22,7 +22,7 @@ from sweeps.explore.diagram import numbers
 from sweeps.explore.view import View
 from sweeps.explore.words import axis_label, symbol
 from sweeps.explore.worker import Step
-from sweeps.plotting.palette import BLUE, MOTIONS, ORANGE
+from sweeps.plotting.style import BLUE, MOTIONS, ORANGE
 from vibroimpact.status import Status
 
 #: Forcing periods that are drawn: of a periodic motion two repetitions, within these limits.

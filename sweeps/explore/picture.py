@@ -12,8 +12,8 @@ from sweeps.analysis.motion import has_result
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.as_dataset import as_dataset
 from sweeps.explore.view import Window
-from sweeps.plotting.palette import DENSITY, LEAST_SHARE
-from sweeps.plotting.pixels import count_pixels, widened
+from sweeps.plotting.lines import count_pixels, widened
+from sweeps.plotting.style import DENSITY, LEAST_SHARE
 
 #: The number of colours; 0 is no colour.
 _SHADES = 255

@@ -21,7 +21,7 @@ from bokeh.plotting import figure
 
 from sweeps.explore.view import Window
 from sweeps.explore.words import axis_label
-from sweeps.plotting.pixels import cell_edges
+from sweeps.plotting.lines import cell_edges
 
 _CLEAR = "#00000000"
 

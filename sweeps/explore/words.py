@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from sweeps.plotting.quantity_words import as_variable, label
+from sweeps.plotting.labels import as_variable, label
 
 #: The page has no formulas: they would need a typesetter of a megabyte.
 _LETTERS = {
     r"\omega": "ω", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
-    r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", r"\ ": " ", "_0": "₀", "_1": "₁",
-    "^2": "²", "$": "",
+    r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
+    "_1": "₁", "^2": "²", "$": "",
 }  # fmt: skip
 
 

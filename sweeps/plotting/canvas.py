@@ -1,30 +1,28 @@
-"""What a picture is drawn on: a figure of a size for paper, its style, its legend, its limits."""
+"""What pictures have in common: a figure for paper, its title and legend, marks in its panels."""
 
 from __future__ import annotations
 
 import functools
+import inspect
 import io
 import math
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import text_to_path
 
-from sweeps.errors import Refused
-from sweeps.plotting.style import user_style
-
-#: Height of a line of a title or a legend beyond those that a picture has room for [inch].
-_LINE_HEIGHT = 0.15
-#: What the handle of an entry of a legend takes, and the gap to the next column [inch].
-_HANDLE_WIDTH = 0.5
+from sweeps.plotting.labels import mathtext, status_name
+from sweeps.plotting.labels import title as title_of
+from sweeps.plotting.lines import widened
+from sweeps.plotting.style import BLUE, STATUS_COLOURS, user_style
+from vibroimpact.oscillator import PARAMETERS
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Page:
     Attributes
     ----------
     width : float, optional
-        Of the figure [inch], by default that of the kind of picture. Text keeps its size.
+        Of the figure [inch], by default that of matplotlib's ``figure.figsize``.
     title : str, optional
         Instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
@@ -63,6 +61,12 @@ class Picture(Figure):
     pyplot does not know it: in Jupyter it is shown once, as the value of a cell.
     """
 
+    def __init__(self, page: Page, stretch: float = 1.0) -> None:
+        """Make a figure of the page's width, and `stretch` times as high as ``figure.figsize``."""
+        width, height = mpl.rcParams["figure.figsize"]
+        size = (page.width or width, stretch * height)
+        super().__init__(figsize=size, layout="constrained")
+
     def _repr_png_(self) -> bytes:
         """Draw the figure for Jupyter."""
         buffer = io.BytesIO()
@@ -70,14 +74,56 @@ class Picture(Figure):
             self.savefig(buffer, format="png", dpi=150)
         return buffer.getvalue()
 
-    def letters(self, setting: Any) -> int:
-        """Return about how many letters of the size in a matplotlib setting fill the width."""
-        points = FontProperties(size=mpl.rcParams[setting]).get_size_in_points()
-        return int(self.get_figwidth() * 72.0 / (0.55 * points))
+    def make_room(self, part: Any) -> None:
+        """Make the figure higher by what a title or a legend takes."""
+        self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
 
-    def make_room(self, lines: int) -> None:
-        """Make the figure higher by some lines of text."""
-        self.set_figheight(self.get_figheight() + _LINE_HEIGHT * max(0, lines))
+
+#: What the pictures have in common; at the end of the parameters in the docstring of each.
+_COMMON = """\
+at : mapping of str to float, optional
+    Values of the swept axes that are not drawn: the nearest of the grid is taken, by default the
+    first. Where an axis was followed both ways, ``direction`` picks one.
+page : Page, optional
+    Width, title and limits.
+ax : Axes, optional
+    The panel to draw into, by default that of a new figure.
+
+Returns
+-------
+Figure
+    That of `ax`, or the new one.
+
+Raises
+------
+Refused
+    If the file does not have what is asked for, or there is nothing to draw."""
+
+
+def picture(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Let a function draw a figure of its own in the style of the pictures; complete its docstring.
+
+    Its first parameter is the dataset.
+    """
+
+    @functools.wraps(draw)
+    def _styled(*arguments: Any, **options: Any) -> Figure:
+        """Draw in the style, unless the panel is one of another figure."""
+        style = user_style() if options.get("ax") is None else {}
+        with mpl.rc_context(style), warnings.catch_warnings():
+            # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
+            warnings.filterwarnings("ignore", "Glyph", UserWarning)
+            return draw(*arguments, **options)
+
+    text, _, own = (inspect.getdoc(draw) or "").partition("\n\nParameters\n----------")
+    head = "Parameters\n----------\ndataset : Dataset\n    From `sweeps.open_sweep`."
+    _styled.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}"
+    return _styled
+
+
+def new_panel(ax: Axes | None, page: Page) -> Axes:
+    """Return the panel to draw into: `ax`, or the only one of a new figure."""
+    return Picture(page).add_subplot() if ax is None else ax
 
 
 def figure_of(panel: Axes) -> Figure:
@@ -87,88 +133,86 @@ def figure_of(panel: Axes) -> Figure:
     return figure
 
 
-def in_style(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Let a function that draws onto a figure of its own do so in the style of the pictures."""
+def finish(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> Figure:
+    """Put the title of the page or the sweep above a `Picture`, and return the figure.
 
-    @functools.wraps(draw)
-    def _styled(*arguments: Any, **options: Any) -> Figure:
-        """Draw in the style, unless the panel is one of another figure."""
-        style = user_style() if options.get("ax") is None else {}
-        with mpl.rc_context(style):
-            return draw(*arguments, **options)
-
-    return _styled
-
-
-def new_picture(page: Page, width: float, height: float) -> Picture:
-    """Return an empty figure, as high on a narrow page, and higher on a wide one."""
-    scale = 1.0 if page.width is None else page.width / width
-    figsize = (width * scale, height * max(1.0, math.sqrt(scale)))
-    return Picture(figsize=figsize, layout="constrained")
-
-
-def new_panel(ax: Axes | None, page: Page, width: float, height: float) -> Axes:
-    """Return the panel to draw into: `ax`, or the only one of a new figure."""
-    return new_picture(page, width, height).add_subplot() if ax is None else ax
-
-
-def new_panels(ax: Axes | None, page: Page, width: float, heights: Sequence[float]) -> list[Axes]:
-    """Return panels below each other that share their abscissa; refuse `ax` for several."""
-    if len(heights) == 1:
-        return [new_panel(ax, page, width, heights[0])]
-    if ax is not None:
-        raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
-    figure = new_picture(page, width, sum(heights))
-    panels = figure.subplots(len(heights), sharex=True, height_ratios=heights)
-    figure.align_ylabels(panels)
-    return list(panels)
+    A panel of another figure has no title, unless the page has one. `drawn` is what the picture
+    shows of the sweep; `record` is said instead of what the configuration has.
+    """
+    figure = figure_of(panel)
+    if not isinstance(figure, Picture):
+        if page.title is not None:
+            panel.set_title(page.title)
+    elif text := title_of(drawn, record) if page.title is None else page.title:
+        figure.make_room(figure.suptitle(text, wrap=True))
+    return figure
 
 
 def add_legend(
-    panel: Axes, handles: Sequence[Artist] | None = None, title: str | None = None, **look: Any
+    panel: Axes, handles: Iterable[Artist] | None = None, title: str | None = None, **look: Any
 ) -> None:
     """Put a legend below the panels of a `Picture`, or into the panel of another figure.
 
     The `handles` have labels, and are by default those of the panel; `look` is for matplotlib.
     """
-    look = {"handlelength": 1.5, "columnspacing": 1.2, **look}
-    handles = panel.get_legend_handles_labels()[0] if handles is None else handles
+    look = {
+        "handlelength": 1.5, "handletextpad": 0.5, "columnspacing": 1.0, "title": title, **look
+    }  # fmt: skip
+    handles = panel.get_legend_handles_labels()[0] if handles is None else list(handles)
+    figure = figure_of(panel)
     if not handles:
         return
-    figure = figure_of(panel)
     if not isinstance(figure, Picture):
-        panel.legend(handles=handles, title=title, **look)
+        panel.legend(handles=handles, **look)
         return
-    width = figure.letters("legend.fontsize")
-    labels = [str(handle.get_label()) for handle in handles]
-    labels = [text if "$" in text else fill(text, width - 6) for text in labels]
-    columns, rows = _columns(labels, figure.get_figwidth())
-    if title is not None:
-        title = "\n".join(fill(line, width) for line in title.split("\n"))
-        rows += 1 + title.count("\n")
-    figure.make_room(rows - 2)
-    legend = figure.legend(
-        handles, labels, loc="outside lower center", ncols=columns, frameon=False, title=title,
-        **look,
-    )  # fmt: skip
-    legend.get_title().set_multialignment("center")
-
-
-def _columns(labels: Sequence[str], width: float) -> tuple[int, int]:
-    """Return how many columns fit beside each other, each filled from the top, and their rows."""
-    lengths = [max(map(_legend_width, text.split("\n"))) for text in labels]
-    for columns in range(min(4, len(labels)), 0, -1):
-        if sum(map(max, np.array_split(lengths, columns))) <= width:  # as matplotlib splits them
+    look |= {"loc": "outside lower center", "frameon": False, "borderpad": 0.2}
+    for columns in range(min(4, len(handles)), 0, -1):
+        legend = figure.legend(handles=handles, ncols=columns, **look)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
             break
-    return columns, math.ceil(len(labels) / columns) + sum(text.count("\n") for text in labels)
+        legend.remove()
+    legend.get_title().set_multialignment("center")
+    figure.make_room(legend)
 
 
-def _legend_width(text: str) -> float:
-    """Return the width that an entry of a legend takes with its handle [inch]."""
-    return printed_width(text, "legend.fontsize") + _HANDLE_WIDTH
+def draw_points(
+    panel: Axes, x: np.ndarray, y: np.ndarray, colour: str = BLUE, scale: float = 1.0
+) -> None:
+    """Draw markers, the smaller the more of the panel they would cover."""
+    counts, *_ = np.histogram2d(x, y, bins=(600, 300))
+    size = scale * float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), 0.5, 3.5))
+    (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
+    points.set(markersize=size, markeredgewidth=0, alpha=float(np.clip(1e5 / len(y), 0.15, 1.0)))
 
 
-def printed_width(text: str, setting: Any) -> float:
-    """Return how wide a text with formulas is printed, in the size of a setting [inch]."""
-    font = FontProperties(size=mpl.rcParams[setting])
-    return float(text_to_path.get_text_width_height_descent(text, font, True)[0]) / 72.0
+def draw_stop(draw_line: Callable[..., object], clearance: float, label: bool = True) -> None:
+    """Draw the mechanical stop with a panel's `axhline` or `axvline`."""
+    symbol = PARAMETERS["clearance"].symbol
+    text = rf"stop, $x={symbol}={mathtext(clearance)}$" if label else None
+    draw_line(clearance, color="black", linewidth=0.8, linestyle="--", label=text)
+
+
+def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
+    """Keep rounding errors about a constant from filling the panel whose limits can be set so."""
+    ends = widened(low, high)
+    if ends != (low, high):
+        set_limits(*ends)
+
+
+def mark_status(panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
+    """Mark what failed or was not computed yet in a strip below the data, with labels.
+
+    The status has the shape of the `values` of the abscissa, (n,), or (directions, n).
+    """
+    present = [outcome for outcome in STATUS_COLOURS if (status == outcome).any()]
+    if not present:
+        return
+    low, high = panel.get_ylim()
+    panel.set_ylim(low - 0.04 * (high - low), high)
+    strip = panel.get_xaxis_transform()
+    for outcome in present:
+        x = np.broadcast_to(values, status.shape)[status == outcome]
+        (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
+        marks.set(markersize=6, color=STATUS_COLOURS[outcome])
+        text = f"{status_name(outcome)} ({len(x):,} of {status.size:,})"
+        panel.plot([], [], linewidth=5, color=STATUS_COLOURS[outcome], label=text)

@@ -1,39 +1,84 @@
-"""Maps over two swept axes: the class of the motion, or a number of each point."""
+"""Maps over two swept axes, one cell per point: the class of the motion, or a number of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Colormap, LinearSegmentedColormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
-from sweeps.analysis.exact_curves import CurveSearch, find_curves, map_axes
+from sweeps.analysis.exact_curves import map_axes
 from sweeps.analysis.motion import Motion, classify, frequent_periods, has_result
 from sweeps.analysis.selection import Cut, listed, select
 from sweeps.errors import Refused
-from sweeps.plotting.canvas import PAGE, Page, figure_of, in_style, new_panel
-from sweeps.plotting.cells import Cells, draw_cells, draw_map
-from sweeps.plotting.exact_curves import draw_curves
-from sweeps.plotting.labels import add_title, label_colour_bar, tick_in_decades
-from sweeps.plotting.palette import (
+from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, finish, new_panel, picture
+from sweeps.plotting.exact import draw_curves
+from sweeps.plotting.labels import (
+    CLASSES_TITLE,
+    label,
+    label_axis,
+    log_spaced,
+    status_name,
+    tick_in_decades,
+)
+from sweeps.plotting.lines import cell_edges
+from sweeps.plotting.style import (
     BLUE,
     MOTIONS,
     OTHER_PERIODIC,
     PERIODIC,
     REST,
     RESULTS,
+    STATUS_COLOURS,
     VERMILION,
     WHITE,
 )
+from vibroimpact.status import Status
 
+#: The look of cells that were not computed yet.
+_PENDING: dict[str, Any] = {
+    "facecolor": "white", "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
+}  # fmt: skip
 _LOW_IS_DARK = "cividis"
 _SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#00263D", BLUE, "#F7F7F7", VERMILION, "#4A1D00"]
 )
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The points of a map that have one colour.
+
+    Attributes
+    ----------
+    label : str
+        In the legend.
+    colour : str
+    where : ndarray of bool, shape of ``status``
+        Which points they are.
+    """
+
+    label: str
+    colour: str
+    where: np.ndarray
+
+
+def failed_cells(status: np.ndarray) -> list[Cells]:
+    """Return the points that failed, by outcome."""
+    return [
+        Cells(status_name(outcome), colour, status == outcome)
+        for outcome, colour in STATUS_COLOURS.items()
+        if outcome is not Status.PENDING
+    ]
 
 
 def period_cells(cut: xr.Dataset) -> list[Cells]:
@@ -63,7 +108,7 @@ def status_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
     """Colour what became of the points."""
     status = cut["status"].values
     return [
-        Cells(outcome.name.lower(), colour, status == outcome)
+        Cells(status_name(outcome), colour, status == outcome)
         for outcome, colour in RESULTS.items()
     ]
 
@@ -108,7 +153,7 @@ def log_map(
     _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, cut[name])
     return [
         Cells(zero, WHITE, has_result(cut["status"].values) & ~rests & ~(values > 0.0)),
-        Cells("with rest on the stop", REST, rests),
+        Cells("with rest", REST, rests),
     ]
 
 
@@ -127,14 +172,14 @@ QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
 }
 
 
-@in_style
+@picture
 def parameter_map(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
     at: Cut | None = None,
     quantity: str | None = None,
-    exact: bool | CurveSearch = False,
+    exact: xr.Dataset | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
@@ -145,25 +190,17 @@ def parameter_map(
 
     Parameters
     ----------
-    dataset, at, page, ax
-        As for `sweeps.plotting.bifurcation`.
     axes : sequence of str, optional
         Abscissa and ordinate, by default the two longest; of equals, the later is the abscissa.
     quantity : str, optional
         One of ``QUANTITIES``, by default the first that the file has.
-    exact : bool or CurveSearch
-        Whether to draw the curves of flips, folds and grazes over it; or these, found before.
-
-    Returns
-    -------
-    Figure
-
-    Raises
-    ------
-    Refused
-        If the file has no such axes or quantity.
+    exact : Dataset, optional
+        From `sweeps.curves` of these axes: curves of flips, folds and grazes to draw over it.
     """
     abscissa, ordinate = chosen = map_axes(dataset, axes)
+    if exact is not None and set(exact.coords) != set(chosen):
+        over = listed(map(str, exact.coords))
+        raise Refused(f"the exact curves are over {over}, not {listed(chosen)}")
     available = [name for name in QUANTITIES if name in dataset]
     if quantity is None:
         quantity = available[0]
@@ -173,13 +210,58 @@ def parameter_map(
             raise Refused(f"a map does not show {name}; {choice}")
         raise Refused(f"the file has no {name} to draw; {choice}")
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
-    panel = new_panel(ax, page, 4.5, 4.4)
-    draw_map(panel, cut, QUANTITIES[quantity](panel, cut))
-    if exact:
-        search = find_curves(dataset, chosen, at) if exact is True else exact
-        draw_curves(panel, search)
+    panel = new_panel(ax, page)
+    handles = draw_cells(panel, cut, QUANTITIES[quantity](panel, cut))
+    if exact is not None:
+        handles += draw_curves(panel, exact)
     page.set_limits(panel)
-    return add_title(panel, page, cut)
+    add_legend(panel, handles, CLASSES_TITLE if quantity == "period" else None, handlelength=1.2)
+    return finish(panel, page, cut)
+
+
+def draw_cells(panel: Axes, cut: xr.Dataset, kinds: Iterable[Cells]) -> list[Artist]:
+    """Draw the cells of each kind and of the points that failed, and the axes.
+
+    The ``status`` of the cut has the ordinate and the abscissa as dimensions, both increasing.
+    Returns a patch for each kind that there is, with its label.
+    """
+    y, x = (cut[name] for name in cut["status"].dims)
+    label_axis(panel.xaxis, x)
+    label_axis(panel.yaxis, y)
+    status = cut["status"].values
+    kinds = [kind for kind in (*kinds, *failed_cells(status)) if kind.where.any()]
+    index = np.full(status.shape, -1)
+    for number, kind in enumerate(kinds):
+        index[kind.where] = number
+    if kinds:
+        colours = ListedColormap([kind.colour for kind in kinds])
+        norm = Normalize(-0.5, len(kinds) - 0.5)
+        _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
+    handles: list[Artist] = [
+        Patch(facecolor=kind.colour, edgecolor="black", linewidth=0.4, label=kind.label)
+        for kind in kinds
+    ]
+    pending = np.count_nonzero(status == Status.PENDING)
+    if pending:
+        panel.patch.set(**_PENDING)
+        text = f"{status_name(Status.PENDING)} ({pending:,} of {status.size:,})"
+        handles.append(Patch(label=text, **_PENDING))
+    return handles
+
+
+def _draw_mesh(
+    panel: Axes,
+    cut: xr.Dataset,
+    values: np.ma.MaskedArray,
+    norm: Normalize,
+    colours: str | Colormap,
+) -> QuadMesh:
+    """Draw one cell per point of a cut, except where `values` are masked."""
+    y, x = (cut[str(name)].values for name in cut["status"].dims)
+    edges = [cell_edges(values, log_spaced(values)) for values in (x, y)]
+    mesh = panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
+    panel.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
+    return mesh
 
 
 def _draw_values(
@@ -191,12 +273,14 @@ def _draw_values(
     variable: xr.DataArray,
 ) -> None:
     """Draw values with their colour bar, which has an arrow if some are below it."""
-    mesh = draw_cells(panel, cut, values, norm, colours)
+    mesh = _draw_mesh(panel, cut, values, norm, colours)
     if values.count() == 0:
         return
     low, high = mesh.get_clim()
     extend = "min" if values.min() < low else "neither"
-    bar = figure_of(panel).colorbar(mesh, ax=panel, pad=0.02, aspect=35, extend=extend)
-    label_colour_bar(bar, variable)
+    bar = figure_of(panel).colorbar(
+        mesh, ax=panel, location="bottom", pad=0.02, aspect=35, extend=extend
+    )
+    bar.set_label(label(variable), wrap=True)
     if isinstance(norm, LogNorm) and high < 100.0 * low:
-        tick_in_decades(bar.ax.yaxis)
+        tick_in_decades(bar.ax.xaxis)

@@ -1,13 +1,15 @@
 """The digits that `info --bifurcations` prints, against Newton's method on the section map."""
 
+from dataclasses import fields
+
 import mpmath as mp
 import pytest
 
 from commands import accepted
 from section_map import SectionMap
 from sweep_files import run_in
-from sweeps import open_sweep
-from sweeps.analysis.exact_branches import grow, lines_of
+from sweeps import branches, open_sweep
+from vibroimpact import Oscillator, PeriodicOrbit
 
 #: Oscillators, and how many bifurcations of at most 4 periods and 5 impacts each has on its axis.
 SCENES = {
@@ -38,14 +40,18 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
         (words[3], words[4], words[2]) for words in map(str.split, listed) if len(words) == 5
     }
     with open_sweep(path) as dataset:
-        tree = grow(lines_of(dataset, axis))
+        found = branches(dataset, axis)
+        fixed = {field.name: dataset[field.name].values.flat[0] for field in fields(Oscillator)}
     compared = set()
-    for point in (point for branch in tree.branches for point in branch.special):
-        orbit = point.orbit
-        if point.kind not in ("flip", "fold", "graze") or orbit.m > 4 or orbit.q > 5:
+    for i, kind in enumerate(found["kind"].values):
+        m, q, value = (found[f"special_{name}"].values[i] for name in ("m", "q", "value"))
+        if kind not in ("flip", "fold", "graze") or m > 4 or q > 5:
             continue
+        oscillator = Oscillator(**{**fixed, axis: value})
+        impacts = (found[f"special_impact_{name}"].values[i, :q] for name in ("phase", "v"))
         with mp.workdps(50):
-            expected = float(SectionMap(orbit).bifurcation(point.kind, axis))
-        compared.add((point.kind, f"{orbit.m}/{orbit.q}", f"{expected:.12g}"))
+            orbit = PeriodicOrbit(oscillator, int(m), *impacts)
+            expected = float(SectionMap(orbit).bifurcation(kind, axis))
+        compared.add((kind, f"{m}/{q}", f"{expected:.12g}"))
     assert compared <= printed
     assert len(compared) == count

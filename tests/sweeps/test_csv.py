@@ -2,7 +2,7 @@
 
 import pytest
 
-from sweeps.analysis.csv_tables import write_rows
+from sweeps.analysis.tables import write_csv
 from sweeps.errors import Failed
 
 
@@ -14,9 +14,9 @@ def failing():
 def test_a_table_is_written_whole_or_not_at_all(tmp_path):
     """A failure leaves what was there before, and nothing beside it."""
     path = tmp_path / "a.csv"
-    write_rows(path, ["a", "b"], [[1, 2.5], ["x, y", ""]])
+    write_csv(path, [[1, 2.5], ["x, y", ""]], ["a", "b"])
     assert path.read_bytes() == b'a,b\n1,2.5\n"x, y",\n'
     with pytest.raises(Failed, match=r"a\.csv cannot be written: No space"):
-        write_rows(path, ["a", "b"], failing())
+        write_csv(path, failing(), ["a", "b"])
     assert path.read_bytes().startswith(b"a,b\n1,2.5\n")
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]

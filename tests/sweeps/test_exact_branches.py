@@ -5,16 +5,14 @@ import numpy as np
 import pytest
 
 from sweep_files import run_in
-from sweeps import open_sweep
-from sweeps.analysis import exact_branches
+from sweeps import branches, open_sweep
 from sweeps.analysis.coordinates import COORDINATES
-from sweeps.analysis.exact_branches import Line, _distance, grow
-from sweeps.analysis.exact_tables import branches, write_branches
+from sweeps.analysis.exact_branches import Line, _distance, compare, deviations
 from sweeps.analysis.selection import select
+from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.canvas import Page
-from sweeps.plotting.exact_branches import compare
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 
@@ -42,21 +40,17 @@ def line_of(dataset, axis="omega", **at):
     return Line.of(select(dataset, at or {"R": 0.8}, free=[axis]), axis)
 
 
-def deviations(line, coordinate="poincare_x"):
-    return list(exact_branches.deviations(line, grow([line]), coordinate))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("coordinate", COORDINATES)
 def test_computed_points_are_on_the_stable_branches_to_rounding(exact, coordinate):
-    found = {(one.m, one.q): one for one in deviations(line_of(exact), coordinate)}
-    first, second = found[1, 1], found[2, 1]
-    assert first.values.max() < FLIPS[1] and second.values.min() > FLIPS[2]
-    assert {(2, 2), (4, 4)} <= set(found)
+    found = deviations(line_of(exact), coordinate)
+    classes = dict(list(found.groupby(["m", "q"])))
+    first, second = classes[1, 1], classes[2, 1]
+    assert first["omega"].max() < FLIPS[1] and second["omega"].min() > FLIPS[2]
+    assert {(2, 2), (4, 4)} <= set(classes)
     for one in (first, second):
-        assert 5 <= one.settled.sum()
-    for one in found.values():
-        assert one.sizes[one.settled].max(initial=0.0) < 1e-12
+        assert 5 <= one["settled"].sum()
+    assert found["size"][found["settled"]].max() < 1e-12
 
 
 @pytest.mark.slow
@@ -64,9 +58,11 @@ def test_a_point_off_the_branch_by_so_much_is_told(exact):
     line = line_of(exact)
     line.dataset.load()
     line.dataset["poincare_x"][3] += 1e-9
-    found, *_ = deviations(line)
-    assert found.sizes[3] == pytest.approx(1e-9, rel=1e-3)
-    assert f"1.0e-09 at omega = {found.values[3]:g}" in found.summary("omega")
+    found = deviations(line, "poincare_x")
+    assert found["size"][3] == pytest.approx(1e-9, rel=1e-3)
+    dataset = exact.sel(R=[0.8]).load()
+    dataset["poincare_x"][0, 3] += 1e-9
+    assert f"1.0e-09 at omega = {found['omega'][3]:g}" in compare(dataset, "omega")[0]
 
 
 def test_a_coarse_method_is_off_by_its_error(tmp_path):
@@ -75,8 +71,7 @@ def test_a_coarse_method_is_off_by_its_error(tmp_path):
     worst = []
     for steps in (100, 200):
         with computed(tmp_path, method % steps, "oscillator.omega=[2.45, 2.5]") as dataset:
-            (found,) = deviations(line_of(dataset))
-            worst.append(found.sizes.max())
+            worst.append(deviations(line_of(dataset), "poincare_x")["size"].max())
     assert 1e-5 < worst[1] < worst[0]
     assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.5)
 
@@ -84,9 +79,11 @@ def test_a_coarse_method_is_off_by_its_error(tmp_path):
 @pytest.mark.slow
 def test_a_short_transient_is_told_apart(tmp_path):
     with computed(tmp_path, "record.transient=80") as dataset:
-        found, *_ = deviations(line_of(dataset))
-        assert not found.settled.any() and found.sizes.max() > 1e-13
-        assert found.summary("omega").endswith("died out at none of them")
+        found = deviations(line_of(dataset), "poincare_x")
+        found = found[(found["m"] == 1) & (found["q"] == 1)]
+        assert not found["settled"].any() and found["size"].max() > 1e-13
+        said = compare(dataset, "omega", {"R": 0.8})
+        assert said[0].endswith("died out at none of them")
 
 
 def test_phases_are_compared_around_the_circle():
@@ -98,12 +95,12 @@ def test_phases_are_compared_around_the_circle():
 def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
     with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
         line = Line.of(select(dataset, None, free=["R"]), "R")
-        (found,) = deviations(line, "impact_v")
-        assert found.values.tolist() == [0.6, 0.7, 0.8] and found.sizes.max() < 1e-13
-        one = grow([line]).branches[0]
-        for R in (0.6, 0.7, 0.8):
+        found = deviations(line, "impact_v")
+        assert found["R"].tolist() == [0.6, 0.7, 0.8] and found["size"].max() < 1e-13
+        one = branches(dataset, "R")
+        for R, v in zip(one["R"].values, one["impact_v"].values[:, 0], strict=True):
             expected = one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v
-            assert [orbit.speeds[0] for orbit in one.at(R)] == pytest.approx([expected], abs=1e-13)
+            assert v == pytest.approx(expected, abs=1e-13)
 
 
 def curves(figure, dashed):
@@ -117,7 +114,8 @@ def curves(figure, dashed):
 @pytest.mark.slow
 @pytest.mark.parametrize("coordinate", COORDINATES)
 def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
-    figure = bifurcation(exact, at={"R": 0.8}, coordinate=coordinate, exact=True)
+    found = branches(exact, "omega", {"R": 0.8})
+    figure = bifurcation(exact, at={"R": 0.8}, coordinate=coordinate, exact=found)
     x = curves(figure, dashed=False)[:, 0]
     assert x.min() == 2.4 and x.max() == 3.5
     x = curves(figure, dashed=True)[:, 0]
@@ -134,15 +132,18 @@ def test_the_diagram_shows_them_solid_where_stable(exact, coordinate):
 def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact):
     """Where the points alone would leave the unstable branch out; and of a part of the axis."""
     plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]
-    with_all = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v", exact=True)
+    found = branches(exact, "omega", {"R": 0.5})
+    with_all = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v", exact=found)
     low, high = with_all.axes[0].get_ylim()
     y = np.concatenate([curves(with_all, dashed)[:, 1] for dashed in (False, True)])
     assert low <= y.min() and y.max() <= high
     assert low <= plain.get_ylim()[0] and plain.get_ylim()[1] <= high
 
+    found = branches(exact, "omega", {"R": 0.8})
+
     def named(**limits):
         page = Page(**limits)
-        figure = bifurcation(exact, at={"R": 0.8}, exact=True, page=page)
+        figure = bifurcation(exact, at={"R": 0.8}, exact=found, page=page)
         return [text.get_text() for text in figure.legends[0].get_texts()] if figure.legends else []
 
     assert {"exact orbits, stable", "exact orbits, unstable", "flip"} <= {*named()}
@@ -158,7 +159,7 @@ def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact
 def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
     """At phase 1 of the section, the impact passes it within the range; x does not jump across."""
     with computed(tmp_path, "record.phase=1.3", "oscillator.R=0.8") as dataset:
-        figure = bifurcation(dataset, coordinate="poincare_v", exact=True)
+        figure = bifurcation(dataset, coordinate="poincare_v", exact=branches(dataset))
         drawn = [line for line in figure.axes[0].lines if line.get_zorder() == 4]
         for line in drawn:
             steps = np.abs(np.diff(line.get_ydata(), axis=0))
@@ -167,7 +168,7 @@ def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
 
 def test_the_branches_are_a_dataset_and_a_table(exact, tmp_path):
     found = branches(exact, at={"R": 0.8})
-    assert found.sizes["impact"] == found["q"].max()
+    assert found.sizes["impact"] == max(found["q"].max(), found["special_q"].max())
     one = found.isel(point=found["branch"].values == 0)
     for omega, v, phase, stable in zip(
         one["omega"].values,
@@ -184,24 +185,26 @@ def test_the_branches_are_a_dataset_and_a_table(exact, tmp_path):
     for flip in FLIPS.values():
         assert np.abs(flips - flip).min() < 1e-13
     path = tmp_path / "branches.csv"
-    write_branches(path, found)
+    write_csv(path, branch_table(found))
     with path.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == found.sizes["point"] + found.sizes["special"]
     assert float(rows[0]["omega"]) == found["omega"].values[0]
-    assert float(rows[0]["impact_v"].split()[0]) == found["impact_v"].values[0, 0]
+    for name in COORDINATES:
+        assert float(rows[0][f"{name}_1"]) == found[name].values[0, 0]
+    kinds = [row["kind"] for row in rows]
+    assert kinds == [""] * found.sizes["point"] + found["kind"].values.tolist()
 
 
-def test_the_check_and_the_picture_refuse_what_has_no_exact_orbit(tmp_path):
+def test_what_has_no_exact_orbit_is_refused(exact, tmp_path):
     with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
-        for call in (
-            lambda: compare(dataset, ["x0"]),
-            lambda: plot(dataset, tmp_path / "a.png", axes=["x0"], exact=True),
-        ):
+        for find in (compare, branches):
             with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
-                call()
+                find(dataset, "x0")
+    with pytest.raises(Refused, match="the exact branches are over omega, not R"):
+        plot(exact, tmp_path / "a.png", axes=["R"], exact=branches(exact))
 
 
 def test_where_no_point_is_on_a_branch_that_is_said(tmp_path):
     with computed(tmp_path, "oscillator.omega=[2.8, 2.85]", "oscillator.R=0.8") as dataset:
-        assert compare(dataset)[0] == "no point follows a stable exact branch"
+        assert compare(dataset, "omega") == ["no point follows a stable exact orbit"]

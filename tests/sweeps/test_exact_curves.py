@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ from commands import call
 from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
 from sweeps.analysis import exact_curves
-from sweeps.analysis.exact_curves import CurveSearch, find_curves
 from sweeps.errors import Refused
 from vibroimpact.orbits.continuation import MOST_POINTS
 from vibroimpact.orbits.curves import Curve, CurvePoint
@@ -56,9 +56,9 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
     with table.open() as file:
         rows = list(csv.DictReader(file))
     with open_sweep(path) as dataset:
-        search = find_curves(dataset)
-    assert len(rows) == sum(len(one.values) + len(one.special) for one in search.curves)
-    assert float(rows[0]["omega"]) == search.curves[0].values[0, 0]
+        found = curves(dataset)
+    assert len(rows) == found.sizes["point"] + found.sizes["special"]
+    assert float(rows[0]["omega"]) == found["omega"].values[0]
 
 
 def test_info_lists_the_exact_bifurcations(path):
@@ -78,7 +78,7 @@ def test_a_map_of_starts_has_no_curves(tmp_path):
     )
     with open_sweep(run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")) as dataset:
         with pytest.raises(Refused, match="do not depend on x0"):
-            find_curves(dataset, ["omega", "x0"])
+            curves(dataset, ["omega", "x0"])
 
 
 MAP = """
@@ -93,15 +93,18 @@ def test_every_change_has_a_curve_or_a_reason(tmp_path):
     """Beside the fold of 2/1, where free motion and 2/2 coexist."""
     (tmp_path / "c.yaml").write_text(MAP)
     with open_sweep(run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "map.h5")) as dataset:
-        search = find_curves(dataset)
-    assert 0 < search.explained < search.changes
-    counts = {reason: pairs.total() for reason, pairs in search.reasons.items()}
-    assert sum(counts.values()) == search.changes - search.explained
+        found = curves(dataset)
+    changes, explained = found.attrs["changes"], found.attrs["explained"]
+    assert 0 < explained < changes
+    summary = found.attrs["summary"]
+    counts = dict(reversed(pair) for pair in re.findall(r"^  (\d+): (.*) \(.*\)$", summary, re.M))
+    assert sum(map(int, counts.values())) == changes - explained
     decides = "both motions are stable on both sides, and the start decides"
-    assert search.reasons[decides]["1/0 and 2/2"] > 10
-    assert f"{counts[decides]}: {decides} (1/0 and 2/2" in "\n".join(search.summary())
-    graze = next(one for one in search.curves if (one.kind, one.m, one.q) == ("graze", 1, 1))
-    omega, f = graze.values.T
+    assert int(counts[decides]) > 10
+    assert f"{counts[decides]}: {decides} (1/0 and 2/2" in summary
+    grazes = (found["kind"] == "graze") & (found["m"] == 1) & (found["q"] == 1)
+    own = found["curve"].values == np.flatnonzero(grazes)[0]
+    omega, f = found["omega"].values[own], found["f"].values[own]
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
 
 
@@ -111,9 +114,9 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
 
     monkeypatch.setattr(exact_curves, "bifurcation_curve", refuse)
     with open_sweep(path) as dataset:
-        search = find_curves(dataset)
-    assert search.curves == [] and search.explained == 0 < search.changes
-    assert "the flip does not go on" in search.reasons
+        found = curves(dataset)
+    assert found.sizes["number"] == found.attrs["explained"] == 0 < found.attrs["changes"]
+    assert "the flip does not go on" in found.attrs["summary"]
 
 
 def test_a_curve_that_is_lost_says_where_and_why():
@@ -128,6 +131,6 @@ def test_a_curve_that_is_lost_says_where_and_why():
         end = CurvePoint("lost", np.array([0.25, 2.0]), orbit)
         speeds = np.ones((points, 2))
         curve = Curve("flip", ("R", "omega"), 1, 2, values, speeds, speeds, [end])
-        (_, _, line) = CurveSearch(("R", "omega"), [curve], changes=0).summary()
+        (_, _, line) = exact_curves.summary([curve], 0, 0, {}).split("\n")
         assert line.startswith("a curve of flips of 1/2 is lost at R = 0.25, omega = 2: " + reason)
         assert line.endswith("the slowest impact has 2e-01 of the speed of the fastest")

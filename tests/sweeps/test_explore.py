@@ -168,10 +168,10 @@ def test_pixels_are_the_shares_of_their_columns():
 def test_the_colours_are_those_of_the_files_pictures():
     from matplotlib.colors import to_rgb
 
-    from sweeps.plotting.density import _ONE_RAMP
+    from sweeps.plotting.diagram import _RAMP
 
     seen = np.array([to_rgb(colour) for colour in picture.ramp()])
-    in_files = _ONE_RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
+    in_files = _RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
     np.testing.assert_allclose(seen, in_files, atol=2 / 255)
 
 

@@ -11,15 +11,15 @@ from matplotlib.colors import to_hex
 from commands import call
 from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.exact_branches import branches, compare
 from sweeps.analysis.selection import swept_axes
 from sweeps.engine import run as runner
 from sweeps.engine import workers
 from sweeps.engine.compute import compute_block
 from sweeps.errors import Refused
-from sweeps.plotting import bifurcation, bifurcation_diagram, plot, section, trajectory
-from sweeps.plotting.exact_branches import compare
+from sweeps.plotting import bifurcation, diagram, plot, section, trajectory
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.palette import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_COLOURS
 
 # With impacts up to a fold at 1.6504 on the way up, without down to a graze at 1.2861.
 CONFIG = yaml.safe_dump(
@@ -115,7 +115,7 @@ def test_what_shows_one_branch_shows_the_way_up(dataset):
 
 @pytest.mark.slow
 def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
-    monkeypatch.setattr(bifurcation_diagram, "DENSITY_FROM", 99)
+    monkeypatch.setattr(diagram, "DENSITY_FROM", 99)
     figure = bifurcation(dataset)
     meshes = [m for m in figure.axes[0].collections if isinstance(m, QuadMesh)]
     drawn = [~np.ma.getmaskarray(mesh.get_array()) for mesh in meshes]
@@ -131,7 +131,7 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
 
 
 def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
-    told = compare(dataset)
+    told = compare(dataset, "omega")
     texts = [text for text in told if re.match("(up|down): 1/1: ", text)]
     assert [text.split(": ")[0] for text in texts] == ["up", "down"]
     counts = [int(re.search(r"1/1: (\d+) points", text)[1]) for text in texts]
@@ -139,10 +139,10 @@ def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
     expected = ((first["impacts_per_period"] == 1) & (first["period"] == 1)).sum("omega").values
     assert counts == expected.tolist() and counts[0] > counts[1] > 0
     assert all(float(re.search(r"deviation (\S+)", text)[1]) < 1e-5 for text in texts)
-    down = compare(dataset, at={"direction": "down"})[0]
+    down = compare(dataset, "omega", at={"direction": "down"})[0]
     assert down.split(";")[0] == texts[1].split(";")[0]
-    assert bifurcation(dataset, exact=True, coordinate="impact_v").legends
-    free = compare(dataset.sel(omega=slice(1.7, None)))
+    assert bifurcation(dataset, exact=branches(dataset), coordinate="impact_v").legends
+    free = compare(dataset.sel(omega=slice(1.7, None)), "omega")
     assert not any("1/1" in text for text in free)
 
 

@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import plot
-from sweeps.plotting.cells import cell_edges
+from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.maps import QUANTITIES, parameter_map
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
@@ -110,9 +110,9 @@ def test_every_class_has_its_colour_and_its_label():
         ["1/1", "2/1", "2/3", "1/1"],
         [
             r"chaotic, $\lambda_1 > 0$",
-            r"quasi-periodic or unsettled, $\lambda_1 \approx 0$",
+            "quasi-periodic or unsettled",
             "undecided",
-            "with rest on the stop",
+            "with rest",
         ],
     ]
     assert texts(figure)[2, [0, 1, 3]].tolist() == ["unbounded", "non-finite", "1/0, no impact"]
@@ -120,7 +120,7 @@ def test_every_class_has_its_colour_and_its_label():
     assert figure.axes[0].patch.get_hatch()
     assert "not computed yet (1 of 12)" in legend(figure)
     assert len(set(legend(figure).values())) == len(legend(figure))
-    assert figure.legends[0].get_title().get_text().startswith("periodic m/q")
+    assert figure.legends[0].get_title().get_text().startswith("m/q")
 
 
 def test_the_legend_has_only_what_there_is():
@@ -170,7 +170,7 @@ def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
     assert (np.diff((red + green + blue)[:4]) > 0).all()
     steps = np.diff(mesh.norm([1e-2, 1e-1, 1.0]).data)
     assert steps[0] == pytest.approx(steps[1])  # a logarithmic scale
-    assert texts(figure)[1, :2].tolist() == ["no impact", "with rest on the stop"]
+    assert texts(figure)[1, :2].tolist() == ["no impact", "with rest"]
 
 
 @pytest.mark.parametrize("quantity", ["energy_lost", "impulse", "fastest_impact"])
@@ -185,7 +185,7 @@ def test_a_chatter_has_a_loss_and_a_fastest_impact(quantity):
     assert texts(figure)[1, 0] == "no impact"
     bar = figure.axes[1]
     figure.draw_without_rendering()
-    assert bar.yaxis.label.get_window_extent().height < 1.05 * bar.get_window_extent().height
+    assert bar.xaxis.label.get_window_extent().width < figure.bbox.width
 
 
 def test_zero_divides_the_colours_of_the_exponent():
@@ -197,7 +197,7 @@ def test_zero_divides_the_colours_of_the_exponent():
     assert (red - blue > 0.1).tolist() == [True, True, False, False]
     assert blue[3] - red[3] > 0.1
     assert texts(figure)[1, 0] == r"with rest, $\lambda_1 = -\infty$"
-    assert "larger Lyapunov exponent $\\lambda_1$ [1/time]" in figure.axes[1].get_ylabel()
+    assert figure.axes[1].get_xlabel() == r"larger Lyapunov exponent $\lambda_1$"
 
 
 def test_equal_exponents_of_either_sign_have_equally_strong_colours():
@@ -209,8 +209,8 @@ def test_equal_exponents_of_either_sign_have_equally_strong_colours():
     assert weak - 0.5 == pytest.approx(0.5 - negative)
     assert strong - 0.5 == pytest.approx(15.0 * (weak - 0.5))
     figure.draw_without_rendering()
-    low, high = figure.axes[1].get_ylim()
-    ticks = [tick for tick in figure.axes[1].get_yticks() if low <= tick <= high]
+    low, high = figure.axes[1].get_xlim()
+    ticks = [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high]
     assert min(ticks) < 0.0 < max(ticks)
 
 
@@ -234,8 +234,7 @@ def test_the_axes_are_the_two_longest_or_those_asked_for():
 
     def ends(name):
         about = dataset[name].attrs
-        unit = "" if about["units"] == "1" else f" [{about['units']}]"
-        return f"{about['long_name']} ${about['symbol']}${unit}"[-20:]
+        return f"{about['long_name']} ${about['symbol']}$"[-20:]
 
     x, y, first = shown()
     assert (x, y) == (ends("omega"), ends("R")) and first[2, 0] == "3/1"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from sweeps.plotting import palette
+from sweeps.plotting import style
 
 with np.printoptions():  # the import changes how numbers are printed, for all tests after it
     import colour
@@ -18,8 +18,8 @@ with np.printoptions():  # the import changes how numbers are printed, for all t
 def named_colours():
     """Return every colour of the palette by the first name that it has there."""
     names = {}
-    for name, value in vars(palette).items():
-        if name.startswith("_") or name in ("Motion", "Status", "LEAST_SHARE"):
+    for name, value in vars(style).items():
+        if not name.isupper() or name in ("STYLE", "LEAST_SHARE"):
             continue
         entries = value.items() if isinstance(value, dict) else [("", value)]
         for key, entry in entries:

@@ -9,8 +9,8 @@ from random_sweeps import FIXED, OMEGA, R
 from sweeps.errors import Refused
 from sweeps.plotting import (
     KINDS,
+    api,
     bifurcation,
-    kinds,
     plot,
     saving,
     section,
@@ -62,10 +62,10 @@ def test_a_name_that_the_font_lacks_gives_no_warning(random_sweep, tmp_path):
 def test_powers_of_ten_are_set_as_such(random_sweep, tmp_path):
     dataset = random_sweep({"omega": OMEGA}, fixed={**FIXED, "clearance": 1e300, "f": 2.5e-7})
     figure = section(dataset)
-    assert r"$f = 2.5 \times 10^{-7}$" in figure.get_suptitle()
-    assert r"$\sigma = 1 \times 10^{300}$" in figure.get_suptitle()
+    assert r"$f=2.5\times10^{-7}$" in figure.get_suptitle()
+    assert r"$\sigma=1\times10^{300}$" in figure.get_suptitle()
     (legend,) = figure.legends
-    assert r"\sigma = 1 \times 10^{300}$" in legend.get_texts()[0].get_text()
+    assert r"\sigma=1\times10^{300}$" in legend.get_texts()[0].get_text()
 
 
 def test_a_point_that_failed_is_titled_so(random_sweep):
@@ -102,7 +102,7 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         draw = KINDS[name].draw
         return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
 
-    monkeypatch.setattr(kinds, "KINDS", {name: spy(name) for name in KINDS})
+    monkeypatch.setattr(api, "KINDS", {name: spy(name) for name in KINDS})
     plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
     assert called == [expected]
 
@@ -172,7 +172,7 @@ def test_requests_that_do_not_fit_are_refused(random_sweep, tmp_path, options, m
 
 def test_the_outermost_value_may_be_rounded(random_sweep):
     dataset = random_sweep({"R": [0.1 * 3, 0.1], "omega": OMEGA})
-    assert "$R = 0.3$" in section(dataset, at={"R": 0.3}).get_suptitle()
+    assert "$R=0.3$" in section(dataset, at={"R": 0.3}).get_suptitle()
 
 
 def test_a_single_point_has_no_bifurcation(random_sweep):

@@ -1,4 +1,4 @@
-"""Branches and trees of orbits, against closed forms, simulation, and published values."""
+"""Branches and sets of them, against closed forms, simulation, and published values."""
 
 import math
 from dataclasses import replace
@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from oscillators import bifurcation
+from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.family import Axis, Orbits
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.orbits.switching import doubled_branch
-from vibroimpact.orbits.trees import Tree
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -169,7 +169,7 @@ def test_feigenbaums_ratio_after_eight_further_flips():
 def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
     """Two folds, two grazes of the free oscillation, and what lies between them: from one seed."""
     osc = Oscillator(h=0.05, R=0.8, omega=1.5, f=1.0, clearance=1.5)
-    tree = Tree("omega", 0.4, 1.9)
+    tree = BranchSet("omega", 0.4, 1.9)
     tree.grow(periodic_orbit(osc, 0.0, 0.0))
     classes = {(one.m, one.q) for one in tree.branches}
     assert {(1, 0), (1, 1), (1, 2), (2, 3)} <= classes
@@ -182,7 +182,7 @@ def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
 
 def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
     osc = Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0)
-    tree = Tree("omega", 2.4, 3.5, most_periods=8)
+    tree = BranchSet("omega", 2.4, 3.5, most_periods=8)
     tree.grow(one_impact(osc))
     assert sum((one.m, one.q) == (1, 1) for one in tree.branches) == 1
     assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= {

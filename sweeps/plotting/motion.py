@@ -1,32 +1,81 @@
-"""The motion of one point of a sweep: time history and phase plane, recorded or computed again."""
+"""Pictures of one point of a sweep: its motion over time and in the phase plane, its sections."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import Cut, Setting
+from sweeps.analysis.selection import Cut, Setting, recorded
 from sweeps.analysis.trajectories import (
     RECORDED,
     PointMotion,
     continued_motion,
     recorded_motion,
 )
-from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_picture
-from sweeps.plotting.labels import add_title, mathtext
-from sweeps.plotting.marks import draw_stop
-from sweeps.plotting.palette import BLUE, ORANGE, VERMILION
-from sweeps.plotting.quantity_words import as_variable, label
+from sweeps.plotting.canvas import (
+    PAGE,
+    Page,
+    Picture,
+    add_legend,
+    draw_points,
+    draw_stop,
+    finish,
+    new_panel,
+    picture,
+    widen_if_constant,
+)
+from sweeps.plotting.labels import as_variable, label_axis, mathtext
+from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 
 #: Forcing periods that are computed where no trajectory was recorded.
 PERIODS = 4
+#: In a narrower figure the phase plane is below [inch].
+_NARROW = 4.5
 
 
-@in_style
+@picture
+def section(
+    dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
+) -> Figure:
+    """Draw the Poincaré section at one point: velocity over displacement, and the stop."""
+    point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
+    clearance = Setting.of(dataset).value("clearance", point)
+    panel = new_panel(ax, page)
+    draw_points(panel, x, v)
+    draw_stop(panel.axvline, clearance)
+    label_axis(panel.xaxis, point["poincare_x"])
+    label_axis(panel.yaxis, point["poincare_v"])
+    widen_if_constant(panel.set_xlim, min(x.min(), clearance), max(x.max(), clearance))
+    widen_if_constant(panel.set_ylim, v.min(), v.max())
+    page.set_limits(panel)
+    add_legend(panel)
+    return finish(panel, page, point)
+
+
+@picture
+def impacts(
+    dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
+) -> Figure:
+    """Draw the impact section at one point: speed before the impact over the forcing phase."""
+    point, (phase, v) = recorded(dataset, ("impact_phase", "impact_v"), at)
+    panel = new_panel(ax, page)
+    draw_points(panel, phase, v)
+    quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+    panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
+    panel.set_xlim(0.0, 2.0 * np.pi)
+    panel.set_ylim(bottom=0.0)
+    label_axis(panel.xaxis, point["impact_phase"])
+    label_axis(panel.yaxis, point["impact_v"])
+    page.set_limits(panel)
+    return finish(panel, page, point)
+
+
+@picture
 def trajectory(
     dataset: xr.Dataset,
     *,
@@ -38,29 +87,14 @@ def trajectory(
     """Draw the motion of one point as the paper does: x over t, v over t, v over x.
 
     Impacts are marked, and so are samples beyond the stop, of which the deepest is stated. Of the
-    integrator ``exact`` the exact flow is drawn between the events, not the steps.
+    integrator ``exact`` the exact flow is drawn between the events, not the steps. `ax` are the
+    three panels, and the limits of the page are those of x over t.
 
     Parameters
     ----------
-    dataset, at
-        As for `sweeps.plotting.bifurcation`.
     periods : int, optional
         Forcing periods to compute with the method of the sweep, from the last state of the section
         on. By default the trajectory of the file is drawn or, if it has none, ``PERIODS``.
-    page : Page, optional
-        Its limits are those of x over t.
-    ax : three Axes, optional
-        The panels to draw into, by default those of a new figure.
-
-    Returns
-    -------
-    Figure
-        That of `ax`, or the new one.
-
-    Raises
-    ------
-    Refused
-        If nothing was recorded at this point.
     """
     if periods is None and all(name in dataset for name in RECORDED):
         motion = recorded_motion(dataset, at)
@@ -70,29 +104,27 @@ def trajectory(
     _draw(panels, motion)
     units = Setting.of(dataset).units
     time, x, v = (as_variable(name, units) for name in RECORDED)
-    time.attrs["symbol"] = "t - t_0"
-    over_time.set_ylabel(label(x, "\n"))
-    velocity.set(xlabel=label(time), ylabel=label(v, "\n"))
-    phase_plane.set(xlabel=label(x), ylabel=label(v))
-    phase_plane.set_title(_depth_text(motion.rows[1] - motion.oscillator.clearance))
+    time.attrs["symbol"] = "t-t_0"
+    for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
+        label_axis(panel.yaxis, up)
+        if across is not None:
+            label_axis(panel.xaxis, across)
+    depth = float((motion.rows[1] - motion.oscillator.clearance).max())
+    if depth > 0.0:
+        phase_plane.set_title(f"deepest penetration {depth:.1e}")
     page.set_limits(over_time)
-    handles = [handle for panel in panels for handle in panel.get_legend_handles_labels()[0]]
-    add_legend(phase_plane, handles)
+    add_legend(phase_plane)
     period = 2.0 * np.pi / motion.oscillator.omega
     start = motion.rows[0, 0] + motion.turns * period
-    record = f"$t_0 = {mathtext(start)}$, after {start / period:.6g} forcing periods"
-    return add_title(over_time, page, motion.point, record)
+    record = f"$t_0={mathtext(start)}$, after {start / period:.6g} forcing periods"
+    return finish(over_time, page, motion.point, record)
 
 
 def _new_panels(page: Page) -> list[Axes]:
     """Return the panels of x and v over time and of the phase plane, which is beside or below."""
-    narrow = page.width is not None and page.width < 5.0
-    if narrow:
-        figure = new_picture(page, page.width or 0.0, 5.2)
-        layout, heights = "x;v;p", [1.0, 1.0, 1.6]
-    else:
-        figure = new_picture(page, 6.2, 4.2)
-        layout, heights = "xp;vp", [1.0, 1.0]
+    narrow = (page.width or mpl.rcParams["figure.figsize"][0]) < _NARROW
+    layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
+    figure = Picture(page, 1.6 if narrow else 1.25)
     panels = figure.subplot_mosaic(layout, height_ratios=heights)
     panels["v"].sharex(panels["x"])
     panels["x"].tick_params(labelbottom=False)
@@ -122,11 +154,3 @@ def _draw(panels: Sequence[Axes], motion: PointMotion) -> None:
     draw_stop(panels[0].axhline, clearance, label=False)
     draw_stop(panels[2].axvline, clearance)
     panels[0].margins(x=0.01)
-
-
-def _depth_text(depth: np.ndarray) -> str:
-    """Write how far the deepest sample is beyond the stop."""
-    if depth.max() <= 0.0:
-        return "no sample beyond the stop"
-    mantissa, exponent = f"{depth.max():.1e}".split("e")
-    return f"deepest penetration {mantissa}e{int(exponent)}"

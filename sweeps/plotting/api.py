@@ -14,14 +14,13 @@ from sweeps.analysis.attractor_table import parameter_axes
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.selection import Cut, listed, swept_axes
 from sweeps.errors import Refused
-from sweeps.plotting.attractor_pictures import attractor_diagram, basins
-from sweeps.plotting.bifurcation_diagram import bifurcation
+from sweeps.plotting.attractors import attractor_diagram, basins
 from sweeps.plotting.canvas import PAGE, Page
+from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.point import impacts, section
+from sweeps.plotting.motion import impacts, section, trajectory
 from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.style import user_style
-from sweeps.plotting.trajectory_picture import trajectory
 from sweeps.store import DIRECTION
 
 
@@ -83,8 +82,8 @@ def plot(
         For the metadata: the command that draws it.
     **options
         ``axes``, ``coordinate``, ``exact`` and ``below`` of a `bifurcation`, ``axes``,
-        ``quantity`` and ``exact`` of a `parameter_map`, ``periods`` of a `trajectory`; None, False
-        or nothing leaves the choice to the picture.
+        ``quantity`` and ``exact`` of a `parameter_map`, ``periods`` of a `trajectory`; None leaves
+        the choice to the picture.
 
     Returns
     -------
@@ -98,7 +97,7 @@ def plot(
     """
     output = Path(output)
     check_picture(output, str(dataset.encoding.get("source", "")))
-    options = {name: value for name, value in options.items() if value not in (None, False, ())}
+    options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, at, **options) if kind is None else kind
     if kind not in KINDS:
         raise Refused(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")

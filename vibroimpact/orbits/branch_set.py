@@ -1,8 +1,8 @@
-"""Trees of branches: from one orbit to all that its bifurcations lead to.
+"""Sets of branches: from one orbit to all that its bifurcations lead to.
 
 At a flip the orbits of twice the period begin; at a graze an orbit with q impacts becomes one with
-q - 1 or q + 1. So a whole tree grows from one orbit. It has no end where motions are chaotic, so it
-is cut: in the length of its orbits, in its branches, and where unstable branches lead to unstable
+q - 1 or q + 1. So a set grows from one orbit. It has no end where motions are chaotic, so it is
+cut: in the length of its orbits, in its branches, and where unstable branches lead to unstable
 ones.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,10 +26,11 @@ _VALUE_TOLERANCE, _SPEED_TOLERANCE = 1e-8, 1e-5
 _FOLLOW = {"": branch, "flip": doubled_branch, "graze": grazing_branch}
 
 
-class Tree:
+@dataclass
+class BranchSet:
     """Branches over a range of a parameter, none of them twice.
 
-    Parameters
+    Attributes
     ----------
     parameter : str
     low, high : float
@@ -36,32 +38,21 @@ class Tree:
         No more are followed.
     most_periods : int
         Orbits of more forcing periods are not followed.
-    check : callable, optional
+    check : callable
         Is called before each branch; what it raises ends the work.
-
-    Attributes
-    ----------
-    parameter : str
-    low, high : float
     branches : list of Branch
     given_up : Counter
         What was not followed, in words, and how often.
     """
 
-    def __init__(
-        self,
-        parameter: str,
-        low: float,
-        high: float,
-        most_branches: int = 100,
-        most_periods: int = 64,
-        check: Callable[[], object] | None = None,
-    ) -> None:
-        self.parameter, self.low, self.high = parameter, low, high
-        self._most_branches, self._most_periods = most_branches, most_periods
-        self._check = check
-        self.branches: list[Branch] = []
-        self.given_up: Counter[str] = Counter()
+    parameter: str
+    low: float
+    high: float
+    most_branches: int = 100
+    most_periods: int = 64
+    check: Callable[[], object] = lambda: None
+    branches: list[Branch] = field(default_factory=list)
+    given_up: Counter[str] = field(default_factory=Counter)
 
     def grow(self, orbit: PeriodicOrbit) -> None:
         """Add the branch of an orbit and all that it leads to, shorter orbits first."""
@@ -71,13 +62,12 @@ class Tree:
         heapq.heappush(queue, (orbit.m, orbit.q, 0, 0, "", orbit))
         count = 0
         while queue:
-            if self._check is not None:
-                self._check()
+            self.check()
             *_, depth, kind, start = heapq.heappop(queue)
             if self._has(start, kind):
                 continue
-            if len(self.branches) >= self._most_branches:
-                self.given_up[f"branches beyond the first {self._most_branches}"] += 1
+            if len(self.branches) >= self.most_branches:
+                self.given_up[f"branches beyond the first {self.most_branches}"] += 1
                 continue
             try:
                 grown = _FOLLOW[kind](start, self.parameter, self.low, self.high)
@@ -88,8 +78,8 @@ class Tree:
             depth = 0 if grown.stable.any() else depth + 1
             for kind_, onward in _onward(grown):
                 m = onward.m * (2 if kind_ == "flip" else 1)
-                if m > self._most_periods:
-                    self.given_up[f"orbits of more than {self._most_periods} periods"] += 1
+                if m > self.most_periods:
+                    self.given_up[f"orbits of more than {self.most_periods} periods"] += 1
                 elif depth > 1:
                     self.given_up["branches between unstable ones"] += 1
                 else:

@@ -16,46 +16,41 @@ from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.errors import Refused
-from sweeps.plotting.canvas import PAGE, Page, add_legend, in_style, new_panel
-from sweeps.plotting.cells import CLASSES_TITLE, Cells, draw_map
-from sweeps.plotting.labels import add_title, label_ordinate, set_scale
+from sweeps.plotting.canvas import (
+    PAGE,
+    Page,
+    add_legend,
+    finish,
+    mark_status,
+    new_panel,
+    picture,
+    widen_if_constant,
+)
+from sweeps.plotting.labels import CLASSES_TITLE, as_variable, label_axis
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
-from sweeps.plotting.marks import mark_status, widen_if_constant
-from sweeps.plotting.palette import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
-from sweeps.plotting.quantity_words import as_variable, label
+from sweeps.plotting.maps import Cells, draw_cells
+from sweeps.plotting.style import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
 from sweeps.text import shown_count
 
 
-@in_style
+@picture
 def basins(
     dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
     """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
 
-    Parameters
-    ----------
-    dataset, at, page, ax
-        As for `sweeps.plotting.bifurcation`.
-
-    Returns
-    -------
-    Figure
-
-    Raises
-    ------
-    Refused
-        If x0 and v0 were not both swept, or the file has no period.
+    x0 and v0 were both swept, and the period was recorded.
     """
     axes = swept_axes(dataset)
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    cells = basin_cells(starts)
-    panel = new_panel(ax, page, 4.5, 4.4)
-    title_end = ",\nspeed before each impact; share of the starts"
-    draw_map(panel, starts, cells, title_end)
+    panel = new_panel(ax, page)
+    handles = draw_cells(panel, starts, basin_cells(starts))
     page.set_limits(panel)
-    return add_title(panel, page, starts)
+    title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
+    add_legend(panel, handles, title, handlelength=1.2)
+    return finish(panel, page, starts)
 
 
 def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
@@ -67,7 +62,7 @@ def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]
     ]
 
 
-@in_style
+@picture
 def attractor_diagram(
     dataset: xr.Dataset,
     *,
@@ -80,21 +75,14 @@ def attractor_diagram(
     """Draw every attractor that the starts find over one swept parameter, in a colour for each.
 
     Of the starts that reach an attractor one is drawn: a repetition of a periodic motion, or all
-    that is recorded of another.
+    that is recorded of another. The period was recorded.
 
     Parameters
     ----------
-    dataset, axes, at, coordinate, page, ax
-        As for `sweeps.plotting.bifurcation`; `at` cannot fix a start.
-
-    Returns
-    -------
-    Figure
-
-    Raises
-    ------
-    Refused
-        If the file has no such axis or coordinate, or no period.
+    axes : sequence of str, optional
+        The swept parameter, by default the longest.
+    coordinate : str, optional
+        As for `sweeps.plotting.bifurcation`.
     """
     free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
     parameters = dataset.isel(dict.fromkeys(free, 0))
@@ -110,18 +98,17 @@ def attractor_diagram(
         raise Refused("there is nothing to draw: no point has a result")
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
-    panel = new_panel(ax, page, 5.0, 3.5)
-    set_scale(panel.xaxis, values)
+    panel = new_panel(ax, page)
+    label_axis(panel.xaxis, line[axis])
+    label_axis(panel.yaxis, as_variable(coordinate, Setting.of(dataset).units))
     _draw_rows(panel, line, table, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
-    panel.set_xlabel(label(dataset[axis]))
-    label_ordinate(panel, as_variable(coordinate, Setting.of(dataset).units))
     page.set_limits(panel)
     mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
     add_legend(panel, title=title, handlelength=1.0)
-    return add_title(panel, page, line)
+    return finish(panel, page, line)
 
 
 def _draw_rows(

@@ -1,0 +1,115 @@
+"""Tables: as CSV files, and those of exact branches, curves and bifurcations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.coordinates import COORDINATES
+from sweeps.analysis.exact_branches import branches
+from sweeps.analysis.selection import Cut, swept_axes
+from sweeps.store.replacing import replacing
+from sweeps.text import table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def write_csv(
+    path: Path, rows: pd.DataFrame | Iterable[Sequence[object]], columns: Any = None
+) -> None:
+    """Write a table to a CSV file with all digits, whole or not at all.
+
+    Raises
+    ------
+    Refused, Failed
+        If the file cannot be written there, as from `replacing`.
+    """
+    import pandas as pd
+
+    with replacing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
+        frame = pd.DataFrame(rows, columns=columns)
+        frame.to_csv(file, index=False, float_format=float.__repr__, lineterminator="\n")
+
+
+def branch_table(found: xr.Dataset) -> pd.DataFrame:
+    """Return the points of `branches`, and then their special points, which have a kind."""
+    import pandas as pd
+
+    (axis,) = found.coords
+    number, special = found["branch"].values, found.sizes["special"]
+
+    def column(name: str, of_special: str) -> np.ndarray:
+        return np.concatenate([found[name].values, found[of_special].values])
+
+    columns = {
+        "branch": column("branch", "special_branch"),
+        "m": np.concatenate([found["m"].values[number], found["special_m"].values]),
+        "q": np.concatenate([found["q"].values[number], found["special_q"].values]),
+        axis: column(str(axis), "special_value"),
+        "stable": [*found["stable"].values.astype(int), *[""] * special],
+        "kind": [*[""] * len(number), *found["kind"].values],
+    }
+    for name in COORDINATES:
+        records = column(name, f"special_{name}").T
+        columns.update({f"{name}_{i}": record for i, record in enumerate(records, 1)})
+    return pd.DataFrame(columns)
+
+
+def curve_table(found: xr.Dataset) -> pd.DataFrame:
+    """Return the points of `curves`, curve after curve, each followed by its special points."""
+    import pandas as pd
+
+    number = np.concatenate([found["curve"].values, found["special_curve"].values])
+    points = [np.stack([found[axis] for axis in found.coords], 1), found["special_values"].values]
+    columns = {name: found[name].values[number] for name in ("kind", "m", "q")}
+    frame = pd.DataFrame({"curve": number, **columns})
+    frame[list(found.coords)] = np.concatenate(points)
+    frame["special"] = [*[""] * found.sizes["point"], *found["special_kind"].values]
+    return frame.sort_values("curve", kind="stable")
+
+
+def bifurcations(found: xr.Dataset) -> pd.DataFrame:
+    """Return the flips, folds and grazes of `branches`, each once, in the order of their values.
+
+    At a graze m and q are those with the impact that grazes.
+    """
+    import pandas as pd
+
+    names = {"kind": "kind", "special_m": "m", "special_q": "q", "special_value": "value"}
+    frame = pd.DataFrame({names[name]: found[name].values for name in names})
+    frame = frame[frame["kind"].isin(["flip", "fold", "graze"])].sort_values("value", kind="stable")
+    step = frame.groupby(["kind", "m", "q"])["value"].diff()
+    return frame[~(step <= 1e-10 * frame["value"].abs().clip(lower=1.0))]
+
+
+def describe(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> str:
+    """List the bifurcations on all branches of the motions along one line of a sweep.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`.
+    axis : str
+    at : mapping of str to float, optional
+        Values of the other axes.
+
+    Returns
+    -------
+    str
+        A line each: the value to twelve digits, the kind, and m/q; empty where there are several
+        lines, or the axis is a start or has a single value.
+    """
+    uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
+    if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
+        return ""
+    found = branches(dataset, axis, at)
+    rows = [
+        [f"{axis} = {point.value:.12g}", point.kind, f"{point.m}/{point.q}"]
+        for point in bifurcations(found).itertuples()
+    ]
+    return "\n".join(["", found.attrs["summary"], *([table(rows)] if rows else [])])

@@ -1,0 +1,285 @@
+"""The bifurcation diagram: a coordinate of the section or of the impacts over one swept axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+
+from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
+from sweeps.analysis.motion import has_result
+from sweeps.analysis.selection import Cut, Setting, listed
+from sweeps.errors import Refused
+from sweeps.plotting.canvas import (
+    PAGE,
+    Page,
+    Picture,
+    add_legend,
+    draw_points,
+    figure_of,
+    finish,
+    mark_status,
+    picture,
+    widen_if_constant,
+)
+from sweeps.plotting.exact import draw_branches, name_parts
+from sweeps.plotting.labels import as_variable, label, label_axis
+from sweeps.plotting.lines import (
+    cell_edges,
+    count_pixels,
+    refuse_empty,
+    scalars,
+    select_line,
+    split_directions,
+)
+from sweeps.plotting.style import (
+    BOTH_COLOUR,
+    DENSITY,
+    DIRECTION_COLOURS,
+    LEAST_SHARE,
+    dots_per_inch,
+)
+from vibroimpact.oscillator import PARAMETERS
+
+#: More points than this are drawn as a density: single markers would merge into a blob.
+DENSITY_FROM = 2_000_000
+#: How many numbers of a record are read at a time.
+_PART_SIZE = 1_000_000
+#: Height of a panel below the diagram, as a share of that of the diagram.
+_LOWER = 0.4
+_NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
+_RAMP = LinearSegmentedColormap.from_list("density", DENSITY)
+# Those of two directions and of both end at full colours: darker colours look the same where the
+# motion is periodic.
+_DIRECTION_RAMPS = [
+    LinearSegmentedColormap.from_list("density", colours)
+    for colours in (
+        ["#A6CBE3", DIRECTION_COLOURS[0]],
+        ["#F5D79A", DIRECTION_COLOURS[1]],
+        ["#CCCCCC", BOTH_COLOUR],
+    )
+]
+
+
+@picture
+def bifurcation(
+    dataset: xr.Dataset,
+    *,
+    axes: Sequence[str] = (),
+    at: Cut | None = None,
+    coordinate: str | None = None,
+    exact: xr.Dataset | None = None,
+    below: Sequence[str] = (),
+    page: Page = PAGE,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw a coordinate of the section or of the impacts over one swept axis.
+
+    Points that failed or were not computed yet are marked below the diagram, not drawn.
+
+    Parameters
+    ----------
+    axes : sequence of str, optional
+        The swept axis, by default the longest.
+    coordinate : str, optional
+        One of ``sweeps.analysis.coordinates.COORDINATES``, by default the first that the file has.
+    exact : Dataset, optional
+        From `sweeps.branches` of this axis: exact branches to draw over the points.
+    below : sequence of str, optional
+        Scalars of the file, as ``lyapunov``, each in a panel below the diagram.
+    """
+    line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    _check(dataset, axis, exact, below)
+    values, branches = line[axis].values, split_directions(line)
+    records = [
+        Record(branch, coordinate, has_result(branch["status"].values)) for branch in branches
+    ]
+    low, high = value_range(records)
+    if low > high:
+        refuse_empty(line, coordinate)
+    panel, *lower = _new_panels(ax, page, len(below))
+    label_axis(panel.xaxis, line[axis])
+    label_axis(panel.yaxis, as_variable(coordinate, Setting.of(dataset).units))
+    dense = sum(record.computed.sum() * record.width for record in records) > DENSITY_FROM
+    if dense:
+        panel.update_datalim([(values.min(), low), (values.max(), high)])
+        panel.autoscale_view()
+    else:
+        _draw_markers(panel, values, records)
+    if len(records) > 1:
+        _name_directions(panel, axis, dense)
+    parts = {} if exact is None else draw_branches(panel, exact, coordinate, len(records) > 1)
+    if parts:
+        low, high = panel.dataLim.intervaly
+    if len(values) > 100:
+        panel.set_xlim(values.min(), values.max())
+    widen_if_constant(panel.set_ylim, low, high)
+    page.set_limits(panel)
+    name_parts(panel, parts)
+    mark_status(panel, values, line["status"].values)
+    for scalar_panel, name in zip(lower, below, strict=True):
+        _draw_scalar(scalar_panel, axis, branches, name)
+    if lower:
+        label_axis(lower[-1].xaxis, line[axis])
+        panel.set_xlabel("")
+    add_legend(panel)
+    figure = finish(panel, page, line)
+    if dense:
+        _draw_density(panel, values, records)
+    return figure
+
+
+def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
+    """Refuse branches of another axis, and names that are no scalars of the file or given twice."""
+    if exact is not None and axis not in exact.coords:
+        raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
+    available = scalars(dataset)
+    for name in below:
+        if name not in available:
+            raise Refused(
+                f"{name or repr(name)} cannot be drawn below a diagram; choose from: "
+                f"{listed(available)}"
+            )
+        if list(below).count(name) > 1:
+            raise Refused(f"{name} is asked for twice below the diagram")
+
+
+def _new_panels(ax: Axes | None, page: Page, below: int) -> list[Axes]:
+    """Return panels below each other that share their abscissa; refuse `ax` for several."""
+    if ax is not None:
+        if below:
+            raise Refused(
+                "panels below a diagram need a figure of their own: leave out ax or below"
+            )
+        return [ax]
+    heights = [1.0] + [_LOWER] * below
+    panels = Picture(page, sum(heights)).subplots(
+        len(heights), sharex=True, height_ratios=heights, squeeze=False
+    )
+    return list(panels[:, 0])
+
+
+def _draw_markers(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
+    """Draw markers; of two directions the second on top and smaller, so that both are seen."""
+    scales = (1.0,) if len(records) == 1 else (1.4, 0.6)
+    for record, colour, scale in zip(records, DIRECTION_COLOURS, scales, strict=False):
+        y = recorded_coordinate(record.line, record.coordinate).values[record.computed]
+        x = np.broadcast_to(values[record.computed, None], y.shape)[np.isfinite(y)]
+        draw_points(panel, x, y[np.isfinite(y)], colour, scale)
+
+
+def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
+    """Say in the legend which colour is which direction."""
+    symbol = PARAMETERS[axis].symbol
+    texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
+    for text, colour in zip(texts, DIRECTION_COLOURS, strict=True):
+        panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
+    if dense:
+        panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
+
+
+def _draw_scalar(panel: Axes, axis: str, branches: Sequence[xr.Dataset], name: str) -> None:
+    """Draw a scalar over the axis, of the line of each direction in its colour; both exponents."""
+    for branch, colour in zip(branches, DIRECTION_COLOURS, strict=False):
+        x = branch[axis].values
+        y = np.asarray(branch[name].values, float).reshape(len(x), -1)
+        if name == "period":
+            y = np.where(y > 0.0, y, np.nan)  # 0: no repetition was found
+        size = float(np.clip(250.0 / len(x), 0.8, 2.5))
+        for column, alpha in zip(y.T, (1.0, 0.45), strict=False):
+            (points,) = panel.plot(x, column, "o", color=colour, alpha=alpha, rasterized=True)
+            points.set(markersize=size, markeredgewidth=0)
+    if name == "lyapunov":
+        panel.axhline(0.0, color="black", linewidth=0.6, zorder=1)
+    panel.set_title(label(branches[0][name]), loc="left", wrap=True)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is drawn of one direction: a `coordinate` of the points of a `line` that are `computed`.
+
+    The last has the shape (n,).
+    """
+
+    line: xr.Dataset
+    coordinate: str
+    computed: np.ndarray
+
+    @property
+    def width(self) -> int:
+        """How many values a point has at most."""
+        return self.line.sizes[COORDINATES[self.coordinate].record]
+
+    def parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Read the computed points, some at a time: their indices, (k,), and values, (k, width)."""
+        (axis,) = self.line["status"].dims
+        rows = max(1, _PART_SIZE // self.width)
+        for start in range(0, len(self.computed), rows):
+            kept = np.flatnonzero(self.computed[start : start + rows])
+            if len(kept):
+                part = self.line.isel({axis: slice(start, start + rows)})
+                yield start + kept, recorded_coordinate(part, self.coordinate).values[kept]
+
+
+def value_range(records: Sequence[Record]) -> tuple[float, float]:
+    """Return the least and the greatest value of records; inf, -inf where there is none."""
+    low, high = np.inf, -np.inf
+    for record in records:
+        for _, values in record.parts():
+            values = values[np.isfinite(values)]
+            low, high = values.min(initial=low), values.max(initial=high)
+    return float(low), float(high)
+
+
+def _draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
+    """Draw the share of each column's points that fall into each of its pixels, with a colour bar.
+
+    Call it last: the pixels are those of the finished panel in a PNG. A column is one of the
+    `values` of the axis, or one pixel where there are more values than pixels. Of the records of
+    two directions, a pixel has the colour of the direction that meets it, or that of both.
+    """
+    figure = figure_of(panel)
+    ramps = [_RAMP] if len(records) == 1 else _DIRECTION_RAMPS
+    bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
+    bar.set_label("share of the points of a column")
+    figure.draw_without_rendering()  # lays the figure out
+    box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
+    columns, rows = (round(size * scale) for size in (box.width, box.height))
+    low, high = panel.get_ylim()
+    log = panel.get_xscale() == "log"
+    left, right = sorted(panel.get_xlim())
+    in_view = np.sort(values[(values >= left) & (values <= right)])
+    in_view = in_view if len(in_view) > 1 else np.sort(values)
+    x_edges = cell_edges(in_view, log)
+    if len(in_view) > columns:
+        x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
+    y_edges = np.linspace(low, high, rows + 1)
+    shares = [_column_shares(record, values, x_edges, y_edges) for record in records]
+    if len(shares) == 2:
+        in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
+        mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
+        shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
+    for share, ramp in zip(shares, ramps, strict=True):
+        cells = np.ma.masked_equal(share, 0.0).T
+        panel.pcolormesh(x_edges, y_edges, cells, norm=_NORM, cmap=ramp, rasterized=True)
+
+
+def _column_shares(
+    record: Record, values: np.ndarray, x_edges: np.ndarray, y_edges: np.ndarray
+) -> np.ndarray:
+    """Return the share of each column's points in each of its pixels, shape (columns, rows)."""
+    low, high, rows = y_edges[0], y_edges[-1], len(y_edges) - 1
+    counts = np.zeros((len(x_edges) - 1, rows))
+    column = np.searchsorted(x_edges, values, side="right") - 1
+    column[values == x_edges[-1]] = len(counts) - 1
+    in_view = (column >= 0) & (column < len(counts))
+    for indices, y in record.parts():
+        indices, y = indices[in_view[indices]], y[in_view[indices]]
+        counts += count_pixels(column[indices], y, (len(counts), rows), low, high)
+    return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

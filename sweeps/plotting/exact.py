@@ -1,0 +1,155 @@
+"""Exact branches over a bifurcation diagram, and exact curves over a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
+
+from sweeps.plotting.style import VERMILION
+
+_STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
+#: What the legend calls the lines, with their dashes.
+LINES: dict[str, Any] = {_STABLE: "-", _UNSTABLE: (0, (4, 2))}
+#: Markers of the bifurcations of a branch.
+MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
+#: The lines over the points of one direction and of two: of two directions the markers are to be
+#: seen through the lines, whose colour is near that of neither.
+_OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
+_OVER_BOTH: dict[str, Any] = {"color": "black", "linewidth": 0.4}
+_THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
+#: How the curves of each kind are drawn.
+_CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
+
+
+class Part(NamedTuple):
+    """A piece of a branch of one stability, or the bifurcations of one kind.
+
+    Attributes
+    ----------
+    name : str
+        In the legend: one of ``LINES`` or of ``MARKERS``.
+    x : ndarray, shape (n,)
+        Of the axis.
+    y : ndarray, shape (n, k)
+        Of the coordinate; NaN where there is nothing.
+    thin : bool
+        Whether the branch is stable over less than a hundredth of the axis: these are many, and
+        would hide the others. Their bifurcations are left out.
+    """
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+    thin: bool = False
+
+
+def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
+    """Yield what a diagram of a coordinate shows of `sweeps.branches`."""
+    (axis,), (low, high) = found.coords, found.attrs["range"]
+    wide = np.zeros(found.sizes["number"], bool)
+    for number in range(len(wide)):
+        branch = found.isel(point=found["branch"].values == number)
+        x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
+        steps = np.abs(np.diff(x))
+        wide[number] = steps[stable[1:] & stable[:-1]].sum() > 0.01 * (high - low)
+        y = _shown(y[:, np.isfinite(y).any(axis=0)], coordinate)
+        if not y.shape[1]:  # the free oscillation has no impact
+            continue
+        # A special point ends the pieces on both sides, and belongs to the stable one.
+        states = zip(stable[1:] | stable[:-1], _breaks(branch, coordinate), strict=True)
+        for (steady, run), group in groupby(enumerate(states), key=lambda item: item[1]):
+            indices = [i for i, _ in group]
+            part = slice(indices[0], indices[-1] + 2)
+            if run >= 0:
+                thin = found["q"].values[number] > 0 and not wide[number]
+                yield Part(_STABLE if steady else _UNSTABLE, x[part], y[part], thin)
+    for kind in MARKERS:
+        here = (found["kind"].values == kind) & wide[found["special_branch"].values]
+        if here.any():
+            y = _shown(found[f"special_{coordinate}"].values[here], coordinate)
+            yield Part(kind, found["special_value"].values[here], y)
+
+
+def _shown(values: np.ndarray, coordinate: str) -> np.ndarray:
+    """Return values of a coordinate as a diagram shows them: phases within a turn."""
+    return values % (2.0 * np.pi) if coordinate == "impact_phase" else values
+
+
+def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
+    """Return a number for each step of a branch, -1 where an impact passes the section: a jump."""
+    phases = branch["impact_phase"].values
+    if coordinate not in ("impact_phase", "poincare_v"):
+        return [0] * (len(phases) - 1)
+    wrap_phase = 0.0 if coordinate == "impact_phase" else branch.attrs["phase"]
+    turns = np.floor((phases - wrap_phase) / (2.0 * np.pi))
+    jumps = (np.abs(np.diff(turns, axis=0)) > 0.0).any(axis=1)  # NaN is none
+    return np.where(jumps, -1, np.cumsum(jumps)).tolist()
+
+
+def draw_branches(
+    panel: Axes, found: xr.Dataset, coordinate: str, two_directions: bool
+) -> dict[str, list[Line2D]]:
+    """Draw `sweeps.branches`, solid where stable; return what was drawn, by its name."""
+    look = _OVER_BOTH if two_directions else _OVER_ONE
+    drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, *MARKERS)}
+    for name, x, y, thin in parts_of(found, coordinate):
+        if name in LINES:
+            stroke = look | _THIN if thin else look
+            drawn[name] += panel.plot(x, y, zorder=4, label="_", ls=LINES[name], **stroke)
+            continue
+        seen = np.isfinite(y)
+        x = np.broadcast_to(x[:, None], y.shape)
+        (marks,) = panel.plot(x[seen], y[seen], MARKERS[name], label="_", zorder=5)
+        marks.set(color=look["color"], markerfacecolor="white", markersize=3.5)
+        marks.set_markeredgewidth(0.7)
+        drawn[name].append(marks)
+    return drawn
+
+
+def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:
+    """Label one line of each part of `draw_branches` that is seen within the panel's limits."""
+    (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
+    view = Bbox([(left, bottom), (right, top)])
+    for text, pieces in parts.items():
+        seen = (piece for piece in pieces if _is_seen(piece, view))
+        if (piece := next(seen, None)) is not None:
+            piece.set_label(text)
+
+
+def _is_seen(line: Line2D, view: Bbox) -> bool:
+    path = line.get_path()
+    if line.get_linestyle() == "None":
+        return bool(view.count_contains(path.vertices))
+    return bool(path.intersects_bbox(view, filled=False))
+
+
+def draw_curves(panel: Axes, found: xr.Dataset) -> list[Line2D]:
+    """Draw `sweeps.curves` over a map of its axes; return a line or mark of each kind, with labels.
+
+    Marked are cusps, and where curves meet.
+    """
+    limits = panel.get_xlim(), panel.get_ylim()
+    values = np.stack([found[axis].values for axis in found.coords])
+    look: dict[str, Any] = {"color": "black", "linewidth": 0.7}
+    handles = {}
+    for number, kind in enumerate(found["kind"].values):
+        line = values[:, found["curve"].values == number]
+        edge = [withStroke(linewidth=1.3, foreground="white")]  # seen on black, too
+        panel.plot(*line, zorder=4, path_effects=edge, ls=_CURVES[kind], **look)
+        handles[kind] = Line2D([], [], ls=_CURVES[kind], label=kind, **look)
+    marked = np.isin(found["special_kind"].values, ["cusp", "flip"])
+    if marked.any():
+        (marks,) = panel.plot(*found["special_values"].values[marked].T, "D", color="black")
+        marks.set(markersize=2.5, markerfacecolor="white", markeredgewidth=0.6, zorder=5)
+        marks.set_label("cusp or meeting")
+        handles["marks"] = marks
+    panel.set(xlim=limits[0], ylim=limits[1])
+    return [handles[kind] for kind in (*_CURVES, "marks") if kind in handles]
