@@ -112,21 +112,13 @@ def plot(
 
 
 def default_kind(dataset: xr.Dataset, at: Cut | None = None, **options: Any) -> str:
-    """Return the kind of picture that shows most of a sweep.
+    """Return the kind of picture that shows most of a sweep; arguments as for `plot`.
 
-    Parameters
-    ----------
-    dataset, at, **options
-        As for `plot`, those of the options that are given.
-
-    Returns
-    -------
-    str
-        ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, if x0
-        or v0 was swept, the period recorded, and no start chosen by the options, ``basins`` if
-        nothing else was swept and ``attractors`` if a parameter was. Otherwise, if two
-        parameters were swept, the period recorded, and neither of them chosen, ``map``. Otherwise
-        ``bifurcation`` if an axis was swept, ``trajectory`` if there is one, else ``section``.
+    ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, if x0 or v0
+    was swept, the period recorded, and no start chosen by the options, ``basins`` if nothing else
+    was swept and ``attractors`` if a parameter was. Otherwise, if two parameters were swept, the
+    period recorded, and neither of them chosen, ``map``. Otherwise ``bifurcation`` if an axis was
+    swept, ``trajectory`` if there is one, else ``section``.
     """
     for option, kind in (("quantity", "map"), ("periods", "trajectory")):
         if option in options:
@@ -149,22 +141,7 @@ def default_kind(dataset: xr.Dataset, at: Cut | None = None, **options: Any) -> 
 def silent_cuts(
     dataset: xr.Dataset, kind: str, at: Cut | None = None, axes: Sequence[str] = ()
 ) -> dict[str, float | str]:
-    """Return where a picture cuts swept axes that the request does not fix: at their first value.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    kind : str
-        One of ``KINDS``.
-    at, axes
-        As for `plot`.
-
-    Returns
-    -------
-    dict of str to float or str
-        By the name of the axis, or ``direction``.
-    """
+    """Return where a picture cuts swept axes that a request does not fix: at their first value."""
     fixed = {*KINDS[kind].whole, *(at or {}), *axes}
     left = [str(name) for name in dataset["status"].dims if name not in fixed]
     axes_left = [name for name in left if name != DIRECTION]

@@ -16,16 +16,8 @@ from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
 from sweeps.errors import Refused
-from sweeps.plotting.canvas import (
-    PAGE,
-    Page,
-    add_legend,
-    finish,
-    mark_status,
-    new_panel,
-    picture,
-    widen_if_constant,
-)
+from sweeps.plotting import canvas
+from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.labels import CLASSES_TITLE, as_variable, label_axis
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.maps import Cells, draw_cells
@@ -45,12 +37,11 @@ def basins(
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    panel = new_panel(ax, page)
+    panel = canvas.new_panel(ax, page)
     handles = draw_cells(panel, starts, basin_cells(starts))
     page.set_limits(panel)
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
-    add_legend(panel, handles, title, handlelength=1.2)
-    return finish(panel, page, starts)
+    return canvas.finish(panel, page, starts, handles, title)
 
 
 def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
@@ -98,17 +89,16 @@ def attractor_diagram(
         raise Refused("there is nothing to draw: no point has a result")
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
-    panel = new_panel(ax, page)
+    panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, Setting.of(dataset).units))
     _draw_rows(panel, line, table, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
     page.set_limits(panel)
-    mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
+    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
-    add_legend(panel, title=title, handlelength=1.0)
-    return finish(panel, page, line)
+    return canvas.finish(panel, page, line, legend_title=title)
 
 
 def _draw_rows(
@@ -122,7 +112,7 @@ def _draw_rows(
     finite = values[np.isfinite(values)]
     if not len(finite):
         refuse_empty(line, coordinate)
-    widen_if_constant(panel.set_ylim, finite.min(), finite.max())
+    canvas.widen_if_constant(panel.set_ylim, finite.min(), finite.max())
     abscissa = np.array([row.parameters[axis] for row in table])
     series: dict[tuple[bool, int, str], list[int]] = {}
     for i, row in enumerate(table):

@@ -7,7 +7,7 @@ import inspect
 import io
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +53,7 @@ class Page:
 
 
 PAGE = Page()
+_LEGEND: dict[str, Any] = {"handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0}
 
 
 class Picture(Figure):
@@ -77,6 +78,17 @@ class Picture(Figure):
     def make_room(self, part: Any) -> None:
         """Make the figure higher by what a title or a legend takes."""
         self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
+
+    def add_legend(self, handles: Sequence[Artist], title: str | None) -> None:
+        """Put a legend below the panels, with as many columns as its width allows."""
+        look = {"title": title, "frameon": False, "borderpad": 0.2, **_LEGEND}
+        for columns in range(min(4, len(handles)), 0, -1):
+            legend = self.legend(handles=handles, ncols=columns, loc="outside lower center", **look)
+            if columns == 1 or legend.get_window_extent().width <= self.bbox.width:
+                break
+            legend.remove()
+        legend.get_title().set_multialignment("center")
+        self.make_room(legend)
 
 
 #: What the pictures have in common; at the end of the parameters in the docstring of each.
@@ -133,46 +145,34 @@ def figure_of(panel: Axes) -> Figure:
     return figure
 
 
-def finish(panel: Axes, page: Page, drawn: xr.Dataset, record: str | None = None) -> Figure:
-    """Put the title of the page or the sweep above a `Picture`, and return the figure.
+def finish(
+    panel: Axes,
+    page: Page,
+    drawn: xr.Dataset,
+    handles: Sequence[Artist] | None = None,
+    legend_title: str | None = None,
+    record: str | None = None,
+) -> Figure:
+    """Put the title above a `Picture` and the legend below it, and return the figure.
 
-    A panel of another figure has no title, unless the page has one. `drawn` is what the picture
-    shows of the sweep; `record` is said instead of what the configuration has.
+    The panel of another figure has the legend, and a title only if the page has one. The `handles`
+    have labels, and are by default those of the panel; `drawn` is what the picture shows of the
+    sweep, and `record` is said instead of what the configuration has.
     """
     figure = figure_of(panel)
-    if not isinstance(figure, Picture):
+    handles = panel.get_legend_handles_labels()[0] if handles is None else handles
+    if isinstance(figure, Picture):
+        text = title_of(drawn, record) if page.title is None else page.title
+        if text:
+            figure.make_room(figure.suptitle(text, wrap=True))
+        if handles:
+            figure.add_legend(handles, legend_title)
+    else:
         if page.title is not None:
             panel.set_title(page.title)
-    elif text := title_of(drawn, record) if page.title is None else page.title:
-        figure.make_room(figure.suptitle(text, wrap=True))
+        if handles:
+            panel.legend(handles=handles, title=legend_title, **_LEGEND)
     return figure
-
-
-def add_legend(
-    panel: Axes, handles: Iterable[Artist] | None = None, title: str | None = None, **look: Any
-) -> None:
-    """Put a legend below the panels of a `Picture`, or into the panel of another figure.
-
-    The `handles` have labels, and are by default those of the panel; `look` is for matplotlib.
-    """
-    look = {
-        "handlelength": 1.5, "handletextpad": 0.5, "columnspacing": 1.0, "title": title, **look
-    }  # fmt: skip
-    handles = panel.get_legend_handles_labels()[0] if handles is None else list(handles)
-    figure = figure_of(panel)
-    if not handles:
-        return
-    if not isinstance(figure, Picture):
-        panel.legend(handles=handles, **look)
-        return
-    look |= {"loc": "outside lower center", "frameon": False, "borderpad": 0.2}
-    for columns in range(min(4, len(handles)), 0, -1):
-        legend = figure.legend(handles=handles, ncols=columns, **look)
-        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
-            break
-        legend.remove()
-    legend.get_title().set_multialignment("center")
-    figure.make_room(legend)
 
 
 def draw_points(

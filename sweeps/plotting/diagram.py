@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,18 +16,8 @@ from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.analysis.motion import has_result
 from sweeps.analysis.selection import Cut, Setting, listed
 from sweeps.errors import Refused
-from sweeps.plotting.canvas import (
-    PAGE,
-    Page,
-    Picture,
-    add_legend,
-    draw_points,
-    figure_of,
-    finish,
-    mark_status,
-    picture,
-    widen_if_constant,
-)
+from sweeps.plotting import canvas
+from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.exact import draw_branches, name_parts
 from sweeps.plotting.labels import as_variable, label, label_axis
 from sweeps.plotting.lines import (
@@ -119,17 +109,16 @@ def bifurcation(
         low, high = panel.dataLim.intervaly
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
-    widen_if_constant(panel.set_ylim, low, high)
+    canvas.widen_if_constant(panel.set_ylim, low, high)
     page.set_limits(panel)
     name_parts(panel, parts)
-    mark_status(panel, values, line["status"].values)
+    canvas.mark_status(panel, values, line["status"].values)
     for scalar_panel, name in zip(lower, below, strict=True):
         _draw_scalar(scalar_panel, axis, branches, name)
     if lower:
         label_axis(lower[-1].xaxis, line[axis])
         panel.set_xlabel("")
-    add_legend(panel)
-    figure = finish(panel, page, line)
+    figure = canvas.finish(panel, page, line)
     if dense:
         _draw_density(panel, values, records)
     return figure
@@ -159,7 +148,7 @@ def _new_panels(ax: Axes | None, page: Page, below: int) -> list[Axes]:
             )
         return [ax]
     heights = [1.0] + [_LOWER] * below
-    panels = Picture(page, sum(heights)).subplots(
+    panels = canvas.Picture(page, sum(heights)).subplots(
         len(heights), sharex=True, height_ratios=heights, squeeze=False
     )
     return list(panels[:, 0])
@@ -171,7 +160,7 @@ def _draw_markers(panel: Axes, values: np.ndarray, records: Sequence[Record]) ->
     for record, colour, scale in zip(records, DIRECTION_COLOURS, scales, strict=False):
         y = recorded_coordinate(record.line, record.coordinate).values[record.computed]
         x = np.broadcast_to(values[record.computed, None], y.shape)[np.isfinite(y)]
-        draw_points(panel, x, y[np.isfinite(y)], colour, scale)
+        canvas.draw_points(panel, x, y[np.isfinite(y)], colour, scale)
 
 
 def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
@@ -200,8 +189,7 @@ def _draw_scalar(panel: Axes, axis: str, branches: Sequence[xr.Dataset], name: s
     panel.set_title(label(branches[0][name]), loc="left", wrap=True)
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """What is drawn of one direction: a `coordinate` of the points of a `line` that are `computed`.
 
     The last has the shape (n,).
@@ -244,7 +232,7 @@ def _draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) ->
     `values` of the axis, or one pixel where there are more values than pixels. Of the records of
     two directions, a pixel has the colour of the direction that meets it, or that of both.
     """
-    figure = figure_of(panel)
+    figure = canvas.figure_of(panel)
     ramps = [_RAMP] if len(records) == 1 else _DIRECTION_RAMPS
     bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")

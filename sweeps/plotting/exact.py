@@ -32,17 +32,10 @@ _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.
 class Part(NamedTuple):
     """A piece of a branch of one stability, or the bifurcations of one kind.
 
-    Attributes
-    ----------
-    name : str
-        In the legend: one of ``LINES`` or of ``MARKERS``.
-    x : ndarray, shape (n,)
-        Of the axis.
-    y : ndarray, shape (n, k)
-        Of the coordinate; NaN where there is nothing.
-    thin : bool
-        Whether the branch is stable over less than a hundredth of the axis: these are many, and
-        would hide the others. Their bifurcations are left out.
+    Its `name` in the legend is one of ``LINES`` or of ``MARKERS``; `x` is of the axis, (n,), and
+    `y` of the coordinate, (n, k), NaN where there is nothing. It is `thin` if the branch is stable
+    over less than a hundredth of the axis: these are many, and would hide the others. Their
+    bifurcations are left out.
     """
 
     name: str

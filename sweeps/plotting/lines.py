@@ -22,26 +22,14 @@ def select_line(
     at: Cut | None = None,
     coordinate: str | None = None,
 ) -> tuple[xr.Dataset, str, str]:
-    """Return the line that a `sweeps.plotting.bifurcation` shows, its axis and its coordinate.
-
-    Raises
-    ------
-    Refused
-        If the file has no such axis or coordinate.
-    """
+    """Return the line that a `sweeps.plotting.bifurcation` shows, its axis and its coordinate."""
     (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
     coordinate = choose_coordinate(dataset, coordinate)
     return select(dataset, at, free=[axis, DIRECTION]), axis, coordinate
 
 
 def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
-    """Return the coordinate asked for, by default the first that the file has.
-
-    Raises
-    ------
-    Refused
-        If the file has no such coordinate.
-    """
+    """Return the coordinate asked for, by default the first that the file has; refuse another."""
     available = [name for name, about in COORDINATES.items() if about.record in dataset.dims]
     if coordinate is None:
         coordinate = next(iter([*available, *COORDINATES]))
@@ -65,12 +53,7 @@ def scalars(dataset: xr.Dataset) -> list[str]:
 
 
 def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
-    """Say why a line has no value of a coordinate.
-
-    Raises
-    ------
-    Refused
-    """
+    """Refuse a line without a value of a coordinate, and say why it has none."""
     status = line["status"].values
     if has_result(status).any():
         raise Refused(
@@ -94,15 +77,8 @@ def count_pixels(
 ) -> np.ndarray:
     """Count the values in each pixel of a panel, an array of `shape`: its columns and rows.
 
-    Parameters
-    ----------
-    columns : ndarray of int, shape (k,)
-        The column of each point, all of them in the panel.
-    values : ndarray, shape (k, width)
-        Values of the ordinate; NaN for a missing value.
-    shape : (int, int)
-    low, high : float
-        Range of the ordinate.
+    Each of k points has its column, all of them in the panel, and its values of the ordinate, (k,
+    width), NaN where one is missing. The ordinate ranges from low to high.
     """
     rows = shape[1]
     scaled = np.floor((values - low) * (rows / (high - low)))

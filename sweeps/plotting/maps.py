@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -20,7 +19,8 @@ from sweeps.analysis.exact_curves import map_axes
 from sweeps.analysis.motion import Motion, classify, frequent_periods, has_result
 from sweeps.analysis.selection import Cut, listed, select
 from sweeps.errors import Refused
-from sweeps.plotting.canvas import PAGE, Page, add_legend, figure_of, finish, new_panel, picture
+from sweeps.plotting import canvas
+from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.exact import draw_curves
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
@@ -54,18 +54,8 @@ _SIGNED = LinearSegmentedColormap.from_list(
 )
 
 
-@dataclass(frozen=True)
-class Cells:
-    """The points of a map that have one colour.
-
-    Attributes
-    ----------
-    label : str
-        In the legend.
-    colour : str
-    where : ndarray of bool, shape of ``status``
-        Which points they are.
-    """
+class Cells(NamedTuple):
+    """The points of a map that have one colour: a label, the colour, and which they are."""
 
     label: str
     colour: str
@@ -210,13 +200,12 @@ def parameter_map(
             raise Refused(f"a map does not show {name}; {choice}")
         raise Refused(f"the file has no {name} to draw; {choice}")
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
-    panel = new_panel(ax, page)
+    panel = canvas.new_panel(ax, page)
     handles = draw_cells(panel, cut, QUANTITIES[quantity](panel, cut))
     if exact is not None:
         handles += draw_curves(panel, exact)
     page.set_limits(panel)
-    add_legend(panel, handles, CLASSES_TITLE if quantity == "period" else None, handlelength=1.2)
-    return finish(panel, page, cut)
+    return canvas.finish(panel, page, cut, handles, CLASSES_TITLE if quantity == "period" else None)
 
 
 def draw_cells(panel: Axes, cut: xr.Dataset, kinds: Iterable[Cells]) -> list[Artist]:
@@ -278,7 +267,7 @@ def _draw_values(
         return
     low, high = mesh.get_clim()
     extend = "min" if values.min() < low else "neither"
-    bar = figure_of(panel).colorbar(
+    bar = canvas.figure_of(panel).colorbar(
         mesh, ax=panel, location="bottom", pad=0.02, aspect=35, extend=extend
     )
     bar.set_label(label(variable), wrap=True)

@@ -17,18 +17,8 @@ from sweeps.analysis.trajectories import (
     continued_motion,
     recorded_motion,
 )
-from sweeps.plotting.canvas import (
-    PAGE,
-    Page,
-    Picture,
-    add_legend,
-    draw_points,
-    draw_stop,
-    finish,
-    new_panel,
-    picture,
-    widen_if_constant,
-)
+from sweeps.plotting import canvas
+from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.labels import as_variable, label_axis, mathtext
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 
@@ -45,16 +35,15 @@ def section(
     """Draw the Poincaré section at one point: velocity over displacement, and the stop."""
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
     clearance = Setting.of(dataset).value("clearance", point)
-    panel = new_panel(ax, page)
-    draw_points(panel, x, v)
-    draw_stop(panel.axvline, clearance)
+    panel = canvas.new_panel(ax, page)
+    canvas.draw_points(panel, x, v)
+    canvas.draw_stop(panel.axvline, clearance)
     label_axis(panel.xaxis, point["poincare_x"])
     label_axis(panel.yaxis, point["poincare_v"])
-    widen_if_constant(panel.set_xlim, min(x.min(), clearance), max(x.max(), clearance))
-    widen_if_constant(panel.set_ylim, v.min(), v.max())
+    canvas.widen_if_constant(panel.set_xlim, min(x.min(), clearance), max(x.max(), clearance))
+    canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())
     page.set_limits(panel)
-    add_legend(panel)
-    return finish(panel, page, point)
+    return canvas.finish(panel, page, point)
 
 
 @picture
@@ -63,8 +52,8 @@ def impacts(
 ) -> Figure:
     """Draw the impact section at one point: speed before the impact over the forcing phase."""
     point, (phase, v) = recorded(dataset, ("impact_phase", "impact_v"), at)
-    panel = new_panel(ax, page)
-    draw_points(panel, phase, v)
+    panel = canvas.new_panel(ax, page)
+    canvas.draw_points(panel, phase, v)
     quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
     panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
     panel.set_xlim(0.0, 2.0 * np.pi)
@@ -72,7 +61,7 @@ def impacts(
     label_axis(panel.xaxis, point["impact_phase"])
     label_axis(panel.yaxis, point["impact_v"])
     page.set_limits(panel)
-    return finish(panel, page, point)
+    return canvas.finish(panel, page, point)
 
 
 @picture
@@ -113,18 +102,18 @@ def trajectory(
     if depth > 0.0:
         phase_plane.set_title(f"deepest penetration {depth:.1e}")
     page.set_limits(over_time)
-    add_legend(phase_plane)
     period = 2.0 * np.pi / motion.oscillator.omega
     start = motion.rows[0, 0] + motion.turns * period
     record = f"$t_0={mathtext(start)}$, after {start / period:.6g} forcing periods"
-    return finish(over_time, page, motion.point, record)
+    handles, _ = phase_plane.get_legend_handles_labels()
+    return canvas.finish(over_time, page, motion.point, handles, record=record)
 
 
 def _new_panels(page: Page) -> list[Axes]:
     """Return the panels of x and v over time and of the phase plane, which is beside or below."""
     narrow = (page.width or mpl.rcParams["figure.figsize"][0]) < _NARROW
     layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
-    figure = Picture(page, 1.6 if narrow else 1.25)
+    figure = canvas.Picture(page, 1.6 if narrow else 1.25)
     panels = figure.subplot_mosaic(layout, height_ratios=heights)
     panels["v"].sharex(panels["x"])
     panels["x"].tick_params(labelbottom=False)
@@ -151,6 +140,6 @@ def _draw(panels: Sequence[Axes], motion: PointMotion) -> None:
                 (points,) = panel.plot(*(marked - begin)[axes], "o", color=colour, zorder=3.0)
                 points.set(markersize=2.5, markeredgewidth=0)
                 points.set_label(text if panel is panels[-1] else "_")
-    draw_stop(panels[0].axhline, clearance, label=False)
-    draw_stop(panels[2].axvline, clearance)
+    canvas.draw_stop(panels[0].axhline, clearance, label=False)
+    canvas.draw_stop(panels[2].axvline, clearance)
     panels[0].margins(x=0.01)
