@@ -15,6 +15,7 @@ from sweeps.bench.accuracy_speed import Measurement
 from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
 from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
+from vibroimpact.step.integrators import INTEGRATORS
 
 #: Title, scene and kind of error of the panels; the first is the wide one.
 PANELS = (
@@ -27,14 +28,7 @@ PANELS = (
 # Colours of Okabe and Ito. A rule has a colour, an integrator a marker.
 _GREEN, _PURPLE, _SKY, _YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 RULES = {"plain": VERMILION, "reduced-step": BLUE, "cubic": _GREEN, "exact": "black"}
-MARKERS = {
-    "euler": "x",
-    "semi-implicit-euler": "+",
-    "verlet": "^",
-    "newmark": "s",
-    "rk4": "D",
-    "exact": "o",
-}
+MARKERS = dict(zip(INTEGRATORS, "x+^sDov<>PXp", strict=False))
 PEER_COLOURS = {"SciPy RK45": ORANGE, "SciPy DOP853": _PURPLE, "heyoka": _SKY}
 # The methods whose order is written beside their line.
 _LABELLED = (

@@ -51,12 +51,6 @@ def test_the_dispatcher_takes_the_integrator_of_that_code(name):
         assert step(row.code, *state, 0.4, pt) == row.step(*state, 0.4, pt)
 
 
-def test_every_integrator_has_its_own_code():
-    """Two rows with one code would be one integrator under two names."""
-    codes = [row.code for row in INTEGRATORS.values()]
-    assert sorted(codes) == list(range(len(codes)))
-
-
 @ALL
 def test_the_docstring_of_an_integrator_names_its_source(name):
     """Authors and the year in parentheses."""

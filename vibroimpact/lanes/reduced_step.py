@@ -7,19 +7,12 @@ is that of ``reduced_step``, without a branch; every other lane is left to ``red
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.lanes.tally import list_impact
 from vibroimpact.lanes.workspace import LANES, MET, OWN, STRIDE, V, X, glide_lane
-from vibroimpact.step.integrators import (
-    NEWMARK,
-    RK4,
-    VERLET,
-    Parameters,
-    newmark,
-    rk4,
-    step,
-    verlet,
-)
+from vibroimpact.step.integrators import INTEGRATORS, Parameters, step
 from vibroimpact.step.phases import COS, SIN, THETA
 from vibroimpact.step.reduced_step import single_chord_impact
 
@@ -89,27 +82,43 @@ def land(w, j, end):
     w[SINGLE + j] = select(end[0] < w[OF_CLEARANCE + j], w[SINGLE + j], 0.0)
 
 
+@jit(inline=True)
+def _one_by_one(w, columns, integrator, points):
+    """Take the columns with any integrator."""
+    for j in range(columns):
+        x, v, s, c, T, _ = launch(w, j)
+        land(w, j, step(integrator, x, v, s, c, T, points[int(w[MET + j])]))
+
+
+def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
+    """Return a loop over the columns with the step `chosen`, if the integrator has that code."""
+
+    @jit(inline=True)
+    def loop(w, columns, integrator, points):
+        if integrator == code:
+            for j in range((columns + _VECTOR - 1) // _VECTOR * _VECTOR):
+                land(w, j, chosen(*launch(w, j)))
+        else:
+            otherwise(w, columns, integrator, points)
+
+    return loop
+
+
+_chosen_loop = _one_by_one
+for _row in INTEGRATORS.values():
+    if _row.order is not None and _row.order > 1:
+        _chosen_loop = _choice(_row.code, _row.step, _chosen_loop)
+
+
 @jit(refcounts=False)
 def take_remainders(w, columns, integrator, points):
     """Take the columns from their rebounds to the ends of the steps.
 
-    A loop for each integrator that is worth it: a loop around ``step`` is not vectorised.
+    An integrator of second order or more has a loop of its own: one around ``step`` is not
+    vectorised, nor is the exact flow, which is a loop itself.
     """
     widest_vectors()
-    whole = (columns + _VECTOR - 1) // _VECTOR * _VECTOR
-    if integrator == VERLET:
-        for j in range(whole):
-            land(w, j, verlet(*launch(w, j)))
-    elif integrator == NEWMARK:
-        for j in range(whole):
-            land(w, j, newmark(*launch(w, j)))
-    elif integrator == RK4:
-        for j in range(whole):
-            land(w, j, rk4(*launch(w, j)))
-    else:
-        for j in range(columns):
-            x, v, s, c, T, _ = launch(w, j)
-            land(w, j, step(integrator, x, v, s, c, T, points[int(w[MET + j])]))
+    _chosen_loop(w, columns, integrator, points)
 
 
 @jit(refcounts=False)

@@ -6,9 +6,10 @@ Eq. (1) is linear, so a step of any of these integrators is
 
 with constant 2x2 matrices M and G per parameter point and step length. Each integrator is
 written once, as a scalar step; its map follows by applying the step to the unit vectors.
-A new integrator is one step function, one line in ``step`` and one line in ``INTEGRATORS``, with
-its stability limit: the greatest p T of stable free motion as a function of zeta = h / p, the only
-number that free motion has. M is stable where |det M| <= 1 and |trace M| <= 1 + det M (Jury).
+A new integrator is one step function and one line in ``INTEGRATORS``: its name, its order, the step
+and its stability limit. The limit is the greatest p T of stable free motion as a function of
+zeta = h / p, the only number that free motion has. M is stable where |det M| <= 1 and
+|trace M| <= 1 + det M (Jury).
 """
 
 from __future__ import annotations
@@ -35,11 +36,6 @@ class Parameters(NamedTuple):
     clearance: float
 
 
-def every_step(zeta: np.ndarray) -> np.ndarray:
-    """Return infinity: every step is stable."""
-    return np.full_like(zeta, math.inf)
-
-
 def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
     """Return the eigenvalue of free motion that is larger in modulus, over p; either of a pair."""
     z = zeta + 0j
@@ -58,14 +54,9 @@ def euler(x, v, s, c, T, pt):
 
     Euler (1768), Institutionum calculi integralis I, ch. VII. Without damping it gains energy at
     every step, however short.
+    Stable where |1 + lambda T| <= 1: p T = 2 zeta up to critical damping.
     """
     return x + T * v, v + T * acceleration(x, v, s, pt)
-
-
-def euler_limit(zeta: np.ndarray) -> np.ndarray:
-    """|1 + lambda T| = 1: p T = 2 zeta up to critical damping, 0 without damping."""
-    eigenvalue = _eigenvalue(zeta)
-    return -2.0 * eigenvalue.real / np.abs(eigenvalue) ** 2
 
 
 @jit(forced_inline=True)
@@ -73,15 +64,11 @@ def semi_implicit_euler(x, v, s, c, T, pt):
     """Symplectic Euler: the new velocity moves the displacement, order 1.
 
     Hairer, Lubich & Wanner (2006), Geometric Numerical Integration, eq. (I.1.9); the damping is
-    taken at the start of the step.
+    taken at the start of the step. At the limit 1 + trace + det = 0, with det = 1 - 2h T and
+    trace = 1 + det - p^2 T^2.
     """
     v_T = v + T * acceleration(x, v, s, pt)
     return x + T * v_T, v_T
-
-
-def semi_implicit_euler_limit(zeta: np.ndarray) -> np.ndarray:
-    """1 + trace + det = 0, with det = 1 - 2h T and trace = 1 + det - p^2 T^2."""
-    return 2.0 / (zeta + np.hypot(zeta, 1.0))
 
 
 @jit(forced_inline=True)
@@ -89,17 +76,13 @@ def verlet(x, v, s, c, T, pt):
     """The central difference method, order 2.
 
     Verlet (1967), Phys. Rev. 159, 98-103; Newmark's method with beta = 0, gamma = 1/2. The
-    acceleration at the end of the step is linear in the new velocity and solved for it.
+    acceleration at the end of the step is linear in the new velocity and solved for it. At the
+    limit 1 + trace + det = 0, with det = (1 - h T) / (1 + h T), trace = (2 - p^2 T^2) / (1 + h T).
     """
     s_T = sine_after(s, c, pt.omega * T)
     v_half = v + 0.5 * T * acceleration(x, v, s, pt)
     x_T = x + T * v_half
     return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
-
-
-def verlet_limit(zeta: np.ndarray) -> np.ndarray:
-    """1 + trace + det = 0, with det = (1 - h T) / (1 + h T), trace = (2 - p^2 T^2) / (1 + h T)."""
-    return np.full_like(zeta, 2.0)
 
 
 @jit(forced_inline=True)
@@ -227,7 +210,7 @@ class Integrator:
     Attributes
     ----------
     code : int
-        Its number in ``step``.
+        Its number in compiled code: its place in ``INTEGRATORS``.
     order : int or None
         Order of accuracy on smooth motion; None: exact to rounding.
     step : callable
@@ -243,35 +226,47 @@ class Integrator:
     limit: Callable[[np.ndarray], np.ndarray]
 
 
-# The codes of the integrators in compiled code.
-EULER, SEMI_IMPLICIT_EULER, VERLET, NEWMARK, RK4, EXACT = range(6)
-
 INTEGRATORS: Mapping[str, Integrator] = {
-    "euler": Integrator(EULER, 1, euler, euler_limit),
-    "semi-implicit-euler": Integrator(
-        SEMI_IMPLICIT_EULER, 1, semi_implicit_euler, semi_implicit_euler_limit
-    ),
-    "verlet": Integrator(VERLET, 2, verlet, verlet_limit),
-    "newmark": Integrator(NEWMARK, 2, newmark, every_step),
-    "rk4": Integrator(RK4, 4, rk4, rk4_limit),
-    "exact": Integrator(EXACT, None, exact, every_step),
+    name: Integrator(code, *row)
+    for code, (name, *row) in enumerate(
+        (
+            ("euler", 1, euler, lambda z: -2.0 * _eigenvalue(z).real / abs(_eigenvalue(z)) ** 2),
+            ("semi-implicit-euler", 1, semi_implicit_euler, lambda z: 2.0 / (z + np.hypot(z, 1.0))),
+            ("verlet", 2, verlet, lambda zeta: np.full_like(zeta, 2.0)),
+            ("newmark", 2, newmark, lambda zeta: np.full_like(zeta, math.inf)),
+            ("rk4", 4, rk4, rk4_limit),
+            ("exact", None, exact, lambda zeta: np.full_like(zeta, math.inf)),
+        )
+    )
 }
+
+
+def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
+    """Return a step that is `chosen` for the integrator with a code."""
+
+    @jit(inline=True)
+    def step(integrator, x, v, s, c, T, pt):
+        if integrator == code:
+            return chosen(x, v, s, c, T, pt)
+        return otherwise(integrator, x, v, s, c, T, pt)
+
+    return step
+
+
+@jit(inline=True)
+def _no_step(integrator, x, v, s, c, T, pt):
+    return math.nan, math.nan
+
+
+_chosen_step = _no_step
+for _row in INTEGRATORS.values():
+    _chosen_step = _choice(_row.code, _row.step, _chosen_step)
 
 
 @jit
 def step(integrator, x, v, s, c, T, pt):
     """One step of the integrator with that code in ``INTEGRATORS``."""
-    if integrator == EULER:
-        return euler(x, v, s, c, T, pt)
-    if integrator == SEMI_IMPLICIT_EULER:
-        return semi_implicit_euler(x, v, s, c, T, pt)
-    if integrator == VERLET:
-        return verlet(x, v, s, c, T, pt)
-    if integrator == NEWMARK:
-        return newmark(x, v, s, c, T, pt)
-    if integrator == RK4:
-        return rk4(x, v, s, c, T, pt)
-    return exact(x, v, s, c, T, pt)
+    return _chosen_step(integrator, x, v, s, c, T, pt)
 
 
 @jit
