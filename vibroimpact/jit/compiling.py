@@ -133,26 +133,15 @@ def jit(
     return dispatcher
 
 
-def _compile(function: Any, signature: tuple[Any, ...]) -> None:
-    """Compile a function for arguments of these types."""
-    collecting = gc.isenabled()
-    gc.disable()  # it frees next to nothing, and takes a tenth of the time
-    try:
-        function.compile(signature)
-    finally:
-        if collecting:
-            gc.enable()
-
-
-# Python maps and unmaps memory whenever the depth of its calls passes a multiple of 16 kB. From
-# some depths a compilation does so 100,000 times, which takes 2 s of 13. For a frame as large
-# as this, Python takes 1 MB at once.
-_compile.__code__ = _compile.__code__.replace(co_stacksize=70_000)
-
-
 def compiled(function: Any, *arguments: Any) -> Any:
     """Return a function compiled for such arguments, which takes less time than its first call."""
     signature = tuple(map(numba.typeof, arguments))
     if signature not in function.overloads:
-        _compile(function, signature)
+        collecting = gc.isenabled()
+        gc.disable()  # it frees next to nothing, and takes a tenth of the time
+        try:
+            function.compile(signature)
+        finally:
+            if collecting:
+                gc.enable()
     return function
