@@ -8,5 +8,5 @@ from .engine.run import run_sweep as run_sweep
 from .errors import Failed as Failed
 from .errors import Refused as Refused
 from .errors import StoreError as StoreError
-from .explore import explore as explore
+from .explorer import explore as explore
 from .store.reader import open_sweep as open_sweep

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sweeps.explore.page import Page
-from sweeps.explore.server import Explorer
+from sweeps.explorer.page import Page
+from sweeps.explorer.server import Explorer
 
 #: Nothing is downloaded, and nothing is asked of the network.
 _OPTIONS = (

@@ -15,12 +15,12 @@ from bokeh.models import LogScale
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.engine.background import check_given_up
-from sweeps.explore import picture
-from sweeps.explore.diagram import Diagram, numbers
-from sweeps.explore.motion import motion_at
-from sweeps.explore.page import Page
-from sweeps.explore.view import MAP, View
-from sweeps.explore.worker import Step, Worker
+from sweeps.explorer import picture
+from sweeps.explorer.diagram import Diagram, numbers
+from sweeps.explorer.motion import motion_at
+from sweeps.explorer.page import Page
+from sweeps.explorer.view import MAP, View
+from sweeps.explorer.worker import Step, Worker
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
@@ -249,12 +249,6 @@ def test_an_error_of_a_step_is_said_once():
             time.sleep(0.01)
     worker.close()
     assert said == ["too much"]
-
-
-@pytest.mark.slow
-def test_the_room_can_be_called_whatever_was_imported_first():
-    code = "import sweeps.explore.view, sweeps; assert callable(sweeps.explore), sweeps.explore"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_without_bokeh_the_extra_is_named(monkeypatch):

@@ -13,8 +13,8 @@ import pytest
 import sweeps
 from browser import Window, chromium
 from sweeps import load_config, open_sweep
-from sweeps.explore import picture
-from sweeps.explore.diagram import numbers
+from sweeps.explorer import picture
+from sweeps.explorer.diagram import numbers
 from vibroimpact import Oscillator, one_impact_orbit
 
 pytestmark = pytest.mark.slow

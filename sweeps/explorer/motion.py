@@ -18,10 +18,10 @@ from sweeps.analysis.selection import Setting
 from sweeps.analysis.trajectories import continued_motion
 from sweeps.engine.as_dataset import as_dataset
 from sweeps.errors import Refused
-from sweeps.explore.diagram import numbers
-from sweeps.explore.view import View
-from sweeps.explore.words import axis_label, symbol
-from sweeps.explore.worker import Step
+from sweeps.explorer.diagram import numbers
+from sweeps.explorer.view import View
+from sweeps.explorer.words import axis_label, symbol
+from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, MOTIONS, ORANGE
 from vibroimpact.status import Status
 

@@ -14,11 +14,11 @@ from bokeh.models import Div, Range1d
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.as_dataset import as_dataset
-from sweeps.explore.diagram import numbers
-from sweeps.explore.pixel_figure import PixelFigure, outer_edges
-from sweeps.explore.view import BASINS, View, bounds
-from sweeps.explore.words import plain
-from sweeps.explore.worker import Step
+from sweeps.explorer.diagram import numbers
+from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
+from sweeps.explorer.view import BASINS, View, bounds
+from sweeps.explorer.words import plain
+from sweeps.explorer.worker import Step
 
 #: Columns and rows of the pictures, from coarse to fine.
 _SIZES = ((16, 10), (32, 20), (64, 40), (128, 80), (192, 120))

@@ -13,9 +13,9 @@ from bokeh.models import ColumnDataSource, LegendItem
 from sweeps.analysis.exact_branches import branches
 from sweeps.engine.as_dataset import as_dataset
 from sweeps.engine.background import check_given_up
-from sweeps.explore.diagram import Diagram
-from sweeps.explore.view import View
-from sweeps.explore.worker import Step
+from sweeps.explorer.diagram import Diagram
+from sweeps.explorer.view import View
+from sweeps.explorer.worker import Step
 from sweeps.plotting.style import VERMILION
 
 #: What there is to see, by the name in the legend: the dashes of a line, or a marker.

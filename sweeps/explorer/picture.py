@@ -11,7 +11,7 @@ from sweeps.analysis.coordinates import recorded_coordinate
 from sweeps.analysis.motion import has_result
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.as_dataset import as_dataset
-from sweeps.explore.view import Window
+from sweeps.explorer.view import Window
 from sweeps.plotting.lines import count_pixels, widened
 from sweeps.plotting.style import DENSITY, LEAST_SHARE
 

@@ -16,14 +16,14 @@ from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, SweepError
-from sweeps.explore.branches import Branches
-from sweeps.explore.controls import Controls, meaning
-from sweeps.explore.diagram import Diagram, Shown
-from sweeps.explore.maps import Map
-from sweeps.explore.motion import MotionPanel
-from sweeps.explore.saving import write_yaml
-from sweeps.explore.view import BASINS, DIAGRAM, MAP, View
-from sweeps.explore.worker import Step, Worker
+from sweeps.explorer.branches import Branches
+from sweeps.explorer.controls import Controls, meaning
+from sweeps.explorer.diagram import Diagram, Shown
+from sweeps.explorer.maps import Map
+from sweeps.explorer.motion import MotionPanel
+from sweeps.explorer.saving import write_yaml
+from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
+from sweeps.explorer.worker import Step, Worker
 from vibroimpact.oscillator import PARAMETERS
 
 _ENDED = (

@@ -29,8 +29,8 @@ from tornado.web import ErrorHandler, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.explore.page import Page
-from sweeps.explore.view import View
+from sweeps.explorer.page import Page
+from sweeps.explorer.view import View
 
 HOST = "127.0.0.1"
 #: Names of this machine in the Host header; another name is that of a page that was led here.

@@ -8,7 +8,7 @@ import shlex
 from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.explore.view import DIAGRAM, View
+from sweeps.explorer.view import DIAGRAM, View
 from sweeps.store.replacing import replacing
 from sweeps.text import printable
 

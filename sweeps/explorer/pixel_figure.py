@@ -19,8 +19,8 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from sweeps.explore.view import Window
-from sweeps.explore.words import axis_label
+from sweeps.explorer.view import Window
+from sweeps.explorer.words import axis_label
 from sweeps.plotting.lines import cell_edges
 
 _CLEAR = "#00000000"

@@ -21,8 +21,8 @@ from bokeh.models import (
 )
 
 from sweeps.analysis.coordinates import COORDINATES
-from sweeps.explore.view import View, window_around
-from sweeps.explore.words import symbol
+from sweeps.explorer.view import View, window_around
+from sweeps.explorer.words import symbol
 from sweeps.plotting.labels import as_variable
 from vibroimpact.oscillator import PARAMETERS
 

@@ -1,19 +1,16 @@
 """The live picture: a bifurcation diagram in the browser that is computed anew with every view.
 
-It is the only room that imports Bokeh. `sweeps.explore(config)` opens it, so the room itself can be
-called: Python puts it in the place of the function once any of its files is imported.
+It is the only room that imports Bokeh. `sweeps.explore(config)` opens it.
 """
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
-    from sweeps.explore.server import Explorer
+    from sweeps.explorer.server import Explorer
 
 
 def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> Explorer:
@@ -49,13 +46,6 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
             "the live picture needs Bokeh, which is not installed; install it with\n"
             "pip install 'vibroimpact[explore]'"
         ) from None
-    from sweeps.explore.server import Explorer
+    from sweeps.explorer.server import Explorer
 
     return Explorer(config, port, folder)
-
-
-class _Room(ModuleType):
-    __call__ = staticmethod(explore)
-
-
-sys.modules[__name__].__class__ = _Room

@@ -22,10 +22,10 @@ from bokeh.models import (
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
 from sweeps.engine.plan import check_memory
-from sweeps.explore import picture
-from sweeps.explore.pixel_figure import PixelFigure, outer_edges, set_range
-from sweeps.explore.view import View, Window, bounds
-from sweeps.explore.worker import Step
+from sweeps.explorer import picture
+from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
+from sweeps.explorer.view import View, Window, bounds
+from sweeps.explorer.worker import Step
 from sweeps.plotting.style import STATUS_COLOURS, VERMILION
 from sweeps.text import shown_count
 
