@@ -16,10 +16,11 @@ import pytest
 
 import sweeps
 from dux_orbits import TAU, Dux
+from oscillators import bifurcation
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
 from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate
-from vibroimpact.orbits.one_impact import bifurcation, one_impact_orbits
+from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.orbits.periodic import solved
 from vibroimpact.oscillator import POINT
 
