@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from sweeps.bench.accuracy_speed import Measurement
 from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
-from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines
+from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines, main_scene
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
 
@@ -44,13 +44,22 @@ _Drawn = Mapping[Method, Sequence[Measurement]]
 
 
 def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -> Figure:
-    """Draw a panel per kind of error, with its lines, their orders and the efficient frontier."""
-    groups = lines(measurements)
-    figure = Figure(figsize=(5.6, 7.2), layout="constrained")
-    grid = figure.add_gridspec(3, 2, height_ratios=(1.25, 1.0, 1.0))
+    """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
+
+    Of a single scene, as a sweep, there are the first three of ``PANELS``.
+    """
+    groups, main = lines(measurements), main_scene(measurements)
+    panels: Sequence[tuple[str, str, str]] = PANELS
+    if main != MEAN:
+        name = main.replace("$", r"\$")
+        words = (f"section state: {name}", "impact time", "penetration")
+        panels = [(title, main, kind) for title, (_, _, kind) in zip(words, PANELS, strict=False)]
+    rows = len(panels) // 2
+    figure = Figure(figsize=(5.6, 3.2 + 2.0 * rows), layout="constrained")
+    grid = figure.add_gridspec(1 + rows, 2, height_ratios=(1.25, *[1.0] * rows))
     wide = figure.add_subplot(grid[0, :])
-    small = [figure.add_subplot(grid[row, column]) for row in (1, 2) for column in (0, 1)]
-    for panel, (title, scene, kind) in zip([wide, *small], PANELS, strict=True):
+    small = [figure.add_subplot(grid[1 + k // 2, k % 2]) for k in range(2 * rows)]
+    for panel, (title, scene, kind) in zip([wide, *small], panels, strict=True):
         drawn = {
             method: [m for m in group if is_drawn(m)]
             for (scene_name, error_kind, method), group in groups.items()
@@ -66,7 +75,8 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
         panel.tick_params(labelbottom=False)
     for panel in (wide, *small[-2:]):
         panel.set_xlabel("seconds per forcing period")
-    figure.legend(handles=_handles(groups), loc="outside lower center", ncols=3, frameon=False)
+    handles, columns = _handles(groups)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
@@ -148,8 +158,8 @@ def _note(panel: Axes, height: float, text: str, colour: str) -> None:
     )
 
 
-def _handles(groups: Mapping[Line, object]) -> list[Line2D]:
-    """Return the legend: a column of rules, one of integrators, one of peers."""
+def _handles(groups: Mapping[Line, object]) -> tuple[list[Line2D], int]:
+    """Return the legend, and its columns: of rules, of integrators, and of peers if any."""
     peers = dict.fromkeys(method for _, _, method in groups if method.impact not in RULES)
     columns = [
         [
@@ -164,13 +174,13 @@ def _handles(groups: Mapping[Line, object]) -> list[Line2D]:
                 for name in MARKERS
             ),
         ],
-        [
-            _text("solver with events"),
-            *(Line2D([], [], **_look(peer), label=peer.integrator) for peer in peers),
-        ],
     ]
+    if peers:
+        looks = [Line2D([], [], **_look(peer), label=peer.integrator) for peer in peers]
+        columns.append([_text("solver with events"), *looks])
     length = max(map(len, columns))
-    return [m for column in columns for m in (*column, *[_text(" ")] * (length - len(column)))]
+    filled = [m for column in columns for m in (*column, *[_text(" ")] * (length - len(column)))]
+    return filled, len(columns)
 
 
 def _text(words: str) -> Line2D:

@@ -28,12 +28,15 @@ from rich.progress import (
 from sweeps.bench.peers import PEERS
 from sweeps.bench.scenes import (
     CHATTER,
+    EXACT,
     METHODS,
     SCENES,
     Method,
     Scene,
     least_steps,
+    of_sweep,
 )
+from sweeps.config.sweep import SweepConfig
 
 #: Steps of one timed run at least, all points together; with fewer, the call itself would be timed.
 _LEAST_WORK = 1_500_000
@@ -72,6 +75,13 @@ QUICK = Plan(
     tolerances=(1e-3, 1e-9),
     thinning=32,
 )
+
+
+def plan_of(config: SweepConfig, plan: Plan) -> Plan:
+    """Return what to measure of a sweep: no peers, and also the fewest steps of exact impacts."""
+    scene = of_sweep(config)
+    ladder = {*plan.ladder, least_steps(EXACT, scene.points)}
+    return replace(plan, scenes=(scene,), ladder=tuple(sorted(ladder)), peers=())
 
 
 @dataclass(frozen=True)
@@ -205,11 +215,14 @@ def _take(
         return
     scene, method = run.scene, run.method
     steps = _steps(run.rung, turn, rounds)
-    copies = math.ceil(_LEAST_WORK / (len(scene.points) * scene.periods * steps))
+    periods = scene.timed or scene.periods
+    copies = math.ceil(_LEAST_WORK / (len(scene.points) * periods * steps))
     began = time.perf_counter()
-    results = scene.run(method, steps, threads, copies)
-    seconds = (time.perf_counter() - began) / (len(scene.points) * copies * scene.periods)
+    results = scene.run(method, steps, threads, copies, periods=periods)
+    seconds = (time.perf_counter() - began) / (len(scene.points) * copies * periods)
     tally.seconds = min(tally.seconds, seconds)
+    if periods != scene.periods:
+        results = scene.run(method, steps, threads)
     for kind, error in scene.errors(truth, results).items():
         tally.squares[kind].append(error * error)
 

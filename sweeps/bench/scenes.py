@@ -1,9 +1,10 @@
 """Scenes on which the methods are compared, and the errors of a run.
 
 A scene is not one point but 64 neighbours of it: whole blocks of lanes, as a sweep has them, and
-impacts that fall on different places within a step. Errors are root mean squares over them,
-against the exact engine, and free of units: displacements, speeds and times are divided by
-V / omega, V and 2 pi / omega, with V the RMS speed of the true impacts.
+impacts that fall on different places within a step. Or it is 64 points of a sweep. Errors are root
+mean squares over them, against the exact engine, and free of units: displacements, speeds and times
+are divided by V / omega, V and 2 pi / omega, with V the speed of the fastest true impact of the
+point, or of its section where it has no impact.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibroimpact import Oscillator, integrate
+from sweeps.config.sweep import SweepConfig
+from sweeps.errors import Refused
+from vibroimpact import Oscillator, Status, integrate
+from vibroimpact.orbits.cycles import section_distance
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
@@ -61,6 +65,10 @@ class Scene:
         How many of the last true impacts are compared.
     recorded : int
         Forcing periods before the section in which they lie.
+    at_section : bool
+        Whether the points start at a section, not at t = 0.
+    timed : int or None
+        Forcing periods of a run that is timed, where those to the section are too few for it.
     """
 
     name: str
@@ -69,6 +77,8 @@ class Scene:
     phase: float = 0.0
     impacts: int = 0
     recorded: int = 1
+    at_section: bool = False
+    timed: int | None = None
 
     def run(
         self,
@@ -77,15 +87,17 @@ class Scene:
         threads: int | None = None,
         copies: int = 1,
         kept: int = _KEPT,
+        periods: int | None = None,
     ) -> dict[str, np.ndarray]:
         """Run all points, `copies` times over, with one method; returns as `integrate` does."""
         return integrate(
             np.tile(self.points, copies),
             **method._asdict(),
             steps_per_period=steps,
-            transient=self.periods - self.recorded,
+            transient=(periods or self.periods) - self.recorded,
             periods=self.recorded,
             phase=self.phase,
+            at_section=self.at_section,
             impacts=kept,
             threads=threads,
         )
@@ -99,8 +111,10 @@ class Scene:
     ) -> dict[str, float]:
         """Return the RMS errors of a run by kind, of those in ``ORBIT_ERRORS``.
 
-        Every true impact is compared with the one found at the nearest phase. A failed
-        run has the error NaN, a run without an impact the error inf.
+        States are compared directly or through an impact, and every true impact with the one found
+        at the nearest phase. Where none was found it counts as half a period late, and as without
+        speed. The section of a failed run has the error NaN. Without true impacts there are no
+        errors of these.
 
         Parameters
         ----------
@@ -110,30 +124,34 @@ class Scene:
             From `run`; rows of further copies are ignored.
         """
         n = len(self.points)
-        omega = self.points["omega"]
+        R, omega, clearance = (self.points[name] for name in ("R", "omega", "clearance"))
+        end, true_end = (
+            np.stack([of["poincare_x"][:n, -1], of["poincare_v"][:n, -1]], axis=1)
+            for of in (run, truth)
+        )
+        V = truth["fastest_impact"]
+        V = np.where(V > 0.0, V, np.hypot(omega * true_end[:, 0], true_end[:, 1]))
+        V = np.where(V > 0.0, V, 1.0)  # it never moves
+        units = np.stack([V / omega, V], axis=1)
         phase, v = truth["impact_phase"], truth["impact_v"]
         real = np.isfinite(phase)
-        speed = _rms(v[real])
         delay = run["impact_phase"][:n, None, :] - phase[:, :, None]
         delay = np.abs((delay + math.pi) % (2.0 * math.pi) - math.pi)
-        delay = np.where(np.isnan(delay), np.inf, delay)
+        delay = np.where(np.isnan(delay), math.pi, delay)
         nearest = delay.argmin(axis=2)
-        run_v = np.take_along_axis(run["impact_v"][:n], nearest, axis=1)
-        delay = delay.min(axis=2)
-        dx = run["poincare_x"][:n, -1] - truth["poincare_x"][:, -1]
-        dv = run["poincare_v"][:n, -1] - truth["poincare_v"][:, -1]
-        values = (
-            _rms(np.hypot(omega * dx, dv)) / speed,
-            _rms(delay[real]) / (2.0 * math.pi),
-            _rms(np.where(np.isfinite(delay), run_v - v, np.inf)[real]) / speed,
-            _rms(omega * run["max_penetration"][:n]) / speed,
-        )
-        return dict(zip(ORBIT_ERRORS, values, strict=True))
-
-
-def _rms(values: np.ndarray) -> float:
-    with np.errstate(over="ignore"):
-        return float(np.sqrt(np.mean(np.square(values))))
+        found_v = np.nan_to_num(np.take_along_axis(run["impact_v"][:n], nearest, axis=1))
+        with np.errstate(all="ignore"):
+            values = (
+                section_distance(end, true_end, clearance, R, units),
+                delay.min(axis=2)[real] / (2.0 * math.pi),
+                ((found_v - v) / V[:, None])[real],
+                omega * run["max_penetration"][:n] / V,
+            )
+            return {
+                kind: float(np.sqrt(np.mean(np.square(value))))
+                for kind, value in zip(ORBIT_ERRORS, values, strict=True)
+                if value.size
+            }
 
 
 def least_steps(method: Method, points: np.ndarray) -> int:
@@ -187,3 +205,29 @@ GRAZING = Scene(
     impacts=2,
 )
 SCENES = (*REGULAR, CHATTER, GRAZING)
+
+
+def of_sweep(config: SweepConfig) -> Scene:
+    """Return points spread over a sweep, each from the state at the end of its record.
+
+    They are followed for one forcing period: longer, the errors of chaotic motions would say
+    nothing. Each point is computed from its own start.
+
+    Raises
+    ------
+    Refused
+        If no point can be computed with exact impacts.
+    """
+    points, record = config.grid.spread(NEIGHBOURS), config.record
+    whole = record.transient + record.periods
+    try:
+        last = integrate(points, transient=whole - 1, periods=1, phase=record.phase, impacts=0)
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    good = np.array([not Status(status).failed for status in last["status"]])
+    if not good.any():
+        raise Refused(f"{config.name} has no point that exact impacts can be found for")
+    points["x0"], points["v0"] = last["poincare_x"][:, 0], last["poincare_v"][:, 0]
+    return Scene(
+        f"sweep {config.name}", points[good], 1, record.phase, impacts=4, at_section=True, timed=20
+    )

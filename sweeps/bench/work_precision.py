@@ -56,6 +56,11 @@ def means(measurements: Iterable[Measurement]) -> list[Measurement]:
     ]
 
 
+def main_scene(measurements: Sequence[Measurement]) -> str:
+    """Return the scene that is shown first: the mean of the regular ones, else the first."""
+    return MEAN if any(m.scene == MEAN for m in measurements) else measurements[0].scene
+
+
 def _geometric_mean(values: Sequence[float]) -> float:
     with np.errstate(divide="ignore"):
         return float(np.exp(np.mean(np.log(values))))

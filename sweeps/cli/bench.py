@@ -42,6 +42,14 @@ def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
 
 @app.command("accuracy-speed")
 def accuracy_speed(
+    config: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[CONFIG]",
+            help="The YAML file of a sweep, or the file of one, to compare the methods on; without "
+            "one, on the scenes of the program, and with other solvers.",
+        ),
+    ] = None,
     output: Figure = Path("accuracy-speed.png"),
     csv: Csv = None,
     quick: Quick = False,
@@ -53,18 +61,25 @@ def accuracy_speed(
     from sweeps.analysis.tables import write_csv
     from sweeps.bench import accuracy_tables, work_precision
     from sweeps.bench.accuracy_picture import picture
-    from sweeps.bench.accuracy_speed import FULL, QUICK, measure
+    from sweeps.bench.accuracy_speed import FULL, QUICK, measure, plan_of
     from sweeps.bench.output import draw
     from sweeps.bench.peers import PEERS
+    from sweeps.engine.configurations import read_config
 
     check_threads(threads)
     with _files(output, csv):
-        measured = measure(QUICK if quick else FULL, threads, progress=True)
-        measured += work_precision.means(measured)
+        plan = QUICK if quick else FULL
+        if config is not None:
+            plan = plan_of(read_config(config), plan)
+            (scene,) = plan.scenes
+            say(f"{len(scene.points)} points of the {scene.name}, each after one forcing period\n")
+        measured = measure(plan, threads, progress=True)
+        if config is None:
+            measured += work_precision.means(measured)
         orders = work_precision.orders(measured)
-        for peer in PEERS.values():
-            if not peer.installed:
-                say(f"{peer.name} is not installed, so it is not on the chart", error=True)
+        for name in plan.peers:
+            if not PEERS[name].installed:
+                say(f"{name} is not installed, so it is not on the chart", error=True)
         say(accuracy_tables.of_methods(measured, orders))
         say(accuracy_tables.of_targets(measured))
         draw(output, picture, measured, orders)

@@ -9,8 +9,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from commands import call
+from sweeps import load_config
 from sweeps.bench import accuracy_speed, work_precision
 from sweeps.bench.accuracy_speed import Measurement, Plan, measure
 from sweeps.bench.peers import PEERS
@@ -22,8 +24,10 @@ from sweeps.bench.scenes import (
     ORBIT_ERRORS,
     REGULAR,
     Method,
+    of_sweep,
 )
 from sweeps.bench.work_precision import MEAN
+from sweeps.grid import Grid
 from vibroimpact import Status
 
 STATE, TIME, SPEED, DEPTH = ORBIT_ERRORS
@@ -135,7 +139,7 @@ def test_the_first_flight_touches_on_one_side_of_the_graze():
 def test_errors_of_known_size():
     """A run that is the truth but for known shifts, its impacts in another order."""
     truth = ONE_IMPACT.truth()
-    n, V = len(ONE_IMPACT.points), np.sqrt(np.mean(truth["impact_v"] ** 2))
+    n, per_V = len(ONE_IMPACT.points), np.sqrt(np.mean(truth["impact_v"] ** -2.0))
     late = np.full((n, 3), np.nan)
     late[:, 0], late[:, 1] = truth["impact_phase"][:, 0] + 3.0, truth["impact_phase"][:, 0] - 0.1
     speeds = np.stack([np.full(n, 9.0), truth["impact_v"][:, 0] + 0.2, np.full(n, np.nan)], axis=1)
@@ -148,11 +152,59 @@ def test_errors_of_known_size():
     }
     errors = ONE_IMPACT.errors(truth, found)
     assert errors == pytest.approx(
-        {STATE: 0.3 / V, TIME: 0.1 / (2 * math.pi), SPEED: 0.2 / V, DEPTH: 0.4 / V}
+        {STATE: 0.3 * per_V, TIME: 0.1 / (2 * math.pi), SPEED: 0.2 * per_V, DEPTH: 0.4 * per_V}
     )
     nothing = np.full((n, 3), np.nan)
     errors = ONE_IMPACT.errors(truth, found | {"impact_phase": nothing, "impact_v": nothing})
-    assert errors[TIME] == errors[SPEED] == math.inf and errors[STATE] < 1.0
+    assert errors[TIME] == 0.5 and errors[SPEED] == pytest.approx(1.0)
+
+
+def test_states_on_the_two_sides_of_an_impact_are_near():
+    """The section at an impact: the velocity jumps there, the error does not."""
+    truth, (R,) = ONE_IMPACT.truth(), set(ONE_IMPACT.points["R"])
+    v = truth["impact_v"][:, :1]
+    before = truth | {"poincare_x": 0.0 * v, "poincare_v": v}
+    after = truth | {"poincare_x": 0.0 * v, "poincare_v": -R * v}
+    assert ONE_IMPACT.errors(before, after)[STATE] < 1e-15
+    assert ONE_IMPACT.errors(before, before | {"poincare_v": 0.9 * v})[STATE] > 0.09
+
+
+SWEEP = {
+    "name": "a sweep",
+    "oscillator": {"h": 0.05, "R": 0.7, "omega": {"start": 1.0, "stop": 3.4, "num": 200}, "f": 1.0},
+    "record": {"transient": 50, "periods": 10, "phase": 1.0},
+}
+
+
+def test_the_points_of_a_sweep_are_on_their_motions():
+    """Where the motion is periodic, a forcing period leads from the start to itself."""
+    sweep = SWEEP | {"oscillator": SWEEP["oscillator"] | {"omega": [2.2, 2.3, 2.4]}}
+    scene = of_sweep(load_config(sweep | {"record": {"transient": 500, "phase": 1.0}}))
+    truth = scene.truth()
+    np.testing.assert_allclose(truth["poincare_x"][:, 0], scene.points["x0"], atol=1e-9)
+    assert (truth["impacts_per_period"] == 1.0).all()
+    errors = [scene.errors(truth, scene.run(CUBIC, steps))[STATE] for steps in (100, 200)]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_sweep_without_impacts_has_no_errors_of_them():
+    free = SWEEP | {"oscillator": SWEEP["oscillator"] | {"clearance": 10.0}}
+    scene = of_sweep(load_config(free))
+    assert set(scene.errors(scene.truth(), scene.run(PLAIN, 50))) == {STATE, DEPTH}
+
+
+def test_the_points_are_spread_over_the_grid():
+    fixed = dict.fromkeys(("f", "p", "clearance", "x0", "v0"), 0.0)
+    axes = {"h": np.arange(5.0), "omega": np.arange(1.0, 401.0), "R": np.arange(4.0)}
+    points = Grid(axes, fixed).spread(64)
+    assert 60 < len(points) <= 64 and len(np.unique(points)) == len(points)
+    assert {points["omega"].min(), points["omega"].max()} == {1.0, 400.0}
+    for name, values in axes.items():
+        counts, _ = np.histogram(points[name], bins=4)
+        assert np.isin(points[name], values).all() and counts.min() >= 8
+    everything = Grid(axes, fixed).spread(10**6)
+    np.testing.assert_array_equal(everything, Grid(axes, fixed).points((slice(None),) * 3))
+    assert len(Grid({}, fixed | {"h": 0.0, "R": 0.0, "omega": 1.0}).spread(64)) == 1
 
 
 # Measurements
@@ -276,13 +328,37 @@ def test_the_command(monkeypatch):
     assert row["tolerance"] == ""
 
 
+@pytest.mark.slow
+def test_the_command_on_a_sweep(monkeypatch):
+    """Also with a name that a formula would be read in, and steps that `exact` needs."""
+    sweep = SWEEP | {"name": "a $x^2$ sweep", "output": "a.h5"}
+    sweep["oscillator"] = sweep["oscillator"] | {"omega": {"start": 0.05, "stop": 3.4, "num": 9}}
+    Path("sweep.yaml").write_text(yaml.safe_dump(sweep))
+    monkeypatch.setattr(
+        accuracy_speed, "QUICK", replace(accuracy_speed.QUICK, ladder=(50, 100), rounds=1)
+    )
+    options = ("sweep.yaml", "--quick", "-o", "chart.png", "--csv", "all.csv")
+    result = call("bench", "accuracy-speed", *options)
+    assert result.exit_code == 0, result.output
+    assert "9 points of the sweep a $x^2$ sweep" in result.stdout and "SciPy" not in result.output
+    assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
+    with open("all.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["scene"] for row in rows} == {"sweep a $x^2$ sweep"}
+    exact = [row for row in rows if row["impact"] == "exact" and row["error_kind"] == STATE]
+    (steps,) = {int(row["steps_per_period"]) for row in exact}
+    assert steps > 100 and f"with {steps} steps per period" in result.stdout
+    assert float(exact[0]["error"]) < 1e-10
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
+        (("absent.yaml",), ("absent.yaml", "cannot be read")),
         (("-o", "chart.jpg"), ("chart.jpg", ".png")),
         (("-o", "nowhere/chart.png"), ("folder nowhere", "does not exist")),
         (("--csv", "all.txt"), ("--csv all.txt ", ".csv")),
-        (("--csv", "nowhere/all.csv"), ("--csv nowhere/all.csv ", "existing folder")),
+        (("--csv", "nowhere/all.csv"), ("folder nowhere", "does not exist")),
         (("--threads", 0), ("--threads 0 ", "an integer from 1 to ")),
     ],
 )
@@ -307,7 +383,7 @@ def test_what_cannot_be_written_fails_and_leaves_nothing(monkeypatch):
 
     monkeypatch.setattr(accuracy_speed, "measure", measure)
     result = call("bench", "accuracy-speed", "--csv", "all.csv")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert result.stderr.splitlines()[-1].startswith("vibroimpact: error: ")
     assert sorted(path.name for path in Path().iterdir()) == ["accuracy-speed.png", "all.csv"]
 
