@@ -106,7 +106,7 @@ def grows(integrator: str, step: np.ndarray, zeta: np.ndarray, steps: int) -> np
     points = np.zeros(step.size, dtype=POINT)
     points["h"], points["p"] = zeta.ravel(), 1.0
     points["omega"] = 2.0 * math.pi / (_PER_PERIOD * step.ravel())
-    points["clearance"], points["x0"] = math.inf, -1.0
+    points["clearance"], points["x0"] = np.finfo(float).max, -1.0
     periods = steps // _PER_PERIOD
     out = integrate(
         points,

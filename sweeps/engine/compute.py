@@ -22,6 +22,7 @@ SOURCES = (
     "engine/refine.py",
     "engine/classification.py",
     "analysis/class_changes.py",
+    "analysis/grouping.py",
     "analysis/motion.py",
     "analysis/nearby_orbit.py",
     "engine/as_dataset.py",

@@ -152,7 +152,7 @@ def test_the_command():
     [
         (["-o", "picture.jpg"], "must end in one of .png, .svg, .pdf"),
         (["-o", "nowhere/a.png"], "the folder nowhere of the picture a.png does not exist"),
-        (["--csv", "nowhere/a.csv"], "expected: a .csv file in an existing folder"),
+        (["--csv", "nowhere/a.csv"], "the folder nowhere of the table a.csv does not exist"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_anything_is_measured(
