@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import sweeps
 from dux_orbits import TAU, Dux
@@ -99,9 +100,19 @@ def dux_bifurcation(kind, count=200):
     differences = []
     for i, (value, d) in enumerate(zip(values.tolist(), room.tolist(), strict=True)):
         osc, n = dux.oscillator(i, 0.0), int(dux.n[i])
-        found = bifurcation(osc, kind, "clearance", value - d, value + d, n)
+        found = brentq(
+            partial(bifurcates, kind, osc, n), value - d, value + d, xtol=1e-300, rtol=1e-15
+        )
         differences.append((found - value) / fold[i])
     return np.max(np.abs(differences))
+
+
+def bifurcates(kind, osc, n, sigma):
+    """A number that changes its sign at a flip of the faster orbit, or where all orbits vanish."""
+    orbits = one_impact_orbits(replace(osc, clearance=sigma), n)
+    if kind == "fold":
+        return 1.0 if orbits else -1.0
+    return 1.0 + orbits[-1].trace + orbits[-1].determinant
 
 
 def ball(R, gamma=2.0, p=1e-6):
