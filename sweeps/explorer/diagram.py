@@ -21,13 +21,11 @@ from bokeh.models import (
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
-from sweeps.engine.plan import check_memory
 from sweeps.explorer import picture
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explorer.view import View, Window, bounds
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import STATUS_COLOURS, VERMILION
-from sweeps.text import shown_count
 
 #: The coarse picture has so many times fewer columns.
 COARSER = 4
@@ -44,15 +42,8 @@ Results = Mapping[str, np.ndarray]
 
 
 def numbers(config: SweepConfig) -> Results:
-    """Compute all points of a configuration, the same numbers as a run of it.
-
-    Raises
-    ------
-    StoreError
-        If they do not fit into memory.
-    """
+    """Compute all points of a configuration, the same numbers as a run of it."""
     grid = config.grid
-    check_memory(config, grid.size, f"a picture of {shown_count(grid.size, 'point')}")
     return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
 
 
@@ -145,14 +136,24 @@ class Diagram(PixelFigure):
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view: a coarse picture at once, then the fine one."""
-        columns, rows = (min(max(size, _LEAST), _MOST) for size in self.size)
-        wanted = view.diagram(columns)
+        columns, rows = self._resolution
+        wanted = self.finest(view)
         key = (wanted, view.axis, view.ordinate, view.ylim, rows)
         steps = []
         if self.kept is None or self.kept.config != wanted:
             few = max(_LEAST, columns // COARSER)
             steps.append(self._step(("coarse", *key), view, few, rows))
         return [*steps, self._step(key, view, columns, rows)]
+
+    @property
+    def _resolution(self) -> tuple[int, int]:
+        """Columns and rows that are computed."""
+        columns, rows = (min(max(size, _LEAST), _MOST) for size in self.size)
+        return columns, rows
+
+    def finest(self, view: View) -> SweepConfig:
+        """Return the configuration of the finest picture."""
+        return view.diagram(self._resolution[0])
 
     def _step(self, key: Any, view: View, columns: int, rows: int) -> Step:
         return Step("diagram", key, partial(self._draw, view, columns, rows), self._paint)

@@ -15,7 +15,8 @@ from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.errors import ConfigError, SweepError
+from sweeps.engine.plan import check_memory
+from sweeps.errors import ConfigError, StoreError, SweepError
 from sweeps.explorer.branches import Branches
 from sweeps.explorer.controls import Controls, meaning
 from sweeps.explorer.diagram import Diagram, Shown
@@ -156,8 +157,14 @@ class Page:
             self._compute()
 
     def _steps(self) -> list[Step]:
-        """Return what the open tab shows of the view, the quickest first."""
-        view = self.view
+        """Return what the open tab shows of the view, the quickest first; nothing if too large."""
+        view, config = self.view, self._configuration()
+        points = config.grid.size
+        try:
+            check_memory(config, points, f"a picture of {points:,} points")
+        except StoreError as error:
+            self._refuse(str(error))
+            return []
         if view.tab != DIAGRAM:
             return (self.map if view.tab == MAP else self.basins).steps(view)
         *coarse, fine = self.diagram.steps(view)
@@ -271,6 +278,5 @@ class Page:
 
     def _configuration(self) -> SweepConfig:
         """Return that of the finest picture in the open tab."""
-        if self.view.tab == DIAGRAM:
-            return self.view.diagram(self.diagram.size[0])
-        return (self.map if self.view.tab == MAP else self.basins).finest(self.view)
+        picture = (self.diagram, self.map, self.basins)[self.view.tab]
+        return picture.finest(self.view)
