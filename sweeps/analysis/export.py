@@ -10,7 +10,7 @@ import xarray as xr
 from sweeps.analysis.grouping import grid_of
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES
-from sweeps.store.replacing import check_target, replacing
+from sweeps.store.replacing import check_target, writing
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -62,7 +62,7 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
     check_table(path)
     scalars = _scalars(dataset)
     axes = [str(name) for name in scalars["status"].dims]
-    with replacing(path, "table") as new:
+    with writing(path, "table") as new:
         if path.suffix == ".parquet":
             _frame(scalars).to_parquet(new, index=False)
         else:

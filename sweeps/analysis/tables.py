@@ -12,7 +12,7 @@ import xarray as xr
 from sweeps.analysis.coordinates import COORDINATES
 from sweeps.analysis.exact_branches import branches
 from sweeps.analysis.selection import Cut, swept_axes
-from sweeps.store.replacing import replacing
+from sweeps.store.replacing import writing
 from sweeps.text import table
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ def write_csv(
     Raises
     ------
     Refused, Failed
-        If the file cannot be written there, as from `replacing`.
+        If the file cannot be written there, as from `writing`.
     """
     import pandas as pd
 
-    with replacing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
+    with writing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
         frame = pd.DataFrame(rows, columns=columns)
         frame.to_csv(file, index=False, float_format=float.__repr__, lineterminator="\n")
 

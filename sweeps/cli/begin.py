@@ -19,7 +19,7 @@ def init(
 ) -> None:
     """Write the configuration of a scene, with comments, into the folder: SCENE.yaml."""
     from sweeps.config.scenes import scenes
-    from sweeps.store.replacing import check_target, replacing
+    from sweeps.store.replacing import check_target, writing
 
     texts = scenes()
     if scene not in texts:
@@ -30,7 +30,7 @@ def init(
     path = Path(f"{scene}.yaml")
     if check_target(path, "configuration"):
         raise Refused(f"{path} exists, and is left as it is; remove it, or rename it")
-    with replacing(path, "configuration") as new:
+    with writing(path, "configuration") as new:
         new.write_text(texts[scene], encoding="utf-8")
     say(path)
     say(f"next: vibroimpact run {path}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import DIAGRAM, View
-from sweeps.store.replacing import replacing
+from sweeps.store.replacing import writing
 from sweeps.text import printable
 
 
@@ -25,7 +25,7 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
     name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
     path = folder / f"{name}.yaml"
     text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
-    with replacing(path, "configuration") as new:
+    with writing(path, "configuration") as new:
         new.write_text(text, encoding="utf-8")
     return path
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from sweeps.analysis.selection import listed
 from sweeps.errors import Refused
 from sweeps.plotting.style import dots_per_inch, user_style
-from sweeps.store.replacing import check_target, replacing
+from sweeps.store.replacing import check_target, writing
 from sweeps.text import shortened
 
 #: Of each format, the fields for a title, the program and a text.
@@ -111,12 +111,12 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     Raises
     ------
     Refused, Failed
-        If it is too large, or cannot be written there, as from `replacing`.
+        If it is too large, or cannot be written there, as from `writing`.
     """
     _check_size(figure)
     kind = output.suffix.lower().lstrip(".")
     about = dict(zip(_FIELDS[kind], description, strict=False))
-    with replacing(output, "picture") as draft, warnings.catch_warnings():
+    with writing(output, "picture") as draft, warnings.catch_warnings():
         # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         figure.savefig(draft, format=kind, metadata={**about, **_NO_DATES[kind]})

@@ -89,37 +89,45 @@ def _followed(path: Path) -> Path:
 
 
 @contextmanager
-def replacing(path: Path, what: str = "file") -> Iterator[Path]:
-    """Yield the name of a new, empty file, a draft, which replaces `path` at the end.
-
-    A link at `path` stays, and the file that it leads to is replaced. If the ``with`` block raises,
-    that file stays as it was, and the draft is removed. A draft that a killed process has left is
-    removed by the next that replaces the same file.
+def writing(path: Path, what: str) -> Iterator[Path]:
+    """Check a path, and replace it as `replacing` does; a failure names it.
 
     Raises
     ------
     StoreError
         As from `check_target`.
     Failed
-        If the block or the replacement raises OSError; names `path`.
+        If the ``with`` block or the replacement raises OSError.
     """
     check_target(path, what)
     try:
-        target = _followed(path)
-        remove_leftovers(target)
-        name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
-        new = target.with_name(name)
-        # The name is new, so that nothing that another user has put there is opened.
-        os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
-        try:
+        with replacing(path) as new:
             yield new
-            _sync(new)
-            os.replace(new, target)
-            _sync(target.parent)  # so that the names in it last
-        finally:
-            new.unlink(missing_ok=True)
     except OSError as error:
         raise Failed(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield the name of a new, empty file, a draft, which replaces `path` at the end.
+
+    A link at `path` stays, and the file that it leads to is replaced. If the ``with`` block raises,
+    that file stays as it was, and the draft is removed. A draft that a killed process has left is
+    removed by the next that replaces the same file.
+    """
+    target = _followed(path)
+    remove_leftovers(target)
+    name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
+    new = target.with_name(name)
+    # The name is new, so that nothing that another user has put there is opened.
+    os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
+    try:
+        yield new
+        _sync(new)
+        os.replace(new, target)
+        _sync(target.parent)  # so that the names in it last
+    finally:
+        new.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

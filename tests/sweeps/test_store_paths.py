@@ -1,6 +1,5 @@
 """Paths that a sweep is not written to or read from."""
 
-import re
 import types
 
 import h5py
@@ -104,9 +103,8 @@ def test_a_file_that_cannot_be_laid_out_leaves_nothing_and_loses_nothing(
     with pytest.raises(raised) as caught:
         lay_out(path)
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
-    said = str(caught.value)
-    assert raised is not Failed or re.search(r"out\.h5 cannot be (created|written): ", said)
-    assert "line 3" not in said
+    assert raised is not Failed or "out.h5 cannot be created: " in str(caught.value)
+    assert "line 3" not in str(caught.value)
 
 
 def test_a_grid_too_large_for_hdf5_is_refused(tmp_path, monkeypatch):
