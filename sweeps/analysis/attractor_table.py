@@ -155,9 +155,13 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
     followed = float(result["followed"].mean())
     if followed:
         lines.append(
-            f"{100.0 * followed:.1f} % of the starts had not settled in their record; "
-            "they were followed on to their attractor"
+            f"{100.0 * followed:.1f} % of the starts had not settled in their record "
+            "and were followed on"
         )
+    unsettled = result["fraction"].where(result["motion"].isin(_UNSETTLED)).sum("coexisting")
+    if unsettled.any():
+        share = 100.0 * float(unsettled.mean())
+        lines.append(f"{share:.1f} % of the starts have not settled: on which attractor, is open")
     return "\n".join(lines)
 
 

@@ -9,11 +9,13 @@ attractors, according to its kind of motion (`sweeps.analysis.motion`):
   after m periods, but already within the tolerance after a divisor of m, as beside a flip, is one
   of so many periods;
 - motions with rest are one attractor: when the force releases the mass from the stop, at a phase
-  that depends on the parameters only, nothing is left of the past;
+  that depends on the parameters only, nothing is left of the past. Where a rest leads to chaos, the
+  chaos is the same attractor;
 - chaotic motions are one attractor, and unbounded ones. Whether two chaotic motions are on one
   attractor cannot be seen in a finite record, so the number of attractors is a lower bound;
-- motions that have not settled in their record are followed on (`sweeps.analysis.longer_runs`);
-  those that still have not settled are listed as unsettled, and are not attractors;
+- motions that have not settled in their record, and chaos, which may be a transient, are followed
+  on (`sweeps.analysis.longer_runs`); those that still have not settled are listed as unsettled, and
+  are not attractors;
 - failed points and those not computed yet are on none.
 """
 

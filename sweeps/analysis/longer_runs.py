@@ -1,13 +1,20 @@
 """Follow motions whose record does not show their attractor, until it is known.
 
-A motion is followed on if it has not settled in its record: it neither repeats nor rests nor is
-chaotic. So is a motion that rests once in its record, since it rests again only if it is periodic.
-So is chaos beside other attractors, since it may be a long transient. Each extension makes the
-motion four times as long, from the last section on and with the method of the file. A motion that
-still has not settled is given the stable orbit that it goes to (`sweeps.analysis.nearby_orbit`), if
-there is such an orbit.
+A motion is followed on if it has not settled in its record: it neither repeats nor rests twice.
+Each extension makes the motion four times as long, from the last section on and with the method of
+the file. A motion that still has not settled is given the stable orbit that it goes to
+(`sweeps.analysis.nearby_orbit`), if there is such an orbit, and no chaos at its parameter point: a
+chaotic motion may be near a stable orbit for a record.
 
-Chaos beside other attractors is followed on for as long as some of these motions leave chaos.
+**Rest.** A rest leaves nothing of the past, so all motions of a parameter point that have rested
+have one future. A motion that rests twice is periodic. But where a motion that has rested is
+chaotic later, the time between two rests is longer than a record, and whether a record shows rest
+or chaos is chance: there rest and chaos are one attractor.
+
+**Chaos** may be a long transient. It is followed on once, and then for as long as some of the
+chaotic motions of its parameter point settle. Where some settled in the last extension, the others
+are undecided.
+
 Motions that never settle, as without damping, would take forever: all motions together are followed
 for at most ``MOST_PERIODS`` forcing periods.
 """
@@ -16,6 +23,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 import xarray as xr
@@ -30,16 +38,18 @@ from vibroimpact.oscillator import POINT, Oscillator
 
 #: How often a motion is followed on, four times as long each time.
 EXTENSIONS = 4
-#: Forcing periods that are recorded of a motion followed on: twice the longest repetition.
+#: The most forcing periods over which tangent vectors grow. Weak chaos shows after many only.
+_LONG = 1024
+#: Forcing periods of the last record of a motion followed on: twice the longest repetition.
 _RECORD = 2 * LONGEST_PERIOD
 #: The most forcing periods that all motions together are followed for.
 MOST_PERIODS = 300_000_000
 #: After this many motions of a parameter point lead to no orbit, no more are tried.
 _MOST_FAILURES = 5
-#: Motions of which a longer run may show another kind.
-_OPEN = (Motion.UNDECIDED, Motion.NEUTRAL, Motion.CHAOTIC)
+#: Motions that show no attractor.
+_UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
 #: Points that are followed in one call.
-_PART = 20_000
+_PART = 4_000
 
 
 @dataclass(frozen=True)
@@ -83,12 +93,8 @@ def outcomes(dataset: xr.Dataset, points: PointNumbers, extensions: int = EXTENS
         np.where(periodic, dataset[name].values.ravel(), 0) for name in ("period", "period_impacts")
     )
     result = Outcomes(motion, period, impacts, np.zeros(motion.size, bool), {})
-    at = np.flatnonzero(np.isin(motion, _OPEN))
-    if "chatters" in dataset:
-        once = (motion == Motion.REST) & (dataset["chatters"].values.ravel() == 1)
-        at = np.union1d(at, np.flatnonzero(once))
-    if extensions and at.size:
-        _Extension(dataset, points, result).run(at, extensions)
+    if extensions:
+        _Extension(dataset, points, result).run(extensions)
     return result
 
 
@@ -96,70 +102,105 @@ class _Extension:
     """Follows motions on, and stores the result."""
 
     def __init__(self, dataset: xr.Dataset, points: PointNumbers, result: Outcomes) -> None:
-        self._points, self._outcomes = points, result
+        self._dataset, self._points, self._outcomes = dataset, points, result
         self._setting = Setting.of(dataset)
         self._exact = self._setting.method["impact"] == "exact"
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
         self._length = first - 1 + dataset.sizes["section"]
-        last = [
-            dataset[name].isel(section=-1).values.ravel() for name in ("poincare_x", "poincare_v")
-        ]
-        self._states = _at_states(dataset, slice(None), *last)
+        share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
+        self._rests = _rests(share, np.maximum(chatters, share > 0.0))
         self._orbits: dict[int, list[tuple[int, int, np.ndarray]]] = {}
 
-    def run(self, at: np.ndarray, extensions: int) -> None:
-        """Follow the motions at points on, as often as `extensions` says."""
-        motion, left = self._outcomes.motion, MOST_PERIODS
-        ended = np.ones(self._points.count, bool)
+    def run(self, extensions: int) -> None:
+        """Follow the motions on, as often as `extensions` says."""
+        motion, parameter = self._outcomes.motion, self._points.parameter
+        left, chaos_ends = MOST_PERIODS, np.zeros(self._points.count, bool)
+        before = np.zeros(motion.size, bool)
         for extension in range(1, extensions + 1):
             length = (4**extension - 4 ** (extension - 1)) * self._length
-            at = at[self._worthwhile(at, ended)]
+            chaotic = self._chaotic()
+            once = (motion == Motion.REST) & (self._rests == 1)
+            open_chaos = chaotic & (chaos_ends[parameter] | ~before)
+            at = np.flatnonzero(np.isin(motion, _UNSETTLED) | once | open_chaos)
             left -= length * at.size
             if not at.size or left < 0:
-                return
-            before = motion[at]
+                break
             for part in np.array_split(at, -(-at.size // _PART)):
-                self._follow(part, max(0, length - _RECORD))
-            transient_chaos = at[(before == Motion.CHAOTIC) & (motion[at] != before)]
-            ended[:] = False
-            ended[self._points.parameter[transient_chaos]] = True
-            at = at[np.isin(motion[at], _OPEN)]
+                self._follow(part, length)
+            settled = ~self._chaotic() & ~np.isin(motion, _UNSETTLED)
+            chaos_ends, before = self._at_points(chaotic & settled), chaotic
+        self._conclude(chaos_ends)
 
-    def _worthwhile(self, at: np.ndarray, ended: np.ndarray) -> np.ndarray:
-        """Return which motions to follow: chaos only beside settled motions and if some `ended`."""
-        motion, parameter = self._outcomes.motion, self._points.parameter
-        settled = np.isin(motion, (Motion.PERIODIC, Motion.REST))
-        beside = np.bincount(parameter[settled], minlength=self._points.count) > 0
-        chaotic = motion[at] == Motion.CHAOTIC
-        return ~chaotic | (beside & ended)[parameter[at]]
+    def _at_points(self, which: np.ndarray) -> np.ndarray:
+        """Return at which parameter points some of these motions are."""
+        return np.bincount(self._points.parameter[which], minlength=self._points.count) > 0
 
-    def _follow(self, at: np.ndarray, transient: int) -> None:
-        """Follow motions over the transient and a record, and store what the record shows."""
-        setting = self._setting
+    def _chaotic(self) -> np.ndarray:
+        """Return which motions are chaotic, or rest where a rest leads to chaos."""
+        motion = self._outcomes.motion
+        chaotic = motion == Motion.CHAOTIC
+        leads_to_chaos = self._at_points(chaotic & (self._rests > 0))
+        return chaotic | ((motion == Motion.REST) & leads_to_chaos[self._points.parameter])
+
+    def _conclude(self, chaos_ends: np.ndarray) -> None:
+        """Give the chaotic motions of a parameter point one kind."""
+        motion, parameter, chaotic = self._outcomes.motion, self._points.parameter, self._chaotic()
+        rests_again = self._at_points(chaotic & (self._rests > 1))[parameter]
+        motion[chaotic] = np.where(rests_again[chaotic], Motion.REST, Motion.CHAOTIC)
+        motion[chaotic & chaos_ends[parameter]] = Motion.UNDECIDED
+
+    @cached_property
+    def _states(self) -> np.ndarray:
+        """The parameters of the points, with the last states of their motions."""
+        last = [
+            self._dataset[name].isel(section=-1).values.ravel()
+            for name in ("poincare_x", "poincare_v")
+        ]
+        return _at_states(self._dataset, slice(None), *last)
+
+    def _record(
+        self, at: np.ndarray, periods: int, lyapunov: bool = False
+    ) -> dict[str, np.ndarray]:
+        """Follow motions over a record, and count their rests."""
         results = integrate(
             self._states[at],
-            **setting.scheme,
-            transient=transient,
-            periods=_RECORD,
-            phase=setting.phase,
+            **self._setting.scheme,
+            transient=0,
+            periods=periods,
+            phase=self._setting.phase,
             at_section=True,
             impacts=0,
-            lyapunov=self._exact,
+            lyapunov=lyapunov,
         )
+        for start, section in (("x0", "poincare_x"), ("v0", "poincare_v")):
+            last = results[section][:, -1]  # NaN after a failure, which the next record shows again
+            self._states[start][at] = np.where(np.isfinite(last), last, self._states[start][at])
+        self._rests[at] += _rests(results["rest_fraction"], results["chatters"])
+        return results
+
+    def _follow(self, at: np.ndarray, length: int) -> None:
+        """Follow motions over so many periods and a record, and store what that shows."""
+        for done in range(0, length - _LONG, _LONG):
+            self._record(at, min(length - _LONG - done, _LONG))
+        grown = min(length, _LONG)
+        growth = self._record(at, grown, lyapunov=self._exact)
+        results = growth | self._record(at, _RECORD)
+        share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
         x, v = results["poincare_x"], results["poincare_v"]
         period, impacts = period_class(x, v, results["impacts_per_period"])
-        results |= {"period": period}
-        motion = kinds(results, self._states["omega"][at], _RECORD)
+        results |= {"period": period, "rest_fraction": share}
+        motion = kinds(results, self._states["omega"][at], grown)
         self._outcomes.followed[at] = True
         self._outcomes.motion[at] = motion
         self._outcomes.period[at] = np.where(motion == Motion.PERIODIC, period, 0)
         self._outcomes.impacts[at] = np.where(motion == Motion.PERIODIC, impacts, 0)
-        self._states["x0"][at], self._states["v0"][at] = x[:, -1], v[:, -1]
+        beside_chaos = self._at_points(self._outcomes.motion == Motion.CHAOTIC)
+        slow = np.isin(motion, _UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
         failures: Counter[int] = Counter()
-        for i, record in zip(at.tolist(), np.stack([x, v], axis=2), strict=True):
-            if self._outcomes.motion[i] == Motion.PERIODIC:
-                self._outcomes.cycles[i] = record[-self._outcomes.period[i] :].copy()
-            elif self._exact and self._outcomes.motion[i] in (Motion.UNDECIDED, Motion.NEUTRAL):
+        for k, (i, record) in enumerate(zip(at.tolist(), np.stack([x, v], axis=2), strict=True)):
+            if motion[k] == Motion.PERIODIC:
+                self._outcomes.cycles[i] = record[-period[k] :].copy()
+            elif self._exact and slow[k]:
                 self._store_orbit(i, record, failures)
 
     def _store_orbit(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
@@ -182,6 +223,11 @@ class _Extension:
         m, q, cycle = class_and_cycle
         self._outcomes.period[i], self._outcomes.impacts[i] = m, q
         self._outcomes.cycles[i] = cycle
+
+
+def _rests(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
+    """Count the rests of records; one that lasts is two, since nothing else can follow it."""
+    return np.where(share > 0.999, 2, chatters)
 
 
 def orbit_speeds(

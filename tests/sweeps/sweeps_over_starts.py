@@ -19,9 +19,11 @@ def hand_made(sections, periods, axes=("x0",), **changed):
     shape = sections.shape[: len(axes)]
     periods = np.broadcast_to(periods, shape)
     configuration = {
-        "oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0}, "record": {}, "method": {}
+        "oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0}, "record": {},
+        "method": {"integrator": "rk4", "impact": "cubic"},
     }  # fmt: skip
     values = {"status": np.full(shape, Status.CERTIFIED), "rest_fraction": np.zeros(shape)}
+    values["chatters"] = np.zeros(shape, int)
     values |= {"period": periods, "period_impacts": periods, **changed}
     data = {name: (axes, np.asarray(value)) for name, value in values.items()}
     for i, name in enumerate(("poincare_x", "poincare_v")):

@@ -109,6 +109,58 @@ def test_an_attractor_that_no_record_shows_has_its_speeds(computed_starts):
     np.testing.assert_allclose(by_class["2/3"], (0.7030, 1.1145, 2.2536), atol=1e-4)
 
 
+RARE_REST = (
+    "oscillator={h: 0.005, R: 0.7401630021937817, omega: 2.9338359090754915, f: 1.0}",
+    "oscillator={h: 0.03, R: 0.7590710327355209, omega: 2.250795135660626, f: 1.0, "
+    "clearance: 0.2315274078175349}",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("oscillator", RARE_REST)
+@pytest.mark.parametrize("diagnostics", ["[period]", "[period, lyapunov]"])
+def test_chaos_that_rests_now_and_then_is_one_attractor(computed_starts, oscillator, diagnostics):
+    """Over 62,600 periods every start rests: once in about 1000 periods, and in 300."""
+    dataset = computed_starts(
+        oscillator,
+        "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
+        f"record={{transient: 200, periods: 100, diagnostics: {diagnostics}}}",
+    )
+    records = attractors(dataset, extensions=0)["motion"].values
+    assert (records >= 0).sum() > 1
+    found = attractors(dataset)
+    assert found["motion"].values[found["fraction"] > 0].tolist() == [Motion.REST]
+    assert found["attractors"].item() == 1
+
+
+@pytest.mark.slow
+def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(computed_starts):
+    """The 1/1 orbit is the only attractor: so it is for 400 starts after 60,000 periods."""
+    dataset = computed_starts(
+        "oscillator={h: 0.01611560153114556, R: 0.9061284858601972, omega: 2.6038931678803925, "
+        "f: 1.0}",
+        "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
+        "record={transient: 50, periods: 32, diagnostics: [period, lyapunov]}",
+    )
+    assert (attractors(dataset, extensions=0)["motion"] == Motion.CHAOTIC).any()
+    assert [row.name for row in rows(dataset, attractors(dataset))] == ["1/1"]
+
+
+@pytest.mark.slow
+def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
+    """As 400 starts over 60,000 periods show: 3/3, 1/1, two starts on 48/48, and chaos."""
+    dataset = computed_starts(
+        "oscillator={h: 0.006570030348489509, R: 0.8763616852795647, omega: 2.575959283090773, "
+        "f: 1.0}",
+        "start={x0: {start: -2.5, stop: 0.0, num: 20}, v0: {start: -2.0, stop: 2.0, num: 20}}",
+        "record={transient: 200, periods: 100, diagnostics: [period, lyapunov]}",
+    )
+    shares = {row.name: row.fraction for row in rows(dataset, attractors(dataset))}
+    assert shares == pytest.approx(
+        {"3/3": 306 / 400, "1/1": 64 / 400, "48/48": 2 / 400, "chaotic": 28 / 400}
+    )
+
+
 @pytest.mark.slow
 def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
     """Without damping and impacts: a sum of two frequencies, for ever."""
@@ -121,6 +173,7 @@ def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
     assert found["attractors"].item() == 0
     lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
     assert lines[1].split()[:2] == ["-", "unsettled"]
+    assert lines[-1] == "100.0 % of the starts have not settled: on which attractor, is open"
 
 
 @pytest.mark.parametrize(
