@@ -9,4 +9,4 @@ from .errors import Failed as Failed
 from .errors import Refused as Refused
 from .errors import StoreError as StoreError
 from .explorer import explore as explore
-from .store.reader import open_sweep as open_sweep
+from .store.file import open_sweep as open_sweep

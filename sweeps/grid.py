@@ -61,7 +61,8 @@ class Grid:
         Yields
         ------
         tuple of slice
-            One slice per axis. Together the boxes cover every point once.
+            One slice per axis. Together the boxes cover every point once. All have one shape, but
+            those at the end of the axis that is cut.
         """
         room = max(1, size // (1 if whole is None else len(self.axes[whole])))
         cuts_of_axes: list[list[slice]] = []
@@ -69,8 +70,9 @@ class Grid:
         for name, values in reversed(list(self.axes.items())):
             n = len(values)
             parts = 1 if name == whole else math.ceil(n / room)
-            edges = [n * i // parts for i in range(parts + 1)]
-            cuts_of_axes.append([slice(*ends) for ends in itertools.pairwise(edges)])
+            length = math.ceil(n / parts)
+            starts = range(0, n, length)
+            cuts_of_axes.append([slice(start, min(start + length, n)) for start in starts])
             if name != whole:
                 room = room // n if parts == 1 else 1
         yield from itertools.product(*reversed(cuts_of_axes))

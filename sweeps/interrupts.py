@@ -3,7 +3,7 @@
 A handler that raises an exception raises it between any two steps of Python: inside a lock of h5py,
 whose exit then fails, or in a callback of LLVM, which swallows the exception. So while a sweep is
 run the handlers only set the flag, and `check` raises ``KeyboardInterrupt`` at known places:
-between two blocks, while a file is laid out, verified or compressed, and while the kernel computes.
+between two blocks, while a file is written or verified, and while the kernel computes.
 
 This file imports nothing that takes time: the command line listens for signals before it imports
 anything else.

@@ -60,12 +60,12 @@ def _configuration(source: Path | None) -> SweepConfig:
     """Read what to look at; a file of a sweep is checked whole, as for a picture of it."""
     from sweeps.config.loading import parse_config
     from sweeps.config.scenes import scenes
-    from sweeps.engine.configurations import is_hdf5, read_config
-    from sweeps.store import open_sweep
+    from sweeps.engine.configurations import read_config
+    from sweeps.store import is_sweep, open_sweep
 
     if source is None:
         return parse_config(scenes()["quickstart"], "quickstart", "quickstart")
-    if is_hdf5(source):
+    if is_sweep(source):
         open_sweep(source).close()
     return read_config(source)
 

@@ -160,9 +160,8 @@ def run_and_report(
 ) -> None:
     """Run a sweep and print its summary; on failure, name the `command` that resumes the run."""
     from sweeps.engine import reports
-    from sweeps.store import Lost
 
-    old = reports.identity(path) if options["overwrite"] else None
+    old = reports.identities(path) if options["overwrite"] else (None, None)
     try:
         from sweeps.engine.run import run_sweep
 
@@ -171,8 +170,6 @@ def run_and_report(
         summary = reports.summary(path)
     except KeyboardInterrupt:
         raise Failed(f"interrupted; {reports.kept(path, command, old)}") from None
-    except Lost as error:
-        raise Failed(f"the run failed: {error}") from error
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
         raise Failed(f"the run failed: {reason}; {reports.kept(path, command, old)}") from error

@@ -1,10 +1,9 @@
 """The blocks of a sweep on the workers of a Dask cluster, and their results back to this process.
 
-Only the process that submits writes the file. Every byte of it has its place before the first
-block is computed, and the writer's ledger is the one account of what is in it; so commit, resume,
-interrupt, lock and checksums are the same code as on one machine, and a block that a lost worker
-has finished and another one computes again is written once. Workers that wrote shards would need a
-file system they all see, a ledger each, and the disk twice for joining them.
+Only the process that submits writes, and its journal is the one account of what is done; so commit,
+resume, interrupt, lock and checksums are the same code as on one machine, and a block that a lost
+worker has finished and another one computes again is written once. Workers that wrote shards would
+need a file system they all see, and a journal each.
 
 The configuration is the result of a task that every block's task depends on: it travels to a worker
 once, and is made again where the worker that had it is lost. It takes its grid along, since another

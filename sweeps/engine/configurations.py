@@ -11,10 +11,8 @@ from sweeps.config.loading import load_config, parse_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.store import open_sweep
+from sweeps.store import is_sweep, open_sweep
 from sweeps.text import nearest, suggestion
-
-_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
@@ -36,7 +34,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     Refused
         If the file cannot be read, or the configuration is not valid.
     """
-    if not is_hdf5(path):
+    if not is_sweep(path):
         with raised_at_once():  # a pipe may never be written to
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
@@ -44,17 +42,6 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     written = any(override.partition("=")[0].strip() == "output" for override in overrides)
     elsewhere = () if written else (f"output={yaml.dump(str(path))}",)
     return parse_config(text, f"{path}, its configuration", path.stem, (*overrides, *elsewhere))
-
-
-def is_hdf5(path: Path) -> bool:
-    """Whether a file is in HDF5."""
-    try:
-        if not path.is_file():  # a pipe can be read only once
-            return False
-        with path.open("rb") as file:
-            return file.read(len(_HDF5)) == _HDF5
-    except (OSError, ValueError):
-        return False  # which the YAML's own message says
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:

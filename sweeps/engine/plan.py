@@ -44,7 +44,7 @@ class Estimate:
 
     The time is expected from short trials, which do not see what comes later, without compilation.
     In bytes: the size of the file when it is complete and not compressed, the room on the disk
-    while it is written, and the memory for the blocks.
+    for it and its journal, and the memory for the blocks.
     """
 
     seconds: float
@@ -70,16 +70,15 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
         If there is not enough memory for one point, or one chain of points.
     """
     size = config.size
-    reserved = size * bytes_per_point(reserved_widths(config), config.record.diagnostics)
     file = size * bytes_per_point(config.widths, config.record.diagnostics)
-    copied = bool(config.record.trajectory or config.refine) or config.compression != "none"
+    disk = 2 * size * bytes_per_point(most_widths(config), config.record.diagnostics)
     points = min(block_size(config), config.grid.size)
     memory = _BLOCKS_HELD * points * _memory_per_point(config)
     seconds = expected_seconds(config, threads) / cores
-    return Estimate(seconds, file, reserved + copied * file, memory)
+    return Estimate(seconds, file, disk, memory)
 
 
-def reserved_widths(config: SweepConfig) -> dict[str, int]:
+def most_widths(config: SweepConfig) -> dict[str, int]:
     """Return the widths of the records, with room for impacts in the trajectories."""
     room = 8 * config.record.periods if config.record.trajectory else 0
     return {**config.widths, "sample": config.widths["sample"] + room}
@@ -163,7 +162,7 @@ def _unit(config: SweepConfig) -> str:
 
 def _memory_per_point(config: SweepConfig) -> int:
     """Return the bytes of the results of a point of the grid, and of the log for its samples."""
-    widths = reserved_widths(config)
+    widths = most_widths(config)
     in_one_direction = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
     return in_one_direction * max(1, len(config.directions))
 

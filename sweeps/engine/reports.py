@@ -12,8 +12,10 @@ from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
     VARIABLES,
+    identity,
     is_remarkable,
-    open_sweep,
+    journal_path,
+    kept_points,
     per_point,
     status_counts,
 )
@@ -76,16 +78,12 @@ def summary(path: Path) -> str:
     return f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
 
 
-def identity(path: Path) -> tuple[int, ...] | None:
-    """Return what is different after a file was replaced or written; None where there is none."""
-    try:
-        about = path.stat()
-    except (OSError, ValueError):
-        return None
-    return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
+def identities(path: Path) -> tuple[object, object]:
+    """Return what tells the file of a sweep and its journal from others of these names."""
+    return identity(path), identity(journal_path(path))
 
 
-def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
+def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:
     """Say what a run that ended early left behind, and which command goes on.
 
     Parameters
@@ -93,19 +91,17 @@ def kept(path: Path, command: str, old: tuple[int, ...] | None = None) -> str:
     path : Path
         Of its output.
     command : str
-    old : tuple of int, optional
-        The `identity` of a file that was to be overwritten.
+    old : tuple
+        The `identities` of what was to be overwritten.
     """
-    if old is not None and identity(path) == old:
-        return f"nothing is kept of it, and the old {path} is as it was"
-    try:
-        with open_sweep(path, verify=False) as dataset:
-            counts = status_counts(dataset)
-    except StoreError:
-        return "nothing is kept"
-    points = sum(counts.values())
-    complete = points - counts[Status.PENDING]
-    return f"{complete:,} of {shown_count(points, 'point')} kept in {path}; to go on: {command}"
+    (file, journal), name = identities(path), journal_path(path)
+    points = kept_points(path)
+    if points is not None and journal != old[1]:
+        complete, total = points
+        return f"{complete:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
+    if old != (None, None) and (file, journal) == old:
+        return f"nothing is kept of it, and the old {path if file else name} is as it was"
+    return "nothing is kept" if file is None else f"all of it is kept in {path}"
 
 
 def contents(dataset: xr.Dataset) -> str:

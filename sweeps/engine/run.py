@@ -17,24 +17,24 @@ from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.background import in_background, run_in_background
 from sweeps.engine.compute import computation, numerics
-from sweeps.engine.plan import block_size, estimate, reserved_widths
+from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.reports import plan
 from sweeps.engine.workers import Computer, computer_for
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.store import (
-    ADDED,
-    Layout,
+    Schema,
     SweepWriter,
     check_output,
     only_writer,
-    open_sweep,
     sweep_writer,
 )
 from sweeps.text import printable
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from sweeps.engine.classification import Results
 
 
 def run_sweep(
@@ -103,10 +103,10 @@ def run_sweep(
             cost = run_in_background(estimate, config, computer.threads, computer.cores)
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(printable(plan(config, path, cost)))
-        layout = _layout(config, computer.block_limits(cost.seconds, config.grid.size))
-        with sweep_writer(path, layout, overwrite=overwrite, resume=resume) as writer:
-            if writer.damage:
-                console.print(f"damaged, and computed again: {writer.damage}")
+        schema = _schema(config, computer.block_limits(cost.seconds, config.grid.size))
+        with sweep_writer(path, schema, overwrite=overwrite, resume=resume) as writer:
+            if writer.damaged:
+                console.print(f"blocks that were damaged, and are computed again: {writer.damaged}")
             display = _Display(config, writer, console, computer)
             computed = computer.computed(config, writer.pending(), display.computed)
             with display.bar, closing(computed):
@@ -114,35 +114,36 @@ def run_sweep(
                     check()
                     writer.write(block, results)
                     display.written(block)
-            if config.refine is not None and not writer.layout.refined:
-                _refine(config, writer, path, threads, console)
-            writer.finish(compressed=config.compression != "none")
+            points = None
+            if config.refine is not None and not writer.complete:
+                points = _refined(config, writer, threads, console)
+            writer.finish(points, compressed=config.compression != "none")
     return path
 
 
-def _refine(
-    config: SweepConfig, writer: SweepWriter, path: Path, threads: int | None, console: Console
-) -> None:
-    """Put further points into a complete file, where its classes change."""
+def _refined(
+    config: SweepConfig, writer: SweepWriter, threads: int | None, console: Console
+) -> Mapping[float, Results]:
+    """Return further points of a sweep, where its classes change."""
     from sweeps.engine.refine import Refinement  # with xarray, which takes long to import
 
     assert config.refine is not None
-    with console.status("refining") as status, open_sweep(path, verify=False) as line:
+    with console.status("refining") as status, writer.dataset() as line:
         refinement = run_in_background(Refinement, config, line, threads)
         with closing(in_background(refinement)) as levels:
             for level in levels:
                 changes = f"{len(refinement.intervals):,} changes of class"
                 status.update(f"refining: level {level} of {config.refine.levels}, {changes}")
-    writer.insert(refinement.points)
-    added = writer.layout.attributes[ADDED]
+    added = len(set(refinement.points).difference(config.grid.axes[config.refine.axis].tolist()))
     text = f"refined: {added:,} points added beside the changes of class"
     if refinement.left_out:
         text += f"; {refinement.left_out:,} changes were too many to follow further"
     console.print(text)
+    return refinement.points
 
 
-def _layout(config: SweepConfig, sizes: Mapping[str, int]) -> Layout:
-    """Lay out the file of a sweep, in blocks that keep to `sizes`."""
+def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
+    """Return what the file of a sweep holds, with blocks that keep to `sizes`."""
     task, grid = computation(config), config.grid
     attributes = {
         "name": config.name,
@@ -155,11 +156,11 @@ def _layout(config: SweepConfig, sizes: Mapping[str, int]) -> Layout:
     size, whole = block_size(config, **sizes), task.followed
     if task.scaled and len(grid.axes["f"]) <= size:
         whole = "f"  # whose values share one computation
-    return Layout.of(
+    return Schema.of(
         grid,
         grid.blocks(size, whole),
         attributes=attributes,
-        widths=reserved_widths(config),
+        widths=config.widths,
         first_section=config.record.transient + 1,
         diagnostics=config.record.diagnostics,
         directions=config.directions,

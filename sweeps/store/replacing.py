@@ -83,7 +83,7 @@ def _followed(path: Path) -> Path:
         return path
     if not stat.S_ISLNK(status.st_mode):
         return path
-    if status.st_uid not in (os.geteuid(), 0):
+    if hasattr(os, "geteuid") and status.st_uid not in (os.geteuid(), 0):  # Windows has no owners
         raise StoreError(f"{path} is a link of another user and is not followed; remove it")
     return Path(os.path.realpath(path))
 
@@ -119,24 +119,25 @@ def replacing(path: Path) -> Iterator[Path]:
     remove_leftovers(target)
     name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
     new = target.with_name(name)
-    # The name is new, so that nothing that another user has put there is opened.
-    os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
+    new.open("xb").close()  # a new name: nothing that another user has put there is opened
     try:
         yield new
-        _sync(new)
+        with new.open("rb+") as file:
+            os.fsync(file.fileno())
         os.replace(new, target)
-        _sync(target.parent)  # so that the names in it last
+        _sync_names(target.parent)
     finally:
         new.unlink(missing_ok=True)
 
 
-def _sync(path: Path) -> None:
-    """Wait until a file or a folder is on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _sync_names(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk; Windows, which opens no folder, does so."""
+    with suppress(PermissionError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def remove_leftovers(path: Path) -> None:

@@ -99,15 +99,7 @@ FIXED_WIDTHS: Mapping[str, int] = {"exponent": 2}
 def held_variables(
     widths: Mapping[str, int], diagnostics: Collection[str] = ()
 ) -> dict[str, Variable]:
-    """Return the variables of a file.
-
-    Parameters
-    ----------
-    widths : mapping of str to int
-        Width of the record dimensions; 0 leaves their variables out.
-    diagnostics : collection of str
-        Those without which a variable that belongs to one is left out.
-    """
+    """Return the variables of a file whose records have these widths, if any, and diagnostics."""
     widths = {**widths, **FIXED_WIDTHS}
     return {
         name: variable
@@ -118,7 +110,7 @@ def held_variables(
 
 
 def bytes_per_point(widths: Mapping[str, int], diagnostics: Collection[str] = ()) -> int:
-    """Return what the results of one point take; arguments as for `held_variables`."""
+    """Return the bytes that the results of one point take."""
     widths = {**widths, **FIXED_WIDTHS}
     return sum(
         np.dtype(variable.dtype).itemsize * (widths[variable.record] if variable.record else 1)

@@ -1,310 +1,203 @@
-"""Write the results of a sweep to its file, block by block.
-
-A trajectory has samples at its impacts, too, so its length is not known before it is computed.
-Where a trajectory does not fit, the file is copied into a wider one, and at the end into one of the
-right width. A file that is to be compressed or refined is copied as well. The copy takes the place
-of the file when the copy is complete.
-"""
+"""Write a sweep: its blocks into the journal, and at the end the complete file from it."""
 
 from __future__ import annotations
 
 import math
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
-from sweeps.interrupts import check
-from sweeps.store.blocks import BlockFile
-from sweeps.store.creation import create, pack
-from sweeps.store.layout import Layout
-from sweeps.store.ledger import State, checksum
-from sweeps.store.path_checks import check_output, reason
-from sweeps.store.reader import sweep_file
+from sweeps.store.file import schema_of, write_file
+from sweeps.store.journal import Journal, create
+from sweeps.store.paths import (
+    check_output,
+    identity,
+    journal_path,
+    reason,
+)
 from sweeps.store.replacing import remove_leftovers, replacing
-from sweeps.store.resuming import refuse_other
+from sweeps.store.schema import Schema
 from sweeps.store.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @contextmanager
 def sweep_writer(
-    path: str | Path, layout: Layout, *, overwrite: bool = False, resume: bool = False
+    path: str | Path, schema: Schema, *, overwrite: bool = False, resume: bool = False
 ) -> Iterator[SweepWriter]:
-    """Create the file of a sweep, or go on with it; call it inside `only_writer`.
+    """Begin the journal of the sweep at `path`, or go on with it; call it inside `only_writer`.
 
-    Parameters
-    ----------
-    path : str or Path
-    layout : Layout
-        Of the sweep; a file that is resumed keeps its own blocks.
-    overwrite : bool
-        Whether an existing file may be replaced. It stays until the new one is laid out.
-    resume : bool
-        Whether to go on with an existing file. Its damaged blocks are pending again.
-
-    Yields
-    ------
-    SweepWriter
-
-    Raises
-    ------
-    StoreError
-        If `path` is refused by `check_output`, or is not of this sweep.
-    Failed
-        If it cannot be created. No file is left behind, and an old one is untouched.
+    `overwrite` allows to replace an existing file at the end, and an existing journal at once.
+    With `resume` a journal keeps its own blocks, and what is damaged in it is pending again.
+    Raises StoreError if `path` is refused by `check_output`, is of another sweep or is damaged, and
+    Failed if the journal cannot be created; then none is left behind, and an old one is untouched.
     """
     # A link is followed once: all that follows works on the file that was checked and locked.
     user_path, path = Path(path), Path(path).resolve()
     check_output(user_path, overwrite=overwrite, resume=resume)
-    remove_leftovers(path)
-    damaged, damage = np.zeros(0, int), ""
-    if resume and path.exists() and path.stat().st_size > 0:
-        with sweep_file(user_path) as sweep:
-            refuse_other(sweep, layout)
-            damaged = np.flatnonzero(sweep.damaged())
-            damage = sweep.named(damaged)
-        if damage and sweep.layout.refined:
-            raise StoreError(
-                f"{user_path} is damaged: {damage}; points that were added to its grid cannot be "
-                "computed again one by one: give --overwrite to begin anew"
-            )
+    journal = journal_path(path)
+    remove_leftovers(path)  # which may be large
+    if resume and journal.exists() and journal.stat().st_size > 0:
+        with Journal(journal, verify=False) as old:
+            _refuse_other(journal_path(user_path), old.schema, schema)
+    elif resume and path.exists() and path.stat().st_size > 0:
+        _refuse_other(user_path, schema_of(path), schema)
+        yield SweepWriter(path, user_path, None)
+        return
     else:
-        with _failure(user_path, "created"), replacing(path) as new:
-            create(new, layout)
+        with _failure(user_path, "created"), replacing(journal) as new:
+            create(new, schema)
     with _failure(user_path, "written"):
-        writer = SweepWriter(BlockFile.opened(path, user_path), damage)
+        opened = Journal(journal, writable=True)
     try:
-        if damaged.size:
-            writer.mend(damaged)
-        yield writer
-    except BaseException as error:
-        with suppress(Failed):  # the first failure is the one to tell
-            writer.close()
-        if isinstance(error, StoreError):  # the file passed its checks, and has changed since
-            raise Failed(str(error)) from error
-        raise
-    writer.close()
+        yield SweepWriter(path, user_path, opened)
+    except StoreError as error:  # the journal passed its checks, and has changed since
+        raise Failed(str(error)) from error
+    finally:
+        with suppress(OSError):  # what cannot be written any more has been said
+            opened.close()
 
 
 class SweepWriter:
-    """Fills the file of a sweep block by block; from `sweep_writer`.
+    """Fills a sweep block by block, and completes it; from `sweep_writer`.
 
-    Until a block is written its points read as NaN with status ``PENDING``.
-
-    Parameters
-    ----------
-    file : BlockFile
-    damage : str
-        The blocks that were damaged and are pending again, in words; empty if none.
-
-    Raises
-    ------
-    Failed
-        From every method, if the file cannot be written, say on a full disk, or was removed or
-        changed.
+    Every method raises Failed if the journal or the file cannot be written, say on a full disk, or
+    the journal was removed or changed. There is none where the file is complete. `user_path`, for
+    messages, may be a link.
     """
 
-    def __init__(self, file: BlockFile, damage: str) -> None:
-        self._file = file
-        self.damage = damage
+    def __init__(self, path: Path, user_path: Path, journal: Journal | None) -> None:
+        self._path, self._user_path, self._journal = path, user_path, journal
         self._began = time.monotonic()
-        self._spent = float(np.nan_to_num(file.ledger.summary["seconds"]))
-        self._changed = False
-        self._complete = file.ledger.complete
-        self._numbers = {_corners(block): i for i, block in enumerate(file.layout.blocks)}
+        self._spent = journal.seconds if journal else 0.0
+        self.damaged = journal.damaged if journal else 0  #: Blocks that are pending again.
+        self._before = identity(path)
+        blocks = journal.schema.blocks if journal else ()
+        self._numbers = {_corners(block): number for number, block in enumerate(blocks)}
 
     @property
-    def layout(self) -> Layout:
-        """Of the file as it is."""
-        return self._file.layout
+    def complete(self) -> bool:
+        """Whether the file is complete."""
+        return self._journal is None
 
     def pending(self) -> list[Block]:
-        """Return the blocks that are not in the file."""
-        return [self.layout.blocks[i] for i in self._file.pending().tolist()]
-
-    def mend(self, damaged: np.ndarray) -> None:
-        """Make damaged blocks pending again.
-
-        Parameters
-        ----------
-        damaged : ndarray of int
-            The numbers of the blocks.
-        """
-        self._complete, self._changed = False, True
-        with _failure(self._file.user_path, "mended"):
-            if not self._file.places:  # a compressed file has no places to write to
-                self._copy_into(self.layout, without=damaged.tolist())
-                return
-            self._file.ledger.summarize(State.PENDING, self._spent)
-            for index in damaged.tolist():
-                self._file.erase(index)
+        """Return the blocks that are not in the journal."""
+        if self._journal is None:
+            return []
+        blocks = self._journal.schema.blocks
+        return [block for number, block in enumerate(blocks) if number not in self._journal.records]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
-        """Write the results of one block.
+        """Write the results of one block; they are on the disk when this returns.
 
-        Parameters
-        ----------
-        block : Block
-            One of the layout's.
-        results : mapping of str to ndarray
-            For every variable of the file, an array of shape (points of the block, ...) in C
-            order. A trajectory may have any number of samples. Variables that this file leaves
-            out are ignored.
-
-        Raises
-        ------
-        KeyError
-            If a variable of the file is missing, or there is no such block.
-        ValueError
-            If an array has the wrong shape, or a name is not in ``VARIABLES``.
+        `results` has, for every variable of the file, an array of shape (points of the block, ...)
+        in C order, otherwise KeyError or ValueError is raised. A trajectory may have any number
+        of samples. Variables that this file leaves out are ignored.
         """
-        index = self._numbers[_corners(block)]
-        arrays = self._checked(block, results)
-        samples = max((np.shape(a)[-1] for n, a in arrays.items() if _sampled(n)), default=0)
-        with _failure(self._file.user_path, "written"):
-            self._file.refuse_loss()
-            self._changed = True
-            if samples > self._samples:
-                wider = self.layout.with_samples(max(samples, self._samples * 5 // 4))
-                self._copy_into(wider)
-            self._file.write(index, _fitted(arrays, self._samples), samples)
-            self._file.refuse_loss()
+        assert self._journal is not None
+        number = self._numbers[_corners(block)]
+        arrays = self._checked(self._journal.schema, block, results)
+        samples = max((a.shape[-1] for name, a in arrays.items() if _sampled(name)), default=0)
+        with _failure(self._user_path, "written"):
+            self._journal.append(number, arrays, samples, self._seconds())
 
-    def finish(self, *, compressed: bool = False) -> None:
-        """Give a complete file its final form: trajectories cut to the longest, compression.
+    def dataset(self) -> xr.Dataset:
+        """Return the sweep as far as it is written, as `open_sweep` does."""
+        from sweeps.store.partial import open_journal
 
-        Parameters
-        ----------
-        compressed : bool
-            Whether to compress it, if it is not.
+        assert self._journal is not None
+        return open_journal(Journal(self._journal.path, verify=False))
+
+    def finish(
+        self,
+        points: Mapping[float, Mapping[str, np.ndarray]] | None = None,
+        *,
+        compressed: bool = False,
+    ) -> None:
+        """Write the complete file, where all blocks are there, and remove the journal.
+
+        `points` has further points of the only axis: by its values, the results of one point. They
+        also replace those of a value that is there already.
         """
-        longest = self._longest()
-        if longest < self._samples or (compressed and self._file.places):
-            with _failure(self._file.user_path, "completed"):
-                self._copy_into(self.layout.with_samples(longest), compressed=compressed)
-        self._changed |= not self._complete
-        self._complete = True
+        journal = self._journal
+        if journal is None:
+            return
+        schema = journal.schema.with_samples(journal.samples)
+        if points is not None:
+            schema = schema.with_points(np.array(list(points)))
+        journal.refuse_loss()
+        with _failure(self._user_path, "completed"), replacing(self._path) as new:
+            parts = partial(self._parts, points=points or {})
+            write_file(new, schema, parts, self._seconds, compressed=compressed)
+            self._refuse_other_file()
+        with suppress(PermissionError):  # on Windows, where somebody reads it
+            journal.remove()
+        self._journal = None
 
-    def insert(self, points: Mapping[float, Mapping[str, np.ndarray]]) -> None:
-        """Replace a complete file along one axis by one with further points in it.
+    def _parts(
+        self, name: str, points: Mapping[float, Mapping[str, np.ndarray]]
+    ) -> Iterator[tuple[Block, np.ndarray]]:
+        """Yield the boxes of a variable in the complete file, with their results."""
+        assert self._journal is not None
+        journal = self._journal
+        if not points:
+            for number in range(len(journal.schema.blocks)):
+                record = journal.records[number]
+                yield journal.box(record, name), journal.read(record, name)
+            return
+        (axis,) = journal.schema.axes.values()
+        further, at = np.array(list(points)), 0
+        for number, (cut,) in enumerate(journal.schema.blocks):
+            low = axis[cut.start] if cut.start else -math.inf
+            high = axis[cut.stop] if cut.stop < len(axis) else math.inf
+            inside = further[(further >= low) & (further < high)]
+            values = np.union1d(axis[cut], inside)
+            nearest = np.minimum(np.searchsorted(axis[cut], values), cut.stop - cut.start - 1)
+            merged = journal.read(journal.records[number], name)[nearest]
+            for i in np.flatnonzero(np.isin(values, inside)):
+                merged[i] = points[float(values[i])][name]
+            yield (slice(at, at + len(values)),), merged
+            at += len(values)
 
-        Parameters
-        ----------
-        points : mapping of float to mapping
-            By the value of the axis, whose values increase, the results of one point. They also
-            replace those of a value that is there already.
-        """
-        layout = self.layout.with_points(np.array(list(points)))
-        (values,) = layout.axes.values()
-        self._file.refuse_loss(thoroughly=True)
-        with _failure(self._file.user_path, "refined"), sweep_file(self._file.path) as sweep:
-            sweep.refuse_damage()
-
-            def merged_block(index: int) -> dict[str, np.ndarray]:
-                """Return the results of a block of the new layout."""
-                return sweep.merged(values[layout.blocks[index]], points)
-
-            samples = dict.fromkeys(range(len(layout.blocks)), self._longest())
-            self._replace(lambda new: _copy(new, layout, merged_block, samples))
-
-    def close(self) -> None:
-        """Write the duration, if anything else was written, and close the file."""
-        try:
-            with _failure(self._file.user_path, "written"):
-                self._file.refuse_loss()
-                if self._changed:
-                    state = State.DONE if self._complete else State.PENDING
-                    self._file.ledger.summarize(state, self._seconds())
-                    self._file.refuse_loss(thoroughly=True)
-        finally:
-            self._file.close()
+    def _refuse_other_file(self) -> None:
+        """Refuse to replace a file that another program has put there meanwhile."""
+        now = identity(self._path)
+        if now is not None and now != self._before:
+            raise Failed(
+                f"{self._user_path} was written by another program while the sweep was computed, "
+                "and is left alone; move it, and go on"
+            )
 
     def _seconds(self) -> float:
         return self._spent + time.monotonic() - self._began
 
-    def _longest(self) -> int:
-        """Return the samples of the longest trajectory so far."""
-        return int(self._file.ledger.rows["samples"].max(initial=0))
-
-    @property
-    def _samples(self) -> int:
-        """The samples that a trajectory of the file has room for."""
-        return len(self.layout.records.get("sample", ()))
-
-    def _checked(self, block: Block, results: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _checked(
+        self, schema: Schema, block: Block, results: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
         """Give the arrays of shape (points, ...) the shape (box..., ...)."""
         unknown = sorted(set(results) - set(VARIABLES))
         if unknown:
             raise ValueError(f"the store has no variable {', '.join(unknown)}")
         arrays = {}
-        for name in self.layout.variables:
+        for name in schema.variables:
             shape = np.shape(results[name])
-            record = shape[-1:] if _sampled(name) else self.layout.shape_of(name, ())
+            record = shape[-1:] if _sampled(name) else schema.shape_of(name, ())
             expected = (block_points(block), *record)
             if shape != expected:
                 raise ValueError(f"{name} has the shape {shape} instead of {expected}")
-            array = np.asarray(results[name], VARIABLES[name].dtype)
+            array = np.ascontiguousarray(results[name], VARIABLES[name].dtype)
             arrays[name] = array.reshape((*box_shape(block), *record))
         return arrays
-
-    def _copy_into(
-        self, layout: Layout, *, compressed: bool = False, without: Sequence[int] = ()
-    ) -> None:
-        """Replace the file by one of another layout with the same blocks in it."""
-        self._file.refuse_loss(thoroughly=True)
-        width, ledger = len(layout.records.get("sample", ())), self._file.ledger
-        with sweep_file(self._file.path) as sweep:
-
-            def undamaged(index: int) -> dict[str, np.ndarray]:
-                """Return the results of a block in the new width."""
-                arrays = sweep.read(layout.blocks[index])
-                if checksum(arrays.values()) != ledger.rows["crc"][index]:
-                    raise Failed(f"{self._file.user_path} was damaged while it was written")
-                return _fitted(arrays, width)
-
-            if not compressed:
-                kept = np.setdiff1d(np.flatnonzero(ledger.are(State.DONE)), without).tolist()
-                samples = {index: int(ledger.rows["samples"][index]) for index in kept}
-                self._replace(lambda new: _copy(new, layout, undamaged, samples))
-                return
-            rows = ledger.rows.copy()  # of a complete file
-            for index in range(len(rows)):
-                check()
-                rows["crc"][index] = checksum(undamaged(index).values())
-            self._replace(
-                lambda new: pack(new, layout, rows, lambda name, part: sweep.file[name][part])
-            )
-
-    def _replace(self, write: Callable[[Path], None]) -> None:
-        """Replace the file by another one, which is written into an empty file."""
-        with replacing(self._file.path) as new:
-            write(new)
-            with closing(BlockFile.opened(new, new)) as file:
-                file.ledger.summarize(State.PENDING, self._seconds())
-                os.fsync(file.descriptor)
-            self._file.refuse_loss()
-        self._file.close()
-        self._file = BlockFile.opened(self._file.path, self._file.user_path)
-        self._changed = True
-
-
-def _copy(
-    path: Path,
-    layout: Layout,
-    read: Callable[[int], Mapping[str, np.ndarray]],
-    samples: Mapping[int, int],
-) -> None:
-    """Create a file with these blocks in it, each with its samples."""
-    create(path, layout)
-    with closing(BlockFile.opened(path, path)) as file:
-        for index in samples:
-            check()
-            file.write(index, read(index), samples[index], lasting=False)
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
@@ -315,17 +208,52 @@ def _sampled(name: str) -> bool:
     return VARIABLES[name].record == "sample"
 
 
-def _fitted(arrays: Mapping[str, np.ndarray], width: int) -> dict[str, np.ndarray]:
-    """Cut or pad the trajectories to a width."""
+def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
+    """Refuse to go on with a file that another sweep, or other code, began; name the keys."""
+    differing: list[str] = []
+    for attribute in ("configuration", "computation"):  # the second follows from the first
+        was, now = (str(schema.attributes.get(attribute, "{}")) for schema in (old, new))
+        differing = differing or _differences(was, now)
+    if old.attributes["numerics"] != new.attributes["numerics"]:
+        differing.append("the code that computes is another version")
+    if not differing and not _has_grid(old, new):
+        differing.append("the axes have other values or another order")
+    if differing:
+        raise StoreError(
+            f"{path} cannot be resumed: {'; '.join(differing)}; give --overwrite to replace "
+            "it, or -o for another file"
+        )
 
-    def cut_or_padded(array: np.ndarray) -> np.ndarray:
-        """Return an array whose last axis has the length `width`."""
-        missing = [(0, 0)] * (array.ndim - 1) + [(0, max(0, width - array.shape[-1]))]
-        return np.pad(array[..., :width], missing, constant_values=math.nan)
 
-    return {
-        name: cut_or_padded(array) if _sampled(name) else array for name, array in arrays.items()
-    }
+def _differences(old: str, new: str) -> list[str]:
+    """Say in which keys two configurations differ, and what these were and are; not the name."""
+    if old == new:
+        return []
+    was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
+    return [
+        f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
+        for key in sorted({*was, *now} - {"name"})
+        if was.get(key) != now.get(key)
+    ]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    """Return the leaves of a tree by their dotted keys."""
+    leaves: dict[str, object] = {}
+    for key, value in tree.items():
+        deeper = isinstance(value, dict)
+        leaves |= _flat(value, f"{prefix}{key}.") if deeper else {f"{prefix}{key}": value}
+    return leaves
+
+
+def _has_grid(old: Schema, new: Schema) -> bool:
+    """Return whether a file has the grid of a schema, and further values only where refined."""
+    if list(old.axes) != list(new.axes):
+        return False
+    pairs = [(old.axes[axis], new.axes[axis]) for axis in new.axes]
+    if old.refined:
+        return all(np.isin(values, stored).all() for stored, values in pairs)
+    return all(np.array_equal(stored, values) for stored, values in pairs)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from refined_sweeps import refined
 from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.grid import Grid
-from sweeps.store import Layout, sweep_writer
+from sweeps.store import Schema, sweep_writer
 from sweeps_over_starts import CONFIG as OVER_STARTS
 
 
@@ -52,7 +52,7 @@ def random_sweep(tmp_path):
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"
-        layout = Layout.of(
+        schema = Schema.of(
             grid,
             grid.blocks(grid.size),
             attributes={
@@ -64,11 +64,12 @@ def random_sweep(tmp_path):
             first_section=11,
             diagnostics=diagnostics,
         )
-        with sweep_writer(path, layout) as store:
+        with sweep_writer(path, schema) as store:
             store.write(
                 tuple(slice(0, n) for n in grid.shape), {**results(grid.size, widths), **changed}
             )
-        opened.append(open_sweep(path, verify=False))  # which refuses pending points in a block
+            store.finish()
+        opened.append(open_sweep(path))
         return opened[-1]
 
     yield make

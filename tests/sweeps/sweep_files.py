@@ -45,14 +45,14 @@ def random_results(points, widths, seed=0, scale=100.0):
     return arrays
 
 
-def fill(path, layout, results, blocks=None, compressed=False, **options):
-    """Write so many of the pending blocks, each with `results` of it; finish a complete file.
+def fill(path, schema, results, blocks=None, compressed=False, **options):
+    """Write so many of the pending blocks, each with `results` of it; finish where that are all.
 
-    Returns what the writer says of damaged blocks.
+    Returns how many blocks were damaged.
     """
-    with sweep_writer(path, layout, **options) as store:
+    with sweep_writer(path, schema, **options) as store:
         for block in store.pending()[:blocks]:
             store.write(block, results(block))
         if not store.pending():
             store.finish(compressed=compressed)
-        return store.damage
+        return store.damaged

@@ -8,13 +8,13 @@ import time
 import types
 from pathlib import Path
 
-import h5py
 import pytest
 
 import sweeps
 from commands import SMALL, accepted, call
 from sweeps import interrupts
 from sweeps.engine import run as runner
+from sweeps.store import SweepWriter
 
 CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]
@@ -42,19 +42,17 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
 
 
 def test_an_interrupted_run_says_what_is_kept(monkeypatch):
-    accepted("run", "sweep.yaml", "--quiet")
+    write = SweepWriter.write
 
-    def run_sweep(*_, **__):
-        with h5py.File("small.h5", "r+") as file:
-            file["status"][3:] = -1
+    def write_one(self, block, results):
+        write(self, block, results)
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(
-        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
-    )
-    result = call("run", "sweep.yaml", "--overwrite")
+    monkeypatch.setattr(SweepWriter, "write", write_one)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
+    result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 1
-    assert "interrupted; 6 of 10 points kept in small.h5" in result.stderr
+    assert "interrupted; 2 of 10 points kept in small.h5.part; to go on: " in result.stderr
 
 
 @pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
@@ -87,7 +85,7 @@ def test_a_signal_ends_a_run(folder, number):
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
         deadline = time.monotonic() + 120
-        while not Path("small.h5").exists() and time.monotonic() < deadline:
+        while not Path("small.h5.part").exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         run.send_signal(number)
         _, stderr = run.communicate(timeout=120)
@@ -136,7 +134,7 @@ def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd,
         written.append(block)
         Callback()
 
-    monkeypatch.setattr(runner.SweepWriter, "write", write)
+    monkeypatch.setattr(SweepWriter, "write", write)
     monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
     result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 1

@@ -23,8 +23,7 @@ from sweeps.engine.compute import compute_block
 from sweeps.engine.plan import block_size
 from sweeps.engine.run import run_sweep
 from sweeps.errors import Failed, Refused
-from sweeps.store.reader import open_sweep
-from sweeps.store.writer import SweepWriter
+from sweeps.store import SweepWriter, open_sweep
 from vibroimpact.jit import NUMERICS
 from vibroimpact.points import compute_points
 from vibroimpact.status import Status
@@ -191,7 +190,7 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blo
     assert result.exit_code == 1
     pattern = (
         rf"vibroimpact: error: the run failed: the scheduler {address} was lost.*; (\d+) of 300 "
-        rf"points kept in out\.h5; to go on: vibroimpact run sweep\.yaml -o out\.h5 --dask "
+        rf"points kept in out\.h5\.part; to go on: vibroimpact run sweep\.yaml -o out\.h5 --dask "
         rf"{address} --quiet --resume\n"
     )
     found = re.fullmatch(pattern, result.stderr)

@@ -68,21 +68,6 @@ def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_damaged_block_is_named_and_computed_again(monkeypatch):
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
-    config = configured()
-    expected = ran(config)
-    content = bytearray(Path("out.h5").read_bytes())
-    place = content.find(expected["poincare_x"].sel(direction="down").values[1].tobytes())
-    content[place + 3] ^= 1
-    Path("out.h5").write_bytes(content)
-    with pytest.raises(StoreError, match=r"block 2 \(R 0\.5 to 0\.5, clearance 0 to 0\) of 6"):
-        open_sweep("out.h5")
-    run_sweep(config, "out.h5", resume=True)
-    xr.testing.assert_identical(data("out.h5"), expected)
-
-
-@pytest.mark.slow
 def test_any_reader_finds_a_direction_by_its_name():
     ran(configured())
     with xr.open_dataset("out.h5", engine="h5netcdf") as dataset, open_sweep("out.h5") as ours:

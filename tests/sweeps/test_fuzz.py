@@ -20,7 +20,7 @@ from environments import ENVIRONMENTS
 from mutations import BASES, FULL, mutated
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError, StoreError
-from sweeps.store.reader import open_sweep
+from sweeps.store import open_sweep
 from vibroimpact.status import Status
 
 ROOT = Path(sweeps.__file__).parents[1]

@@ -11,11 +11,10 @@ from sweep_files import load
 from sweeps.engine import plan as limits
 from sweeps.engine.background import in_background
 from sweeps.engine.compute import compute
-from sweeps.engine.plan import block_size, estimate, expected_seconds, reserved_widths
+from sweeps.engine.plan import block_size, estimate, expected_seconds, most_widths
 from sweeps.engine.run import run_sweep
 from sweeps.engine.workers import Local
 from sweeps.errors import StoreError
-from sweeps.store.layout import Layout
 from vibroimpact.lanes.exact_block import EXACT_LANES
 from vibroimpact.lanes.kernel import lanes_per_block
 from vibroimpact.step.rules import EXACT
@@ -76,10 +75,9 @@ def test_the_size_that_is_told_is_that_of_the_file():
     told = estimate(sweep)
     size = run_sweep(sweep, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
-    assert told.disk == told.file
-    assert estimate(load(CONFIG, "compression=gzip")).disk == 2 * told.file  # the copy at the end
+    assert told.disk == 2 * told.file  # the journal, and the file at the end
     sampled = load(CONFIG, "record.trajectory={every: 1}")
-    assert reserved_widths(sampled)["sample"] > sampled.widths["sample"]
+    assert most_widths(sampled)["sample"] > sampled.widths["sample"]
     assert estimate(sampled).disk > 2 * estimate(sampled).file
 
 
@@ -151,23 +149,6 @@ def test_a_background_that_is_left_ends():
 
 def test_too_little_disk_is_refused_with_both_figures(monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1000}))
-    with pytest.raises(StoreError, match=r"takes about 5\.\d+ MB, .* has only 1 kB left"):
+    with pytest.raises(StoreError, match=r"takes about 10\.\d+ MB .* has only 1 kB left"):
         run_sweep(load(CONFIG), "out.h5")
     assert not Path("out.h5").exists()
-
-
-@pytest.mark.slow
-def test_the_layout_reserves_what_is_told():
-    sweep = load(CONFIG, "record.trajectory={every: 1}")
-    layout = Layout.of(
-        sweep.grid,
-        sweep.grid.blocks(100),
-        attributes={},
-        widths=reserved_widths(sweep),
-        first_section=1,
-    )
-    reserved = sum(
-        int(np.prod(layout.shape_of(name))) * (1 if name == "status" else 8)
-        for name in layout.variables
-    )
-    assert estimate(sweep).disk == reserved + estimate(sweep).file

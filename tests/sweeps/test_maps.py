@@ -1,4 +1,3 @@
-import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,7 +9,7 @@ from sweeps.errors import Refused
 from sweeps.plotting import plot
 from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.maps import QUANTITIES, parameter_map
-from sweeps.store.variables import VARIABLES
+from sweeps.store import VARIABLES, SweepWriter
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -301,15 +300,22 @@ def test_the_tongue_ends_at_the_exact_flip(tmp_path):
         assert (row[edge + 2 :] != "1/1").all()
 
 
-def test_a_partial_file_is_drawn(tmp_path):
+def test_a_partial_sweep_is_drawn(tmp_path, monkeypatch):
     (tmp_path / "c.yaml").write_text(
         "name: partial\noscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.5, 3.0], f: 1.0}\n"
         "record: {transient: 50, periods: 8, diagnostics: [period, lyapunov]}\n"
     )
-    path = run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")
-    with h5py.File(path, "a") as file:
-        file["status"][1] = Status.PENDING
-    with open_sweep(path, verify=False) as dataset:
+    write = SweepWriter.write
+
+    def write_one(self, block, results):
+        write(self, block, results)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SweepWriter, "write", write_one)
+    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 3)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")
+    with open_sweep(tmp_path / "a.h5") as dataset:
         figure = parameter_map(dataset)
     assert [colour is None for colour in colours(figure)[1]] == [True] * 3
     assert "not computed yet (3 of 6)" in legend(figure)

@@ -178,12 +178,12 @@ def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new
     script = (
         "import sweeps, sys\n"
         "from sweeps import load_config\n"
-        "from sweeps.engine.run import _layout\n"
+        "from sweeps.engine.run import _schema\n"
         "from sweeps.errors import StoreError\n"
         "from sweeps.store import sweep_writer\n"
         f"assert sweeps.__file__.startswith({str(tmp_path)!r}), sweeps.__file__\n"
-        "layout = _layout(load_config('sweep.yaml'), {})\n"
-        "with sweep_writer('out.h5', layout, resume=True): pass\n"
+        "schema = _schema(load_config('sweep.yaml'), {})\n"
+        "with sweep_writer('out.h5', schema, resume=True): pass\n"
     )
 
     def resumed():

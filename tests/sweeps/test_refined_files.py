@@ -9,6 +9,9 @@ from commands import accepted, call
 from refined_sweeps import CONFIG, flip, found, refined
 from sweeps import open_sweep
 from sweeps.errors import StoreError
+from sweeps.grid import Grid
+from sweeps.store import sweep_writer
+from written_files import WIDTHS, results, schema
 
 
 @pytest.mark.slow
@@ -50,7 +53,7 @@ def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
         patch.setattr("sweeps.engine.refine.Refinement", interrupted)
         refined(tmp_path)
     with open_sweep(tmp_path / "out.h5") as dataset:
-        assert dataset.sizes["omega"] == 21
+        assert dataset.sizes["omega"] == 21 and (dataset["status"] != -1).all()
     for _ in range(2):  # the second has nothing to do
         path = refined(tmp_path, resume=True, threads=1)
         with open_sweep(path) as again, open_sweep(around) as first:
@@ -68,18 +71,42 @@ def test_compressed_too(around, tmp_path):
         assert file["poincare_x"].compression == "gzip"
 
 
-def test_a_damaged_refined_file_is_not_mended(around, tmp_path):
+def test_points_before_and_behind_all_others_are_added_too(tmp_path):
+    """By the writer, in a sweep of several blocks; one replaces a point of the grid."""
+    grid = Grid({"omega": np.linspace(1.0, 2.0, 5)}, {})
+    widths = {**WIDTHS, "sample": 0}
+    plan = schema(grid, block_size=2, widths=widths)
+    added = {
+        value: {
+            name: array[0] for name, array in results((slice(i, i + 1),), widths=widths).items()
+        }
+        for i, value in enumerate([0.5, 1.1, 1.3, 1.45, 1.5, 3.0, 2.5], 100)
+    }
+    points = dict(added)
+    with sweep_writer(tmp_path / "out.h5", plan) as store:
+        for block in store.pending():
+            given = results(block, widths=widths)
+            store.write(block, given)
+            for i, value in enumerate(grid.axes["omega"][block].tolist()):
+                points.setdefault(value, {name: array[i] for name, array in given.items()})
+        store.finish(added)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset.attrs["points_added"] == 6
+        assert dataset["omega"].values.tolist() == sorted(points)
+        for name in dataset.data_vars:
+            expected = [points[value][name] for value in sorted(points)]
+            np.testing.assert_array_equal(dataset[name].values, expected)
+
+
+def test_a_damaged_refined_file_is_refused(around, tmp_path):
+    content = bytearray(around.read_bytes())
+    with h5py.File(around) as file:
+        content[file["poincare_x"].id.get_chunk_info(0).byte_offset] ^= 1
     path = tmp_path / "out.h5"
-    path.write_bytes(around.read_bytes())
-    with h5py.File(path) as file:
-        at = file["poincare_x"].id.get_offset()
-    with path.open("r+b") as file:
-        file.seek(at + 100)
-        file.write(b"damage")
-    with pytest.raises(StoreError, match=r"points that were added.*--overwrite"):
-        refined(tmp_path, resume=True)
-    with pytest.raises(StoreError, match=r"run its configuration again with --overwrite"):
-        open_sweep(path)
+    path.write_bytes(content)
+    for use in (open_sweep, lambda _: refined(tmp_path, resume=True)):
+        with pytest.raises(StoreError, match=r"is damaged: poincare_x; .*-o NEW\.h5"):
+            use(path)
 
 
 # -- what is told --------------------------------------------------------------------------------

@@ -116,9 +116,9 @@ def test_an_axis_longer_than_a_block_is_split(monkeypatch):
     config = configured()
     for size, shape in ((3, (1, 3)), (4, (4, 1))):
         monkeypatch.setattr(runner, "block_size", lambda _, size=size: size)
-        layout = runner._layout(config, {})
-        assert {config.grid.points(block).size for block in layout.blocks} == {math.prod(shape)}
-        assert {tuple(cut.stop - cut.start for cut in block) for block in layout.blocks} == {shape}
+        blocks = runner._schema(config, {}).blocks
+        assert {config.grid.points(block).size for block in blocks} == {math.prod(shape)}
+        assert {tuple(cut.stop - cut.start for cut in block) for block in blocks} == {shape}
 
 
 def test_the_run_says_so():

@@ -1,62 +1,98 @@
-"""What is written to a file comes back, to this package and to xarray."""
+"""What is written to a file comes back, to this package and to xarray, complete or not."""
 
 import itertools
-import shutil
 
 import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
-from stored_grids import CONFIGURATION, GRID, WIDTHS, lay_out, layout, results, whole, write_blocks
 from sweeps.config.schema import DIAGNOSTICS
 from sweeps.grid import Grid
-from sweeps.store.reader import open_sweep, status_counts
-from sweeps.store.variables import VARIABLES, bytes_per_point, held_variables
-from sweeps.store.writer import sweep_writer
+from sweeps.store import VARIABLES, bytes_per_point, open_sweep, status_counts, sweep_writer
+from sweeps.store.variables import held_variables
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
+from written_files import (
+    CONFIGURATION,
+    GRID,
+    WIDTHS,
+    assert_holds,
+    fill_blocks,
+    part,
+    results,
+    schema,
+    whole,
+)
 
 
-@pytest.mark.parametrize("size", [1, 5, 10])
-@pytest.mark.parametrize("backwards", [False, True])
+def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed=False):
+    with sweep_writer(path, schema(grid, block_size=size)) as store:
+        for block in store.pending()[:: -1 if backwards else 1]:
+            store.write(block, part(expected, block))
+        store.finish(compressed=compressed)
+
+
+@pytest.mark.parametrize("size", [1, 5, 12])
 @pytest.mark.parametrize("compressed", [False, True])
-def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, backwards, compressed):
+def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, compressed):
     path = tmp_path / "out.h5"
-    expected = whole(GRID)
-    write_blocks(path, expected, size=size, backwards=backwards, compressed=compressed)
+    expected = whole()
+    write_all(path, expected, size=size, backwards=size == 5, compressed=compressed)
     with open_sweep(path) as dataset:
         assert set(dataset.data_vars) == set(VARIABLES)
+        assert_holds(dataset, expected)
         for name, variable in VARIABLES.items():
             record = () if variable.record is None else (variable.record,)
             assert dataset[name].dims == ("R", "omega", *record)
             assert dataset[name].dtype == variable.dtype
             assert dataset[name].attrs["units"] == variable.unit
-            np.testing.assert_array_equal(dataset[name].values, expected[name])
+    with h5py.File(path) as file:
+        assert {file[name].compression for name in VARIABLES} == {"gzip" if compressed else None}
+        assert all(file[name].fletcher32 for name in VARIABLES)
+
+
+@pytest.mark.parametrize("followed", ["h", "R", "f"])
+def test_blocks_of_many_shapes_and_large_records_come_back(tmp_path, followed):
+    """Of followed chains, and of more than fits into a chunk of the file."""
+    axes = {"h": np.arange(3.0), "R": np.arange(4.0), "f": np.arange(5.0)}
+    grid, widths = Grid(axes, {}), {"section": 12_007, "impact": 0, "sample": 0}
+    for size in (7, 60):
+        path = tmp_path / f"{size}.h5"
+        plan = schema(grid, widths=widths, diagnostics=())
+        object.__setattr__(plan, "blocks", tuple(grid.blocks(size, followed)))
+        with sweep_writer(path, plan) as store:
+            for block in store.pending():
+                store.write(block, results(block, widths=widths))
+            store.finish(compressed=followed == "R")
+        with open_sweep(path) as dataset:
+            for block in plan.blocks:
+                given = results(block, widths=widths)
+                x = given["poincare_x"].reshape(dataset["poincare_x"][block].shape)
+                np.testing.assert_array_equal(dataset["poincare_x"][block].values, x)
+                assert (dataset["status"][block] == 0).all()
 
 
 def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
     path = tmp_path / "out.h5"
-    write_blocks(path, whole(GRID))
+    write_all(path, whole())
     with xr.open_dataset(path, engine="h5netcdf") as dataset, open_sweep(path) as ours:
         xr.testing.assert_identical(dataset, ours)
         assert set(dataset.sizes) == {"R", "omega", "section", "impact", "sample", "exponent"}
         for name, values in GRID.axes.items():
             np.testing.assert_array_equal(dataset[name].values, values)
+        for name, value in GRID.fixed.items():
+            assert dataset.coords[name].shape == () and dataset[name] == value
+        for name in (*GRID.axes, *GRID.fixed):
             assert dataset[name].attrs["long_name"] == PARAMETERS[name].meaning
             assert dataset[name].attrs["units"] == PARAMETERS[name].unit
             assert dataset[name].attrs["symbol"] == PARAMETERS[name].symbol
-        assert dataset["section"].values.tolist() == [11, 12, 13, 14]
+        assert dataset["section"].values.tolist() == list(range(11, 31))
         assert dataset["impact"].values.tolist() == [0, 1, 2]
         assert dataset["exponent"].values.tolist() == [0, 1]
         assert dataset["sample"].values.tolist() == list(range(6))
-        flags = dict(
-            zip(
-                dataset["status"].attrs["flag_meanings"].split(),
-                dataset["status"].attrs["flag_values"],
-                strict=True,
-            )
-        )
+        meanings = dataset["status"].attrs["flag_meanings"].split()
+        flags = dict(zip(meanings, dataset["status"].attrs["flag_values"], strict=True))
         assert flags == {status.name.lower(): status for status in Status}
         assert dataset.attrs["configuration"] == CONFIGURATION
         assert dataset.attrs["name"] == "a test"
@@ -65,51 +101,32 @@ def test_xarray_opens_it_with_coordinates_and_attributes(tmp_path):
         assert np.datetime64(dataset.attrs["started"].removesuffix("+00:00")) > np.datetime64(
             "2024"
         )
-
-
-def test_parameters_that_are_not_swept_are_scalar_coordinates(tmp_path):
-    """In the file itself, so that xarray alone sees them."""
-    path = tmp_path / "out.h5"
-    write_blocks(path, whole(GRID))
-    with xr.open_dataset(path, engine="h5netcdf") as dataset:
-        for name, value in GRID.fixed.items():
-            assert dataset.coords[name].shape == () and dataset[name] == value
-            assert dataset[name].attrs["units"] == PARAMETERS[name].unit
-            assert dataset[name].attrs["long_name"] == PARAMETERS[name].meaning
-        assert "coordinates" not in dataset.attrs
+        assert "coordinates" not in dataset.attrs and "blocks" not in dataset
 
 
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_single_point_has_no_axes(tmp_path, compressed):
     path = tmp_path / "out.h5"
     grid = Grid({}, dict.fromkeys(PARAMETERS, 0.5))
-    given = results(1)
-    with sweep_writer(path, layout(grid)) as store:
+    given = results((), 6)
+    with sweep_writer(path, schema(grid)) as store:
+        with store.dataset() as dataset:
+            assert dataset["status"] == Status.PENDING and np.isnan(dataset["rest_fraction"])
+            assert dataset["chatters"] == -1 and np.isnan(dataset["poincare_x"]).all()
         store.write((), given)
         store.finish(compressed=compressed)
     with open_sweep(path) as dataset:
         assert dataset["status"].shape == ()
-        for name in VARIABLES:
-            np.testing.assert_array_equal(dataset[name].values, given[name][0])
-
-
-def test_an_unwritten_single_point_is_pending(tmp_path):
-    path = tmp_path / "out.h5"
-    lay_out(path, Grid({}, {}))
-    with open_sweep(path) as dataset:
-        assert dataset["status"] == Status.PENDING
-        assert np.isnan(dataset["rest_fraction"])
-        for name in ("chatters", "near_grazes", "period", "period_impacts"):
-            assert dataset[name] == -1
-        for name in ("poincare_x", "trajectory_t"):
-            assert np.isnan(dataset[name]).all()
+        assert_holds(dataset, {name: array[0] for name, array in given.items()})
 
 
 def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
     path = tmp_path / "out.h5"
     widths = {"section": 4, "impact": 0, "sample": 0}
-    with sweep_writer(path, layout(widths=widths, diagnostics=())) as store:
-        store.write((slice(0, 2), slice(0, 5)), results(10, widths=widths))
+    with sweep_writer(path, schema(widths=widths, diagnostics=(), block_size=12)) as store:
+        (block,) = store.pending()
+        store.write(block, results(block, widths=widths))
+        store.finish()
     with open_sweep(path) as dataset:
         assert set(dataset.sizes) == {"R", "omega", "section"}
         assert {"poincare_x", "impacts_per_period"} <= set(dataset.data_vars)
@@ -126,109 +143,104 @@ def test_a_width_of_zero_leaves_the_variables_out(tmp_path):
     ],
 )
 def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected):
-    path = tmp_path / "out.h5"
-    lay_out(path, diagnostics=diagnostics)
     held = held_variables(WIDTHS, diagnostics)
-    with open_sweep(path) as dataset:
-        assert set(dataset.data_vars) == set(held)
-        assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
-        assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
-
-
-def test_every_diagnostic_has_its_variables():
+    with sweep_writer(tmp_path / "out.h5", schema(diagnostics=diagnostics)) as store:
+        with store.dataset() as dataset:
+            assert set(dataset.data_vars) == set(held)
+            assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
+            assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
     assert {variable.diagnostic for variable in VARIABLES.values()} == {None, *DIAGNOSTICS}
 
 
 def test_the_estimate_is_what_the_arrays_take():
-    taken = sum(array.nbytes if name != "status" else 10 for name, array in results(10).items())
-    assert bytes_per_point(WIDTHS, DIAGNOSTICS) * 10 == taken
+    taken = sum(a.nbytes if name != "status" else 12 for name, a in whole().items())
+    assert bytes_per_point(WIDTHS, DIAGNOSTICS) * 12 == taken
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
-@pytest.mark.parametrize("compressed", [False, True])
-def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order, compressed):
+def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
     path = tmp_path / "out.h5"
     grid = Grid({"omega": np.array([1.0, 2.0, 3.0])}, {})
     widths = (3, 300, 102)
-    parts = [results(1, width, seed=width) for width in widths]
-    with sweep_writer(path, layout(grid, block_size=1)) as store:
-        for index in order:
-            store.write((slice(index, index + 1),), parts[index])
-        store.finish(compressed=compressed)
+    blocks = [(slice(i, i + 1),) for i in range(3)]
+    with sweep_writer(path, schema(grid, block_size=1)) as store:
+        for i in order:
+            store.write(blocks[i], results(blocks[i], widths[i]))
+        with store.dataset() as dataset:
+            partial = dataset.load()
+        store.finish(compressed=order[0] == 1)
     with open_sweep(path) as dataset:
+        assert dataset.drop_attrs().identical(partial.drop_attrs())
         assert dataset["sample"].values.tolist() == list(range(300))
-        for name in VARIABLES:
-            for index, width in enumerate(widths):
-                row = dataset[name][index].values
-                if VARIABLES[name].record == "sample":
-                    assert np.isnan(row[width:]).all()
-                    row = row[:width]
-                np.testing.assert_array_equal(row, parts[index][name][0])
+        for name, i in itertools.product(VARIABLES, range(3)):
+            row, given = dataset[name][i].values, results(blocks[i], widths[i])[name][0]
+            if VARIABLES[name].record == "sample":
+                assert np.isnan(row[widths[i] :]).all()
+                row = row[: widths[i]]
+            np.testing.assert_array_equal(row, given)
 
 
-def test_a_partial_file_says_what_is_pending(tmp_path):
+# A sweep that is not complete
+
+
+def test_a_partial_sweep_says_what_is_pending(tmp_path):
     path = tmp_path / "out.h5"
-    given = results(2)
-    given["status"][1] = Status.NON_FINITE
-    with pytest.raises(KeyboardInterrupt), sweep_writer(path, layout(block_size=2)) as store:
-        store.write((slice(1, 2), slice(0, 1)), results(1))
-        store.write((slice(1, 2), slice(1, 3)), given)
+    expected = whole()
+    expected["status"][1, 2] = Status.NON_FINITE
+    with pytest.raises(KeyboardInterrupt), sweep_writer(path, schema()) as store:
+        for block in store.pending()[3:5]:
+            store.write(block, part(expected, block))
         raise KeyboardInterrupt
+    assert not path.exists()
+    done = np.zeros((2, 6), bool)
+    done[1, :4] = True
     with open_sweep(path) as dataset:
-        counts = dict.fromkeys(Status, 0) | {
-            Status.PENDING: 7,
-            Status.COMPUTED: 2,
-            Status.NON_FINITE: 1,
-        }
-        assert status_counts(dataset) == counts
-        pending = dataset["status"].values == Status.PENDING
+        counts = {Status.PENDING: 8, Status.COMPUTED: 3, Status.NON_FINITE: 1}
+        assert status_counts(dataset) == dict.fromkeys(Status, 0) | counts
+        assert_holds(dataset, expected, done)
         for name, variable in VARIABLES.items():
-            if variable.dtype == "int64":
-                assert (dataset[name].values[pending] == -1).all()
-            if variable.dtype == "float64":
-                assert np.isnan(dataset[name].values[pending]).all()
-                assert np.isfinite(dataset[name].values[~pending]).all()
+            pending = dataset[name].values[~done]
+            assert (pending == -1 if variable.dtype.startswith("int") else np.isnan(pending)).all()
 
 
-def test_a_file_that_is_replaced_while_it_is_opened_is_opened_again(tmp_path, monkeypatch):
-    """As a run does with a file that is refined, compressed or widened."""
-    path, copy = tmp_path / "out.h5", tmp_path / "copy.h5"
-    write_blocks(path, whole(GRID))
-    shutil.copy(path, copy)
-    open_hdf5 = h5py.File
-
-    def replaced(*arguments):
-        monkeypatch.setattr(h5py, "File", open_hdf5)
-        copy.replace(path)
-        return open_hdf5(*arguments)
-
-    monkeypatch.setattr(h5py, "File", replaced)
-    with open_sweep(path) as dataset:
-        assert not copy.exists() and status_counts(dataset)[Status.PENDING] == 0
-
-
-def test_it_is_read_lazily(tmp_path):
+def test_a_partial_sweep_is_read_lazily_and_by_any_index(tmp_path):
     path = tmp_path / "out.h5"
-    lay_out(path)
+    fill_blocks(path, 4)
+    with open_sweep(path) as loaded:
+        loaded.load()
+    choices = [
+        {"R": 1}, {"R": [1, 0], "omega": slice(4, None, -2)}, {"omega": [5, 0, 3], "section": -1},
+        {"R": slice(1, 1)}, {"omega": 2, "R": 0, "section": slice(3, 17, 5)}, {"R": -1, "omega": 0},
+    ]  # fmt: skip
+    for choice in choices:
+        with open_sweep(path) as dataset:
+            assert not dataset["poincare_x"].variable._in_memory
+            found = dataset["poincare_x"].isel(choice)
+            xr.testing.assert_identical(found.load(), loaded["poincare_x"].isel(choice))
+
+
+def test_a_reader_sees_the_finished_blocks_of_a_running_sweep(tmp_path):
+    path = tmp_path / "out.h5"
+    with sweep_writer(path, schema()) as store:
+        for count, block in enumerate(store.pending(), 1):
+            store.write(block, results(block))
+            with open_sweep(path) as dataset:
+                assert int((dataset["status"] != Status.PENDING).sum()) == 2 * count
+        store.finish()
     with open_sweep(path) as dataset:
-        assert not dataset["poincare_x"].variable._in_memory
+        assert int((dataset["status"] != Status.PENDING).sum()) == 12
 
 
 def test_a_block_that_does_not_fit_is_not_written(tmp_path):
-    path = tmp_path / "out.h5"
     block = (slice(0, 1), slice(0, 2))
-    with sweep_writer(path, layout(block_size=3)) as store:
+    with sweep_writer(tmp_path / "out.h5", schema()) as store:
+        given = results(block)
         with pytest.raises(ValueError, match=r"impact_v has the shape \(2, 9\)"):
-            store.write(block, {**results(2), "impact_v": np.zeros((2, 9))})
-        with pytest.raises(ValueError, match="poincare_x has the shape"):
-            store.write(block, results(3))
+            store.write(block, {**given, "impact_v": np.zeros((2, 9))})
         with pytest.raises(ValueError, match="no variable speed"):
-            store.write(block, {**results(2), "speed": np.zeros(2)})
+            store.write(block, {**given, "speed": np.zeros(2)})
         with pytest.raises(KeyError, match="status"):
-            store.write(block, {k: v for k, v in results(2).items() if k != "status"})
+            store.write(block, {k: v for k, v in given.items() if k != "status"})
         with pytest.raises(KeyError):
-            store.write((slice(0, 1), slice(0, 5)), results(5))
-    with open_sweep(path) as dataset:
-        assert status_counts(dataset)[Status.PENDING] == GRID.size
-        assert np.isnan(dataset["poincare_x"].values).all()
+            store.write((slice(0, 1), slice(0, 5)), given)
+        assert len(store.pending()) == 6

@@ -1,160 +1,265 @@
-"""Paths that a sweep is not written to or read from."""
+"""Paths that a sweep is not written to or read from, and the lock of the one writer."""
 
+import os
+import re
+import signal
+import socket
+import stat
+import subprocess
+import sys
 import types
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from stored_grids import GRID, WIDTHS, lay_out, layout, whole, write_blocks
-from sweeps.errors import Failed, StoreError
-from sweeps.grid import Grid
-from sweeps.store.creation import create
-from sweeps.store.layout import FORMAT_VERSION
-from sweeps.store.path_checks import check_output
-from sweeps.store.reader import open_sweep
-from sweeps.store.writer import sweep_writer
+import sweeps
+from commands import accepted, call
+from sweeps.errors import StoreError
+from sweeps.store import check_output, only_writer, open_sweep, sweep_writer
+from sweeps.store.paths import FORMAT, FORMAT_VERSION
+from written_files import fill_blocks, schema
+
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
+method: {integrator: newmark, impact: plain}
+record: {transient: 3, periods: 4, impacts: 2}
+output: out.h5
+"""
 
 
-def test_an_existing_file_is_kept_unless_told(tmp_path):
-    path = tmp_path / "out.h5"
-    lay_out(path)
-    before = path.read_bytes()
-    message = "exists; give --resume to go on with it, --overwrite to replace it, or -o"
-    with pytest.raises(StoreError, match=message), sweep_writer(path, layout()):
+def run(*options):
+    return call("run", "sweep.yaml", "--quiet", *options)
+
+
+# What is not replaced
+
+
+@pytest.mark.parametrize("blocks", [2, None])
+def test_an_existing_sweep_is_kept_unless_told(blocks):
+    fill_blocks("out.h5", blocks)
+    (name,) = (path.name for path in Path().iterdir() if path.name.startswith("out"))
+    before = Path(name).read_bytes()
+    message = rf"{name} exists; give --resume to go on with it, --overwrite to replace it, or -o"
+    with pytest.raises(StoreError, match=message), sweep_writer("out.h5", schema()):
         pass
-    assert path.read_bytes() == before
-    lay_out(path, widths={**WIDTHS, "section": 7})
-    with open_sweep(path) as dataset:
-        assert dataset.sizes["section"] == 7
+    assert Path(name).read_bytes() == before
+    fill_blocks("out.h5", overwrite=True)
+    open_sweep("out.h5").close()
+    assert not Path("out.h5.part").exists()
 
 
-def test_a_file_of_another_kind_is_never_replaced(tmp_path):
-    path = tmp_path / "sweep.csv"
-    path.write_bytes(b"precious")
-    with pytest.raises(StoreError, match="not an HDF5 file and will not be replaced"):
-        lay_out(path)
-    assert path.read_bytes() == b"precious"
+def fifo(name):
+    os.mkfifo(name)
 
 
-def test_outputs_that_are_refused(tmp_path):
-    check_output(tmp_path / "new.h5")
-    with pytest.raises(StoreError, match="is a directory"):
-        check_output(tmp_path, overwrite=True)
-    with pytest.raises(StoreError, match=r"the folder .*missing of the output new\.h5 does not"):
-        check_output(tmp_path / "missing" / "new.h5", overwrite=True)
-    check_output(tmp_path / f"{'x' * 247}.h5")
-    with pytest.raises(StoreError, match="File name too long"):  # for that of its lock
-        check_output(tmp_path / f"{'x' * 248}.h5")
-    assert list(tmp_path.iterdir()) == []
-    link = tmp_path / "link.h5"
-    link.symlink_to("missing/new.h5")
-    said = r"the folder .*missing of the output link\.h5, a link to .*new\.h5, does not exist"
-    with pytest.raises(StoreError, match=said):
-        check_output(link)
+def unix_socket(name):
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(name)
+
+
+def device(name):
+    Path(name).symlink_to("/dev/null")
+
+
+@pytest.mark.parametrize("make", [fifo, unix_socket, device])
+@pytest.mark.parametrize("name", ["out.h5", "out.h5.part"])
+def test_what_is_no_regular_file_is_refused_and_stays(make, name):
+    """Without waiting for a writer of the FIFO, too."""
+    make(name)
+    before = os.stat(name).st_mode
+    for option in ("--overwrite", "--resume"):
+        result = run(option)
+        assert result.exit_code == 2
+        assert "not a regular file" in result.stderr
+    assert os.stat(name).st_mode == before and not stat.S_ISREG(before)
+    for command in ("info", "plot"):
+        result = call(command, "out.h5")
+        assert result.exit_code == 2 and "not a regular file" in result.stderr
+    assert sorted(path.name for path in Path().iterdir()) == [name, "sweep.yaml"]
+
+
+@pytest.mark.parametrize("name", ["out.h5", "out.h5.part"])
+def test_a_file_of_another_kind_is_never_replaced(name):
+    Path(name).write_bytes(b"precious")
+    for option in ("--overwrite", "--resume"):
+        result = run(option)
+        assert result.exit_code == 2 and "will not be replaced; give -o another" in result.stderr
+    assert Path(name).read_bytes() == b"precious"
+
+
+def test_an_hdf5_file_of_another_program_is_not_replaced():
+    with h5py.File("out.h5", "w") as file:
+        file["precious"] = range(5)
+        file.attrs["format"] = "another"
+    before = Path("out.h5").read_bytes()
+    for option in ("--overwrite", "--resume"):
+        result = run(option)
+        assert result.exit_code == 2 and "not one that vibroimpact wrote" in result.stderr
+    assert Path("out.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize("kept", [0, 2500, 5000, -10])
+def test_a_damaged_file_of_a_sweep_can_be_replaced(kept):
+    accepted("run", "sweep.yaml", "--quiet")
+    Path("out.h5").write_bytes(Path("out.h5").read_bytes()[:kept])
+    accepted("run", "sweep.yaml", "--quiet", "--overwrite")
+    open_sweep("out.h5").close()
+
+
+def test_an_empty_file_becomes_the_output():
+    Path("out.h5").touch()
+    check_output("out.h5", resume=True)
+    assert run("--resume").exit_code == 0
+    open_sweep("out.h5").close()
 
 
 @pytest.mark.parametrize("ending", [".png", ".svg", ".PDF", ".yaml", ".yml", ".txt"])
-def test_the_ending_of_another_kind_of_file_is_refused(tmp_path, ending):
+def test_the_ending_of_another_kind_of_file_is_refused(ending):
     with pytest.raises(StoreError, match=rf"does not end in {ending}; did you mean .*z\.h5\?"):
-        check_output(tmp_path / f"z{ending}", overwrite=True)
-    check_output(tmp_path / "z.5")
+        check_output(f"z{ending}", overwrite=True)
+    check_output("z.5")
 
 
-def test_a_sweep_larger_than_the_disk_is_refused(tmp_path, monkeypatch):
-    path, other = tmp_path / "out.h5", tmp_path / "other.h5"
-    lay_out(other)
-    free = types.SimpleNamespace(free=100_000)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: free)
-    with pytest.raises(
-        StoreError, match=r"takes about 50 MB, .* only 100 kB left; record less, or"
-    ):
-        check_output(path, size=50_000_000)
-    other.rename(path)
-    # The old file stays until the new one is laid out, and makes no room.
+def test_outputs_that_are_refused(tmp_path):
+    check_output("new.h5")
+    with pytest.raises(StoreError, match="is a directory"):
+        check_output(tmp_path, overwrite=True)
+    with pytest.raises(StoreError, match=r"the folder missing of the output new\.h5 does not"):
+        check_output("missing/new.h5", overwrite=True)
+    check_output(f"{'x' * 247}.h5")
+    with pytest.raises(StoreError, match="File name too long"):  # for that of its journal
+        check_output(f"{'x' * 248}.h5")
+    Path("link.h5").symlink_to("missing/new.h5")
+    said = r"the folder .*missing of the output link\.h5, a link to .*new\.h5, does not exist"
+    with pytest.raises(StoreError, match=said):
+        check_output("link.h5")
+
+
+def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
+    fill_blocks("old.h5", 2)
+    part = Path("old.h5.part").stat().st_size
+    monkeypatch.setattr("shutil.disk_usage", lambda _: types.SimpleNamespace(free=100_000))
+    with pytest.raises(StoreError, match=r"takes about 50 MB .* only 100 kB left; record less, or"):
+        check_output("out.h5", size=50_000_000)
+    # What is there makes no room, but a journal that is resumed has a part of it.
     with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
-        check_output(path, overwrite=True, size=100_001)
-    check_output(path, overwrite=True, size=100_000)
-    check_output(path, resume=True, size=100_001)  # which has its room already
+        check_output("old.h5", overwrite=True, size=100_001)
+    check_output("old.h5", overwrite=True, size=100_000)
+    check_output("old.h5", resume=True, size=100_000 + part)
+    with pytest.raises(StoreError, match="only 100 kB left"):
+        check_output("old.h5", resume=True, size=100_001 + part)
 
 
-@pytest.mark.parametrize("existing", [False, True])
-@pytest.mark.parametrize(
-    ("failure", "raised"),
-    [
-        (ValueError("Unable to create dataset\nat line 3"), Failed),
-        (OSError(28, "No space left on device"), Failed),
-        (KeyboardInterrupt(), KeyboardInterrupt),
-    ],
-)
-@pytest.mark.parametrize("where", ["_add_variable", "_fill", "_seal"])
-def test_a_file_that_cannot_be_laid_out_leaves_nothing_and_loses_nothing(
-    tmp_path, monkeypatch, failure, raised, existing, where
-):
-    path = tmp_path / "out.h5"
-    if existing:
-        lay_out(path)
-    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
-
-    def fail(*_, **__):
-        raise failure
-
-    monkeypatch.setattr(f"sweeps.store.creation.{where}", fail)
-    with pytest.raises(raised) as caught:
-        lay_out(path)
-    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
-    assert raised is not Failed or "out.h5 cannot be created: " in str(caught.value)
-    assert "line 3" not in str(caught.value)
-
-
-def test_a_grid_too_large_for_hdf5_is_refused(tmp_path, monkeypatch):
-    axis = np.zeros(200_000)
-    grid = Grid(dict.fromkeys(("h", "R", "f", "p"), axis), {})
-    with pytest.raises(Failed, match=r"out\.h5 cannot be created"):
-        lay_out(tmp_path / "out.h5", grid, block_size=grid.size)
-    assert list(tmp_path.iterdir()) == []
-
-
-def sweep_with(path, **attributes):
-    changed = layout()
-    changed.attributes.update(attributes)
-    create(path, changed)
+# What is not read
 
 
 def test_files_that_are_not_ours_are_refused(tmp_path):
-    path = tmp_path / "out.h5"
     with pytest.raises(StoreError, match="does not exist"):
-        open_sweep(path)
+        open_sweep("out.h5")
     with pytest.raises(StoreError, match="is a directory"):
         open_sweep(tmp_path)
-    path.write_text("name: not HDF5\n")
+    Path("out.h5").write_text("name: not HDF5\n")
     with pytest.raises(StoreError, match="is not an HDF5 file"):
-        open_sweep(path)
-    h5py.File(path, "w").close()
-    with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
-        open_sweep(path)
-    for name in ("another", 7, np.array([1.0, 2.0])):
-        with h5py.File(path, "w") as file:
+        open_sweep("out.h5")
+    for name in ("another", 7, np.array([1.0, 2.0]), h5py.Empty("f")):
+        with h5py.File("out.h5", "w") as file:
             file.attrs["format"] = name
         with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
-            open_sweep(path)
+            open_sweep("out.h5")
 
 
-@pytest.mark.parametrize("version", [FORMAT_VERSION + 1, 0, "one"])
-def test_an_unknown_format_version_is_refused(tmp_path, version):
-    path = tmp_path / "out.h5"
-    sweep_with(path, format_version=version)
-    with pytest.raises(
-        StoreError, match=f"format version {version}, .* reads only {FORMAT_VERSION}"
-    ):
-        open_sweep(path)
+def test_the_journal_itself_is_refused_with_the_name_to_give():
+    fill_blocks("out.h5", 2)
+    with pytest.raises(StoreError, match=r"of a sweep that is not complete; give out\.h5$"):
+        open_sweep("out.h5.part")
 
 
-@pytest.mark.parametrize("kept", [0.02, 0.5, 0.99])
-def test_a_truncated_file_is_refused(tmp_path, kept):
-    path = tmp_path / "out.h5"
-    write_blocks(path, whole(GRID))
-    data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * kept)])
-    with pytest.raises(StoreError, match=r"out\.h5 .* truncated"):
-        open_sweep(path)
+@pytest.mark.parametrize(("ending", "version"), [(b"L", 2), (b"3", 3)])
+def test_files_of_older_versions_are_refused(ending, version):
+    with h5py.File("out.h5", "w") as file:
+        file.attrs["format"] = FORMAT
+    with Path("out.h5").open("ab") as file:
+        file.write(b"\x89VIBRO" + ending + b"\n")
+    message = f"another format version than {FORMAT_VERSION}, the only one"
+    for use in (open_sweep, lambda path: fill_blocks(path, resume=True)):
+        with pytest.raises(StoreError, match=message):
+            use("out.h5")
+    fill_blocks("out.h5", overwrite=True)
+
+
+def test_a_journal_of_another_version_is_refused():
+    fill_blocks("out.h5", 2)
+    content = bytearray(Path("out.h5.part").read_bytes())
+    content[8] += 1
+    Path("out.h5.part").write_bytes(content)
+    for use in (open_sweep, lambda path: fill_blocks(path, resume=True)):
+        with pytest.raises(StoreError, match=f"another format version than {FORMAT_VERSION}"):
+            use("out.h5")
+
+
+# The lock and the new files beside the output
+
+
+def holder(path):
+    """Hold the lock of `path` in another process; it prints a line when it has it."""
+    code = (
+        "import sys, time; from pathlib import Path; from sweeps.store import only_writer\n"
+        "with only_writer(Path(sys.argv[1])):\n"
+        "    print('held', flush=True); time.sleep(1000)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)],
+        stdout=subprocess.PIPE,
+        env={"PYTHONPATH": str(Path(sweeps.__file__).parents[1])},
+    )
+    assert process.stdout.readline() == b"held\n"
+    return process
+
+
+def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
+    Path("link.h5").symlink_to("out.h5")
+    with holder("out.h5") as other:
+        for name in ("out.h5", "link.h5", "out.h5"):
+            with pytest.raises(StoreError, match=f"being written by process {other.pid};"):
+                with only_writer(Path(name)):
+                    pass
+        other.send_signal(signal.SIGKILL)
+    assert Path("out.h5.lock").exists()
+    with only_writer(Path("out.h5")):
+        assert re.search(rf"process {os.getpid()}\n", Path("out.h5.lock").read_text())
+    assert not Path("out.h5.lock").exists()
+
+
+@pytest.mark.parametrize("to", ["precious", "missing"])
+def test_a_link_where_the_lock_goes_is_not_followed(to):
+    Path("precious").write_text("42\n")
+    Path("out.h5.lock").symlink_to(to)
+    result = run()
+    assert result.exit_code == 2 and "out.h5.lock is needed as a lock" in result.stderr
+    assert Path("precious").read_text() == "42\n"
+    assert os.readlink("out.h5.lock") == to
+    assert not Path("out.h5").exists() and not Path("missing").exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n"]
+)
+def test_a_users_own_file_of_the_name_of_the_lock_stays(text):
+    Path("out.h5.lock").write_text(text)
+    result = run()
+    assert result.exit_code == 2 and "move it" in result.stderr
+    assert Path("out.h5.lock").read_text() == text
+
+
+def test_an_empty_file_of_the_name_of_the_lock_is_used_and_stays():
+    Path("out.h5.lock").touch()
+    assert run().exit_code == 0
+    assert Path("out.h5.lock").read_bytes() == b""
+
+
+def test_a_pipe_where_the_lock_goes_does_not_block():
+    os.mkfifo("out.h5.lock")
+    with pytest.raises(StoreError, match="needed as a lock"), only_writer(Path("out.h5")):
+        pass

@@ -1,74 +1,96 @@
-"""Blocks are in the file whole or not at all, and a resumed file ends with the same data."""
+"""A sweep is kept through all that can happen to a run, and a resumed one ends with the same data.
 
-import itertools
+A full disk at 400 sizes: ``pytest -m campaign tests/sweeps/test_writer.py``.
+"""
 
-import h5py
+import os
+import re
+import resource
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
+from commands import call
 from sweep_files import data
-from sweeps.errors import StoreError
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.engine import run as runner
+from sweeps.engine import workers
+from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
-from sweeps.store import blocks as block_file
-from sweeps.store import ledger
-from sweeps.store.reader import open_sweep
-from sweeps.store.variables import VARIABLES
-from sweeps.store.writer import sweep_writer
+from sweeps.store import SweepWriter, sweep_writer
 from vibroimpact.status import Status
-from written_files import GRID, fill_blocks, layout, results
+from written_files import GRID, fill_blocks, results, schema
+
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
+method: {integrator: newmark, impact: plain}
+record: {transient: 3, periods: 4, impacts: 2}
+output: out.h5
+"""
+PART = Path("out.h5.part")
+SECTOR = 512
 
 
-@pytest.fixture
-def whole(tmp_path):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
     """Return the data of a file that was written in one go."""
-    fill_blocks(tmp_path / "whole.h5")
-    return data(tmp_path / "whole.h5")
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    fill_blocks(path)
+    return data(path)
+
+
+def done_of(path, whole):
+    """Return how many points of an incomplete sweep are there; they are as they are to be."""
+    with open_sweep(path) as dataset:
+        done = dataset["status"].values != Status.PENDING
+        for name in ("poincare_x", "chatters", "lyapunov", "impact_v"):
+            np.testing.assert_array_equal(dataset[name].values[done], whole[name].values[done])
+    return int(done.sum())
+
+
+def resumed(whole, **options):
+    """Go on to the end, and compare the data."""
+    fill_blocks("out.h5", resume=True, **options)
+    xr.testing.assert_identical(data("out.h5"), whole)
+    assert {path.name for path in Path().iterdir()} <= {"out.h5", "sweep.yaml"}
 
 
 # Resuming
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
-def test_a_resumed_file_ends_with_the_same_data(tmp_path, whole, compressed):
-    path = tmp_path / "out.h5"
-    for blocks in (0, 1, 2, 0, None, None):  # the last finds nothing to do
-        fill_blocks(path, blocks, compressed, resume=True)
-        with open_sweep(path) as dataset, xr.open_dataset(path, engine="h5netcdf") as plain:
-            xr.testing.assert_identical(dataset, plain)
-    xr.testing.assert_identical(data(path), whole)
+def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
+    for blocks in (0, 1, 2, 0):
+        fill_blocks("out.h5", blocks, compressed, resume=True)
+    assert done_of("out.h5", whole) == 6
+    resumed(whole, compressed=compressed)
+    before = Path("out.h5").read_bytes()
+    resumed(whole)  # with nothing to do
+    assert Path("out.h5").read_bytes() == before
 
 
-@pytest.mark.slow
-def test_a_file_keeps_its_own_blocks(tmp_path, whole):
-    path = tmp_path / "out.h5"
-    fill_blocks(path, 2)
-    with sweep_writer(path, layout(block_size=5), resume=True) as store:
+def test_a_journal_keeps_its_own_blocks():
+    fill_blocks("out.h5", 2)
+    with sweep_writer("out.h5", schema(block_size=5), resume=True) as store:
         assert store.pending() == list(GRID.blocks(2))[2:]
 
 
-@pytest.mark.slow
-def test_the_duration_is_that_of_all_sessions(tmp_path, monkeypatch):
-    path, now = tmp_path / "out.h5", 0.0
+def test_the_duration_is_that_of_all_sessions(monkeypatch):
+    now = 0.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    for session, blocks in enumerate((1, 1, None), 1):  # every one copies the file, too
-        with sweep_writer(path, layout(), resume=True) as store:
+    for session, blocks in enumerate((1, 1, None), 1):
+        with sweep_writer("out.h5", schema(), resume=True) as store:
+            now += 1000.0
             for block in store.pending()[:blocks]:
                 store.write(block, results(block))
-            now += 1000.0
             if not store.pending():
                 store.finish()
-        with open_sweep(path) as dataset:
+        with open_sweep("out.h5") as dataset:
             assert dataset.attrs["duration"] == 1000.0 * session
-
-
-def test_a_complete_file_is_left_alone(tmp_path):
-    path = tmp_path / "out.h5"
-    fill_blocks(path)
-    before = path.read_bytes()
-    fill_blocks(path, resume=True)
-    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -83,161 +105,335 @@ def test_a_complete_file_is_left_alone(tmp_path):
         ({"grid": Grid(dict(reversed(GRID.axes.items())), {})}, ["values or another order"]),
     ],
 )  # fmt: skip
-def test_another_sweep_is_not_resumed(tmp_path, changed, parts):
-    path = tmp_path / "out.h5"
-    fill_blocks(path, 2)
-    before = path.read_bytes()
-    with pytest.raises(StoreError, match=r"out\.h5 cannot be resumed: ") as caught:
-        with sweep_writer(path, layout(**changed), resume=True):
+@pytest.mark.parametrize("blocks", [2, None])
+def test_another_sweep_is_not_resumed(changed, parts, blocks):
+    fill_blocks("out.h5", blocks)
+    name = "out.h5" if blocks is None else "out.h5.part"
+    before = Path(name).read_bytes()
+    with pytest.raises(StoreError, match=rf"{name} cannot be resumed: ") as caught:
+        with sweep_writer("out.h5", schema(**changed), resume=True):
             pass
-    for part in (*parts, "--overwrite"):
-        assert part in str(caught.value)
-    assert path.read_bytes() == before
+    assert all(part in str(caught.value) for part in (*parts, "--overwrite"))
+    assert Path(name).read_bytes() == before
 
 
-def test_another_name_is_no_other_sweep(tmp_path):
-    path = tmp_path / "out.h5"
-    with sweep_writer(path, layout("name: a\nh: 1\n")):
+def test_another_name_is_no_other_sweep():
+    with sweep_writer("out.h5", schema(configuration="name: a\nh: 1\n")):
         pass
-    with sweep_writer(path, layout("h: 1\nname: b\n"), resume=True):
+    with sweep_writer("out.h5", schema(configuration="h: 1\nname: b\n"), resume=True):
         pass
 
 
-# Commits
+# A kill, or a loss of power
 
 
-class Killed(BaseException):
-    """Stands for a kill: nothing is written after it."""
-
-
-@pytest.mark.parametrize(
-    "every",
-    [pytest.param(101, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
-)
-@pytest.mark.parametrize("compressed", [False, True])
-def test_wherever_a_write_is_cut_off_the_file_opens_and_resumes(
-    tmp_path, monkeypatch, whole, compressed, every
-):
-    """Every 101st write, or every one, is the last one, and is cut in half, in turn.
-
-    Not where it lies in one aligned piece of 32 bytes, which memory and disk take as a whole: it
-    is left out instead.
-    """
-    path = tmp_path / "out.h5"
-    written = 0
-    real = ledger.write_all
-
-    def write_all(descriptor, part, start):
-        nonlocal written
-        written += 1
-        if written == last and start // 32 != (start + len(part) - 1) // 32:
-            real(descriptor, memoryview(part)[: len(part) // 2], start)
-        if written >= last:
-            raise Killed
-        real(descriptor, part, start)
-
-    last = 0
-    for module in ("ledger", "creation", "blocks"):
-        monkeypatch.setattr(f"sweeps.store.{module}.write_all", write_all)
-    ended = False
-    while not ended:
-        last, written = last + every, 0
-        path.unlink(missing_ok=True)
-        try:
-            fill_blocks(path, 2, resume=True)
-            fill_blocks(path, None, compressed, resume=True)
-            ended = True
-        except Killed:
-            pass
-        written = -(10**9)
-        if path.exists():
-            with open_sweep(path) as dataset, xr.open_dataset(path, engine="h5netcdf") as plain:
-                xr.testing.assert_identical(dataset, plain)
-                done = dataset["status"].values != Status.PENDING
-                for name in ("poincare_x", "chatters", "lyapunov"):
-                    expected = whole[name].values[done]
-                    np.testing.assert_array_equal(dataset[name].values[done], expected)
-        fill_blocks(path, None, compressed, resume=True)
-        xr.testing.assert_identical(data(path), whole)
-        assert [file.name for file in tmp_path.iterdir() if "out" in file.name] == ["out.h5"]
-    assert last > 100
-
-
-def place_of(path, name):
-    """Return where the bytes of a variable start."""
-    with h5py.File(path) as file:
-        return file[name].id.get_offset()
-
-
-def test_each_part_of_a_block_is_on_the_disk_before_the_next_is_written(tmp_path, monkeypatch):
-    path = tmp_path / "out.h5"
-    with sweep_writer(path, layout()) as store:
-        block = store.pending()[0]
-        events = []
-        monkeypatch.setattr(block_file, "write_all", lambda _, data, start: events.append(start))
-        monkeypatch.setattr(ledger, "write_all", lambda _, data, start: events.append(data[:4]))
-        monkeypatch.setattr(block_file, "sync", lambda _: events.append("sync"))
-        store.write(block, results(block, samples=6))
-        monkeypatch.undo()
-        store._file.ledger.reread()  # nothing was written
-    names = [name for name in VARIABLES if name != "status"]
-    data = [place_of(path, name) for name in names]
-    status = place_of(path, "status")
-    assert events == [b"WRIT", "sync", *data, "sync", status, "sync", b"DONE"]
+def test_a_journal_that_is_cut_off_anywhere_has_the_blocks_before(whole):
+    """As a kill leaves it, and the file system after a loss of power."""
+    fill_blocks("out.h5", 0)
+    header = PART.stat().st_size
+    fill_blocks("out.h5", 3, resume=True)
+    content = PART.read_bytes()
+    lengths = {header, len(content), *np.linspace(header, len(content), 13).astype(int)}
+    counts = []
+    for length in sorted(lengths):
+        PART.write_bytes(content[:length])
+        counts.append(done_of("out.h5", whole))
+        with sweep_writer("out.h5", schema(), resume=True) as store:
+            assert 12 - 2 * len(store.pending()) == counts[-1] and store.damaged == 0
+    assert counts == sorted(counts) and set(counts) == {0, 2, 4, 6}
+    PART.write_bytes(content[: header + (len(content) - header) // 2])
+    resumed(whole)
 
 
 @pytest.mark.slow
-def test_a_block_that_the_power_was_lost_in_is_pending_and_not_damaged(
-    tmp_path, monkeypatch, whole
+@pytest.mark.parametrize("old", [b"\0", None])
+def test_of_the_last_block_any_sectors_may_be_lost(whole, old):
+    """Whatever is there instead: zeros, or what the disk held before."""
+    fill_blocks("out.h5", 2)
+    start = PART.stat().st_size
+    fill_blocks("out.h5", 1, resume=True)
+    content = PART.read_bytes()
+    random = np.random.default_rng(1)
+    sectors = range(start // SECTOR, -(-len(content) // SECTOR))
+    for case in range(16):
+        lost = [sectors[case % len(sectors)]] if case < 6 else random.permutation(sectors)[:case]
+        damaged = bytearray(content)
+        for sector in lost:
+            cut = slice(max(start, sector * SECTOR), min((sector + 1) * SECTOR, len(content)))
+            size = cut.stop - cut.start
+            damaged[cut] = old * size if old else random.bytes(size)
+        PART.write_bytes(damaged)
+        if case % 2:
+            fill_blocks("out.h5", 0, resume=True)  # which cuts off what was lost
+        assert done_of("out.h5", whole) == (6 if damaged == content else 4)
+    resumed(whole)
+
+
+def test_each_block_is_on_the_disk_before_the_next_and_the_file_before_the_journal_goes(
+    monkeypatch,
 ):
-    """Of what was written after the last sync any part may be on the disk."""
-    path = tmp_path / "out.h5"
-    epochs = [[]]
-    with sweep_writer(path, layout()) as store:
-        _, second, longer, *_ = store.pending()
-        store.write(longer, results(longer))
-        before = path.read_bytes()
-        for module in (ledger, block_file):
-            record = lambda _, part, start: epochs[-1].append((start, bytes(part)))  # noqa: E731
-            monkeypatch.setattr(module, "write_all", record)
-        monkeypatch.setattr(block_file, "sync", lambda _: epochs.append([]))
-        store.write(second, results(second))
-        monkeypatch.undo()
-        store._file.ledger.reread()
-    assert [len(epoch) for epoch in epochs] == [1, len(VARIABLES) - 1, 1, 1]
-    states = set()
-    for number, epoch in enumerate(epochs):
-        for kept in [[], epoch, *([write] for write in epoch)]:
-            content = bytearray(before)
-            for start, part in [*itertools.chain(*epochs[:number]), *kept]:
-                content[start : start + len(part)] = part
-            path.write_bytes(content)
-            with open_sweep(path) as dataset:
-                done = dataset["status"].values != Status.PENDING
-                for name in ("poincare_x", "chatters", "lyapunov"):
-                    expected = whole[name].values[done]
-                    np.testing.assert_array_equal(dataset[name].values[done], expected)
-            states.add(int(done.sum()))
-    assert states == {2, 4}
-    fill_blocks(path, resume=True)
-    xr.testing.assert_identical(data(path), whole)
+    events = []
+    fsync, replace, unlink = os.fsync, os.replace, Path.unlink
+
+    def synced(descriptor):
+        fsync(descriptor)
+        events.append(("sync", os.fstat(descriptor).st_ino, os.fstat(descriptor).st_size))
+
+    def replaced(source, target):
+        file = os.stat(source)
+        assert ("sync", file.st_ino, file.st_size) in events
+        replace(source, target)
+        events.append(("replaced", Path(target).name))
+
+    def unlinked(path, **options):
+        unlink(path, **options)
+        events.append(("removed", path.name))
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    with sweep_writer("out.h5", schema()) as store:
+        for block in store.pending():
+            store.write(block, results(block))
+            assert events[-1] == ("sync", PART.stat().st_ino, PART.stat().st_size)
+        folder = os.stat(".").st_ino
+        store.finish()
+    at = events.index(("replaced", "out.h5"))
+    assert events[at + 1][:2] == ("sync", folder)
+    assert events.index(("removed", "out.h5.part")) > at + 1
 
 
-def test_a_box_that_is_not_contiguous_is_written_to_its_places(tmp_path):
-    path = tmp_path / "out.h5"
-    grid = Grid({name: np.arange(n, dtype=float) for name, n in (("h", 3), ("R", 4), ("f", 5))}, {})
-    plan = layout(grid=grid, block_size=60)
-    boxes = [
-        (slice(h, h + 3), slice(r, r + 2), slice(f, min(f + 3, 5)))
-        for h in (0,) for r in (0, 2) for f in (0, 3)
-    ]  # fmt: skip
-    object.__setattr__(plan, "blocks", boxes)
-    with sweep_writer(path, plan) as store:
-        for box in boxes:
-            store.write(box, results(box, samples=6))
-    with open_sweep(path) as dataset:
-        for box in boxes:
-            for name, array in results(box, samples=6).items():
-                np.testing.assert_array_equal(
-                    dataset[name].values[box], array.reshape(dataset[name].values[box].shape)
-                )
+# A full disk
+
+
+@contextmanager
+def small_disk(size):
+    """Limit the size of files, but of none that the tests themselves write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
+    with pytest.raises(Failed, match=r"out\.h5 cannot be created: File too large$"):
+        with small_disk(5000):
+            fill_blocks("out.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["sweep.yaml"]
+
+
+def test_a_disk_that_fills_up_keeps_every_block_before(whole):
+    fill_blocks("out.h5", 2)
+    with pytest.raises(Failed, match=r"out\.h5 cannot be written: File too large$"):
+        with small_disk(PART.stat().st_size + 1000):
+            fill_blocks("out.h5", resume=True)
+    assert done_of("out.h5", whole) == 4
+    resumed(whole)
+
+
+@pytest.mark.parametrize(
+    "sizes", [9, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
+)
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
+    """Wherever in the complete file: HDF5 alone would end the process."""
+    fill_blocks("size.h5", compressed=compressed)
+    full = Path("size.h5").stat().st_size
+    Path("size.h5").unlink()
+    with sweep_writer("out.h5", schema()) as store:
+        for block in store.pending():
+            store.write(block, results(block))
+        for size in np.linspace(0, full - 100, sizes):
+            with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
+                with small_disk(size):
+                    store.finish(compressed=compressed)
+    assert {path.name for path in Path().iterdir()} == {"out.h5.part", "sweep.yaml"}
+    assert done_of("out.h5", whole) == 12
+    resumed(whole, compressed=compressed)
+
+
+# A file that is lost or comes in the middle of a run
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 10)
+
+
+def replace():
+    shutil.copy(PART, "other")
+    os.replace("other", PART)
+
+
+def truncate():
+    os.truncate(PART, PART.stat().st_size - 100)
+
+
+def empty_and_restore():
+    """As ``cp`` does it: the size is as before, and the content is not."""
+    size = PART.stat().st_size
+    os.truncate(PART, 0)
+    os.truncate(PART, size)
+
+
+def move_folder():
+    Path("elsewhere").mkdir()
+    PART.rename("elsewhere/out.h5.part")
+
+
+LOSSES = {
+    PART.unlink: "out.h5.part was removed by another program",
+    replace: "out.h5.part was replaced by another program",
+    truncate: "out.h5.part was truncated by another program",
+    empty_and_restore: "a block of .*out.h5.part was changed by another program",
+    move_folder: "out.h5.part was removed by another program",
+}
+
+
+@pytest.mark.parametrize("at", [1, 3])
+@pytest.mark.parametrize("lose", LOSSES)
+def test_a_lost_journal_is_a_failure_that_says_so(monkeypatch, small_blocks, lose, at):
+    """Between two of four blocks, or before the last."""
+    blocks = []
+
+    def losing(self, block, results):
+        if len(blocks) == at:
+            lose()
+        blocks.append(block)
+        write(self, block, results)
+
+    write = SweepWriter.write
+    monkeypatch.setattr(SweepWriter, "write", losing)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: the run failed: ")
+    assert re.search(LOSSES[lose], result.stderr)
+    assert not Path("out.h5").exists() and not list(Path().glob(".out*"))
+    if lose is replace:  # what is kept is said
+        assert f"{10 * at} of 40 points kept in out.h5.part; to go on: " in result.stderr
+
+
+def test_a_file_that_another_program_puts_there_is_left_alone(monkeypatch):
+    finish = SweepWriter.finish
+
+    def finishing(self, *arguments, **options):
+        Path("out.h5").write_bytes(b"precious")
+        finish(self, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SweepWriter, "finish", finishing)
+        result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert "out.h5 was written by another program" in result.stderr
+    assert "40 of 40 points kept in out.h5.part; to go on: " in result.stderr
+    assert Path("out.h5").read_bytes() == b"precious"
+    Path("out.h5").unlink()
+    assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
+    open_sweep("out.h5").close()
+
+
+def test_what_is_lost_at_the_very_end_is_said(monkeypatch):
+    finish = SweepWriter.finish
+
+    def losing(self, *arguments, **options):
+        finish(self, *arguments, **options)
+        Path("out.h5").unlink()
+
+    monkeypatch.setattr(SweepWriter, "finish", losing)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1 and "the output is gone: out.h5 does not exist" in result.stderr
+
+
+# Overwriting
+
+
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("blocks", [2, None])
+def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure, blocks):
+    fill_blocks("out.h5", blocks)
+    (old,) = Path().glob("out.h5*")
+    before = old.read_bytes()
+
+    def fail(*_, **__):
+        raise failure
+
+    for where in ("sweeps.store.journal.describe", "sweeps.engine.run.estimate"):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, fail)
+            result = call("run", "sweep.yaml", "--quiet", "--overwrite")
+        assert result.exit_code == 1
+        assert f"nothing is kept of it, and the old {old} is as it was" in result.stderr
+        assert "--resume" not in result.stderr
+        assert old.read_bytes() == before
+
+
+def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, small_blocks, whole):
+    fill_blocks("out.h5")
+    compute_block, computed = workers.compute_block, []
+
+    def stopping(*arguments, **named):
+        xr.testing.assert_identical(data("out.h5"), whole)
+        if computed:
+            raise KeyboardInterrupt
+        computed.append(1)
+        return compute_block(*arguments, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workers, "compute_block", stopping)
+        result = call("run", "sweep.yaml", "--quiet", "--overwrite")
+    assert result.exit_code == 1
+    assert "10 of 40 points kept in out.h5.part; to go on: " in result.stderr
+    xr.testing.assert_identical(data("out.h5"), whole)
+    assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
+    with open_sweep("out.h5") as dataset:
+        assert dataset["status"].shape == (40,)
+    assert not PART.exists()
+
+
+def test_the_commands_read_a_sweep_that_is_not_complete(monkeypatch, small_blocks):
+    """And `run` takes its configuration and goes on."""
+
+    def interrupted(self, block, results):
+        write(self, block, results)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        write = SweepWriter.write
+        patch.setattr(SweepWriter, "write", interrupted)
+        assert call("run", "sweep.yaml", "--quiet").exit_code == 1
+    assert "40 points, of which 30 PENDING" in call("info", "out.h5").stdout
+    for arguments in (["plot", "out.h5"], ["export", "out.h5", "-o", "out.csv"]):
+        assert call(*arguments).exit_code == 0
+    Path("sweep.yaml").unlink()
+    assert call("run", "out.h5", "--quiet", "--resume").exit_code == 0
+    assert "40 points" in call("info", "out.h5").stdout and not PART.exists()
+
+
+# A name that changes its meaning during a run
+
+
+def turn_the_link():
+    Path("link.h5").unlink()
+    Path("link.h5").symlink_to("other.h5")
+
+
+@pytest.mark.parametrize("change", [turn_the_link, lambda: os.chdir("folder")])
+def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
+    """A link may be turned to another file, and a program may change its folder."""
+    Path("folder").mkdir()
+    Path("link.h5").symlink_to("real.h5")
+    write = SweepWriter.write
+
+    def writing(writer, block, results):
+        write(writer, block, results)
+        monkeypatch.setattr(SweepWriter, "write", write)
+        change()
+
+    config = load_config("sweep.yaml")
+    monkeypatch.setattr(SweepWriter, "write", writing)
+    run_sweep(config, "link.h5")
+    assert not (tmp_path / "other.h5").exists() and not (tmp_path / "real.h5.part").exists()
+    with open_sweep(tmp_path / "real.h5") as dataset:
+        assert not (dataset["status"] == Status.PENDING).any()

@@ -1,35 +1,67 @@
-"""A small sweep, with results that depend on the block alone, as tests write it."""
+"""A small sweep as tests write it, with results that depend on the block alone."""
 
 import numpy as np
 
 from sweep_files import fill, random_results
+from sweeps.config.schema import DIAGNOSTICS
 from sweeps.grid import Grid, block_points
-from sweeps.store.layout import Layout
+from sweeps.store import VARIABLES, Schema
 
-GRID = Grid({"R": np.array([0.5, 0.8]), "omega": np.linspace(1.0, 4.0, 6)}, {})
+CONFIGURATION = "oscillator: {h: 0.1}\n"
+GRID = Grid(
+    {"R": np.array([0.5, 0.8]), "omega": np.linspace(1.0, 4.0, 6)},
+    {"h": 0.1, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0},
+)
+WIDTHS = {"section": 20, "impact": 3, "sample": 6}
 
 
-WIDTHS = {"section": 50, "impact": 3, "sample": 6}
-
-
-def layout(configuration="oscillator: {h: 0.1}\n", numerics="1", grid=GRID, block_size=2):
-    return Layout.of(
+def schema(
+    grid=GRID,
+    *,
+    block_size=2,
+    widths=WIDTHS,
+    diagnostics=DIAGNOSTICS,
+    configuration=CONFIGURATION,
+    numerics="1",
+):
+    return Schema.of(
         grid,
         grid.blocks(block_size),
         attributes={"name": "a test", "configuration": configuration, "numerics": numerics},
-        widths=WIDTHS,
-        first_section=1,
-        diagnostics=("period", "lyapunov"),
+        widths=widths,
+        first_section=11,
+        diagnostics=diagnostics,
     )
 
 
-def results(block, samples=None):
-    """Results that depend on the block alone; its trajectories too have their own length."""
+def results(block, samples=None, widths=WIDTHS):
+    """Results of a block; its trajectories too have their own length."""
     seed = [cut.start for cut in block]
     samples = 4 + 3 * sum(seed) if samples is None else samples
-    return random_results(block_points(block), {**WIDTHS, "sample": samples}, seed)
+    return random_results(block_points(block), {**widths, "sample": samples}, seed)
 
 
 def fill_blocks(path, blocks=None, compressed=False, **options):
-    """Write that many of the pending blocks; finish the file where it is complete."""
-    return fill(path, layout(), results, blocks, compressed, **options)
+    """Write that many of the pending blocks; finish the file where that are all."""
+    return fill(path, schema(), results, blocks, compressed, **options)
+
+
+def whole(grid=GRID, samples=6):
+    """Results of every point, shaped like the grid."""
+    arrays = results(tuple(slice(0, n) for n in grid.shape), samples)
+    return {name: array.reshape(*grid.shape, *array.shape[1:]) for name, array in arrays.items()}
+
+
+def part(arrays, block):
+    """The results of a block, out of those of every point."""
+    return {
+        name: array[block].reshape(block_points(block), *array.shape[len(block) :])
+        for name, array in arrays.items()
+    }
+
+
+def assert_holds(dataset, arrays, where=...):
+    """Compare what a sweep holds at some points, to the bit."""
+    for name in dataset.data_vars:
+        np.testing.assert_array_equal(dataset[name].values[where], arrays[name][where])
+    assert set(dataset.data_vars) <= set(VARIABLES)

@@ -1,0 +1,243 @@
+"""The journal of a sweep that is not complete: its blocks, in the order in which they came.
+
+It begins with a header: the schema of the sweep as an HDF5 file without data, and before it its
+size and checksum. A record for every block follows: a head with the number of the block, a checksum
+of the head and one of each array; then the arrays, in the order of the schema. A record is on the
+disk before the next one is begun. So a kill or a loss of power damages the last record alone, whose
+checksums do not fit then: its block counts as not computed, as does one that is damaged later.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import h5py
+import numpy as np
+
+from sweeps.errors import Failed, StoreError
+from sweeps.grid import Block, block_points, box_shape
+from sweeps.interrupts import check
+from sweeps.store.paths import (
+    FORMAT_VERSION,
+    JOURNAL,
+    journal_path,
+    open_regular,
+    refuse_version,
+)
+from sweeps.store.schema import Schema, add_blocks, describe, schema_in
+from sweeps.store.variables import VARIABLES
+
+#: How a journal begins: magic, format version, checksum of the rest of the header, its size.
+_HEADER = struct.Struct("<8sIIQ")
+#: The head of a record: its checksum, block, samples of its trajectories, duration so far [s]; then
+#: the checksums of the arrays.
+_HEAD = [("check", "<u4"), ("number", "<u4"), ("samples", "<u8"), ("seconds", "<f8")]
+
+
+class Record(NamedTuple):
+    """A block in a journal: where its arrays are, from `start` to `end`, and their checksums."""
+
+    number: int
+    samples: int
+    seconds: float
+    checksums: Mapping[str, int]
+    start: int
+    end: int
+
+
+def create(path: Path, schema: Schema) -> None:
+    """Write the journal of a sweep, without a block, into an empty file."""
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="earliest") as file:
+        describe(file, schema)
+        add_blocks(file, schema)
+    header = image.getvalue()
+    start = _HEADER.pack(JOURNAL, FORMAT_VERSION, zlib.crc32(header), len(header))
+    path.write_bytes(start + header)
+
+
+class Journal:
+    """A journal that is open: for reading, or for the one writer of the sweep.
+
+    `records` has those that are sound, by the number of the block, and `damaged` is the number of
+    those before the last that are not. With `verify` all are compared with their checksums, which
+    reads the whole journal, otherwise the last alone. What follows the last sound one is cut off
+    where blocks are to be appended. Raises FileNotFoundError, or StoreError if the file is no
+    journal of this format version or its header is damaged.
+    """
+
+    def __init__(self, path: Path, *, verify: bool = True, writable: bool = False) -> None:
+        self.path = path
+        self._file: Any = path.open("r+b") if writable else open_regular(path)
+        try:
+            self.schema, self._end = self._header()
+            self._head = np.dtype([*_HEAD, ("checksums", "<u4", len(self.schema.variables))])
+            self._find_records(verify)
+            if writable:
+                self._file.truncate(self._end)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def samples(self) -> int:
+        """Samples of the longest trajectory that is there."""
+        return max((record.samples for record in self.records.values()), default=1)
+
+    @property
+    def seconds(self) -> float:
+        """What the run had taken when the last block came."""
+        return max((record.seconds for record in self.records.values()), default=0.0)
+
+    def box(self, record: Record, name: str) -> Block:
+        """Return the part of a variable that is in a record, whose trajectories may be shorter."""
+        block, dimension = self.schema.blocks[record.number], VARIABLES[name].record
+        if dimension is None:
+            return block
+        whole = len(self.schema.records[dimension])
+        return (*block, slice(0, record.samples if dimension == "sample" else whole))
+
+    def read(self, record: Record, name: str) -> np.ndarray:
+        """Return the results of a block, of shape (box..., record); StoreError if damaged."""
+        start = record.start
+        for other in self.schema.variables[: self.schema.variables.index(name)]:
+            start += self._size(record, other)
+        array = np.empty(box_shape(self.box(record, name)), VARIABLES[name].dtype)
+        self._file.seek(start)
+        self._file.readinto(_bytes(array))
+        if zlib.crc32(_bytes(array)) != record.checksums[name]:
+            raise StoreError(f"{name} of a block of {self.path} was changed by another program")
+        return array
+
+    def append(
+        self, number: int, arrays: Mapping[str, np.ndarray], samples: int, seconds: float
+    ) -> None:
+        """Append a block, whose arrays are contiguous and in order; it is then on the disk."""
+        self.refuse_loss()
+        checksums = {name: zlib.crc32(_bytes(array)) for name, array in arrays.items()}
+        head = np.array((0, number, samples, seconds, [*checksums.values()]), self._head)
+        head["check"] = zlib.crc32(head.tobytes())
+        self._file.seek(self._end)
+        self._file.write(head.tobytes())
+        for array in arrays.values():
+            self._file.write(_bytes(array))
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        start, self._end = self._end + self._head.itemsize, self._file.tell()
+        self.records[number] = Record(number, samples, seconds, checksums, start, self._end)
+
+    def refuse_loss(self) -> None:
+        """Refuse to go on where another program has removed, replaced or changed the journal."""
+        here = os.fstat(self._file.fileno())
+        try:
+            loss = "" if os.path.samestat(here, os.stat(self.path)) else "replaced"
+        except OSError:
+            loss = "removed"
+        if not loss and here.st_size != self._end:
+            loss = "truncated" if here.st_size < self._end else "changed"
+        if loss:
+            raise Failed(f"{self.path} was {loss} by another program while it was written")
+
+    def remove(self) -> None:
+        """Close and remove the journal, unless another file has its name by now."""
+        here = os.fstat(self._file.fileno())
+        self.close()
+        if self.path.exists() and os.path.samestat(here, os.stat(self.path)):
+            self.path.unlink()
+
+    def _header(self) -> tuple[Schema, int]:
+        """Read the header; return the schema and where the first record starts."""
+        start = self._file.read(_HEADER.size)
+        if len(start) < _HEADER.size or not start.startswith(JOURNAL):
+            raise StoreError(f"{self.path} is not the journal of a sweep")
+        _, version, crc, size = _HEADER.unpack(start)
+        if version != FORMAT_VERSION:
+            refuse_version(self.path)
+        header = self._file.read(min(size, os.fstat(self._file.fileno()).st_size))
+        if zlib.crc32(header) != crc:
+            raise StoreError(
+                f"{self.path} is damaged at its beginning, or truncated; run its configuration "
+                "again with --overwrite"
+            )
+        with h5py.File(io.BytesIO(header), "r") as file:
+            return schema_in(file), _HEADER.size + size
+
+    def _find_records(self, verify: bool) -> None:
+        """Find the records that are sound, and the end of the last of them."""
+        self.records: dict[int, Record] = {}
+        self.damaged = 0
+        found = list(self._heads())
+        for record in found:
+            if verify:  # otherwise it is read to say what an interrupted run has kept
+                check()
+            last = record is found[-1]
+            if (verify or last) and not self._is_sound(record):
+                self.damaged += not last
+                continue
+            self.records[record.number] = record
+            self._end = record.end
+
+    def _heads(self) -> Iterator[Record]:
+        """Yield the records, up to the first whose head is not sound, or that is cut off."""
+        at, size = self._end, os.fstat(self._file.fileno()).st_size
+        while at + self._head.itemsize <= size:
+            self._file.seek(at)
+            head = np.frombuffer(self._file.read(self._head.itemsize), self._head)[0].copy()
+            crc, head["check"] = int(head["check"]), 0
+            if zlib.crc32(head.tobytes()) != crc:
+                return
+            checksums = dict(zip(self.schema.variables, head["checksums"].tolist(), strict=True))
+            numbers = int(head["number"]), int(head["samples"]), float(head["seconds"])
+            record = Record(*numbers, checksums, at + self._head.itemsize, 0)
+            at = record.start + sum(self._size(record, name) for name in self.schema.variables)
+            if at > size:
+                return
+            yield record._replace(end=at)
+
+    def _size(self, record: Record, name: str) -> int:
+        """Return the bytes of an array."""
+        return (
+            math.prod(box_shape(self.box(record, name))) * np.dtype(VARIABLES[name].dtype).itemsize
+        )
+
+    def _is_sound(self, record: Record) -> bool:
+        """Return whether the arrays of a block have their checksums."""
+        try:
+            for name in self.schema.variables:
+                self.read(record, name)
+        except StoreError:
+            return False
+        return True
+
+
+def _bytes(array: np.ndarray) -> memoryview:
+    """Return the bytes of a contiguous array, not copied."""
+    return array.reshape(-1).view(np.uint8).data
+
+
+def kept_points(path: Path) -> tuple[int, int] | None:
+    """Return the points in the journal of a sweep and all of its points; None without a journal."""
+    try:
+        with Journal(journal_path(path), verify=False) as journal:
+            blocks = journal.schema.blocks
+            done = sum(block_points(blocks[number]) for number in journal.records)
+            return done, sum(map(block_points, blocks))
+    except (FileNotFoundError, StoreError):
+        return None

@@ -1,0 +1,86 @@
+"""A sweep that is not complete as an ``xarray.Dataset``, read from its journal.
+
+Its arrays are read when they are used, as those of a complete file: this is what xarray asks of a
+file format (https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html).
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import h5py
+import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray, BackendEntrypoint
+from xarray.core import indexing
+
+from sweeps.grid import box_shape
+from sweeps.store.journal import Journal
+from sweeps.store.schema import describe
+from sweeps.store.variables import VARIABLES
+
+
+def open_journal(journal: Journal) -> xr.Dataset:
+    """Return a sweep as far as it is in a journal, which is closed with the Dataset.
+
+    Points that are not there have the status ``PENDING``, and NaN or -1.
+    """
+    return xr.open_dataset(journal, engine=_JournalBackend)  # type: ignore[arg-type]
+
+
+class _JournalBackend(BackendEntrypoint):
+    """Opens a journal for xarray."""
+
+    def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None) -> xr.Dataset:
+        journal: Journal = filename_or_obj
+        schema, image = journal.schema.with_samples(journal.samples), io.BytesIO()
+        with h5py.File(image, "w") as file:
+            describe(file, schema)
+            file.attrs["duration"] = journal.seconds
+        with xr.open_dataset(image, engine="h5netcdf") as empty:
+            dataset = empty.drop_vars(schema.variables).load()
+            for name in schema.variables:
+                data = indexing.LazilyIndexedArray(_Array(journal, name, schema.shape_of(name)))
+                dataset[name] = xr.Variable(empty[name].dims, data, empty[name].attrs)
+        dataset.set_close(journal.close)
+        return dataset
+
+
+class _Array(BackendArray):
+    """A variable of a journal."""
+
+    def __init__(self, journal: Journal, name: str, shape: tuple[int, ...]) -> None:
+        self._journal, self._name = journal, name
+        self.shape, self.dtype = shape, np.dtype(VARIABLES[name].dtype)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        support = indexing.IndexingSupport.BASIC
+        return indexing.explicit_indexing_adapter(key, self.shape, support, self._read)
+
+    def _read(self, key: tuple[int | slice, ...]) -> np.ndarray:
+        """Return what integers and slices choose, from the blocks that have a part of it."""
+        chosen = [
+            range(n)[cut if isinstance(cut, slice) else slice(cut, cut + 1)]
+            for cut, n in zip(key, self.shape, strict=True)
+        ]
+        window = [slice(one[0], one[-1] + 1) if one else slice(0, 0) for one in chosen]
+        found = np.full(box_shape(tuple(window)), VARIABLES[self._name].fill_value)
+        for record in self._journal.records.values():
+            box = self._journal.box(record, self._name)
+            common = [
+                slice(max(a.start, b.start), min(a.stop, b.stop))
+                for a, b in zip(box, window, strict=True)
+            ]
+            if all(cut.start < cut.stop for cut in common):
+                array = self._journal.read(record, self._name)
+                found[_within(window, common)] = array[_within(box, common)]
+        steps = (slice(None, None, c.step) if isinstance(c, slice) else 0 for c in key)
+        return found[tuple(steps)]
+
+
+def _within(box: Sequence[slice], part: Sequence[slice]) -> tuple[slice, ...]:
+    """Return where a part of a box lies in it."""
+    pairs = zip(part, box, strict=True)
+    return tuple(slice(cut.start - of.start, cut.stop - of.start) for cut, of in pairs)

@@ -1,0 +1,258 @@
+"""What the file of a sweep holds beside its data: dimensions, attributes, variables and blocks.
+
+The same two functions write and read it in a complete file and in the header of a journal, which is
+a small HDF5 file without data.
+"""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from sweeps.grid import Block, Grid, block_points, box_shape
+from sweeps.store.paths import FORMAT, FORMAT_VERSION
+from sweeps.store.variables import (
+    DIRECTION,
+    DIRECTION_MEANING,
+    FIXED_WIDTHS,
+    RECORDS,
+    VARIABLES,
+    held_variables,
+)
+from sweeps.text import in_units
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
+
+#: The attribute of a refined sweep that counts the points added to its grid.
+ADDED = "points_added"
+
+#: The attribute that names the parameters that are not swept: coordinates for xarray (CF 5).
+_COORDINATES = "coordinates"
+#: The blocks, in the header of a journal alone.
+_BLOCKS = "blocks"
+#: Values in one chunk of a variable, at most.
+_CHUNK_VALUES = 1 << 17
+
+
+@dataclass(frozen=True)
+class Schema:
+    """What the file of a sweep holds, except its data.
+
+    Attributes
+    ----------
+    axes : mapping of str to ndarray
+        The leading dimensions of every result: the swept axes, and before them ``direction``
+        where one was followed up and down.
+    fixed : mapping of str to float
+        The value of every parameter that is not swept.
+    records : mapping of str to ndarray
+        The record dimensions and their coordinates. The width of ``sample`` is known in a complete
+        file only.
+    variables : tuple of str
+        Those of ``VARIABLES`` that there are, in that order.
+    blocks : sequence of Block
+        In which the points are computed and kept; none in a complete file.
+    attributes : mapping of str to str or int
+        Of the file, the configuration among them.
+    """
+
+    axes: Mapping[str, np.ndarray]
+    fixed: Mapping[str, float]
+    records: Mapping[str, np.ndarray]
+    variables: tuple[str, ...]
+    blocks: Sequence[Block]
+    attributes: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        grid: Grid,
+        blocks: Iterable[Block],
+        *,
+        attributes: Mapping[str, Any],
+        widths: Mapping[str, int],
+        first_section: int,
+        diagnostics: Collection[str] = (),
+        directions: Sequence[str] = (),
+    ) -> Self:
+        """Return the schema of a new sweep.
+
+        `blocks` cover every point of the grid once. `attributes` have ``name``, ``configuration``
+        (as YAML), ``numerics`` (which names the code that computes the data), if wanted
+        ``length_unit`` and ``time_unit``, and what else the file is to keep. A record dimension
+        without a width, and a diagnostic that is not named, leave their variables out. Of two
+        directions in which an axis is followed, the data have a leading dimension.
+        """
+        recorded = held_variables(widths, diagnostics)
+        records = {
+            record: np.arange({**widths, **FIXED_WIDTHS}[record])
+            for record in dict.fromkeys(v.record for v in recorded.values() if v.record)
+        }
+        if "section" in records:
+            records["section"] += first_section
+        attributes = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            **attributes,
+            "vibroimpact_version": _version("vibroimpact"),
+            "numba_version": _version("numba"),
+            "numpy_version": np.__version__,
+            "h5py_version": _version("h5py"),
+            "platform": platform.platform(),
+            "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        }
+        axes = dict(grid.axes)
+        if len(directions) > 1:
+            axes = {DIRECTION: np.array(directions, object), **axes}
+            blocks = ((slice(0, len(directions)), *block) for block in blocks)
+        return cls(axes, grid.fixed, records, tuple(recorded), tuple(blocks), attributes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(len(values) for values in self.axes.values())
+
+    @property
+    def units(self) -> dict[str, str]:
+        """What the units of length and time are called."""
+        return {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
+
+    @property
+    def refined(self) -> bool:
+        """Whether points were added to the grid."""
+        return ADDED in self.attributes
+
+    def dimensions(self, name: str) -> tuple[str, ...]:
+        """Return the names of the dimensions of a variable."""
+        record = VARIABLES[name].record
+        return (*self.axes, record) if record else tuple(self.axes)
+
+    def shape_of(self, name: str, box: tuple[int, ...] | None = None) -> tuple[int, ...]:
+        """Return the shape of a variable, in a box of that shape or in the whole file."""
+        record = VARIABLES[name].record
+        width = (len(self.records[record]),) if record else ()
+        return (self.shape if box is None else box) + width
+
+    def with_points(self, values: np.ndarray) -> Self:
+        """Return the same with further values of its only axis, counted in an attribute."""
+        (axis,) = self.axes
+        all_values = np.union1d(self.axes[axis], values)
+        size = max(block_points(block) for block in self.blocks)
+        return replace(
+            self,
+            axes={axis: all_values},
+            blocks=tuple(Grid({axis: all_values}, {}).blocks(size)),
+            attributes={**self.attributes, ADDED: len(all_values) - len(self.axes[axis])},
+        )
+
+    def with_samples(self, width: int) -> Self:
+        """Return the same with another width of the trajectories, if there are any."""
+        if "sample" not in self.records:
+            return self
+        return replace(self, records={**self.records, "sample": np.arange(width)})
+
+
+def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
+    """Write the attributes and coordinates of a schema, and its variables without their data."""
+    file.attrs.update(schema.attributes)
+    file.attrs[_COORDINATES] = " ".join(schema.fixed)
+    for axis, values in schema.axes.items():
+        if axis == DIRECTION:
+            _add_scale(file, axis, values.astype(h5py.string_dtype()), (DIRECTION_MEANING, "1", ""))
+        else:
+            _add_scale(file, axis, values.astype(float), _about_parameter(axis, schema))
+    for name, value in schema.fixed.items():
+        _label(file.create_dataset(name, data=float(value)), _about_parameter(name, schema))
+    for record, numbers in schema.records.items():
+        _add_scale(file, record, numbers, (RECORDS[record], "1", ""))
+    for name in schema.variables:
+        variable = VARIABLES[name]
+        storage = _storage(schema, name, compressed)
+        dataset = file.create_dataset(name, schema.shape_of(name), variable.dtype, **storage)
+        unit = in_units(variable.unit, schema.units)
+        _label(dataset, (variable.long_name, unit, variable.symbol))
+        for index, dimension in enumerate(schema.dimensions(name)):
+            dataset.dims[index].attach_scale(file[dimension])
+    status = file["status"].attrs
+    status["flag_values"] = np.array(list(Status), VARIABLES["status"].dtype)
+    status["flag_meanings"] = " ".join(one.name.lower() for one in Status)
+
+
+def add_blocks(file: h5py.File, schema: Schema) -> None:
+    """Write the blocks of a schema."""
+    bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
+    shape = (len(schema.blocks), len(schema.axes), 2)
+    file[_BLOCKS] = np.array(bounds, np.int64).reshape(shape)
+
+
+def schema_in(file: h5py.File) -> Schema:
+    """Read what `describe` and `add_blocks` have written."""
+    variables = tuple(name for name in VARIABLES if name in file)
+    records = dict.fromkeys(VARIABLES[name].record for name in variables)
+    axes = [scale for dimension in file["status"].dims for scale in dimension.values()]
+    blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()
+    return Schema(
+        {scale.name.strip("/"): _values(scale) for scale in axes},
+        {name: float(file[name][()]) for name in str(file.attrs[_COORDINATES]).split()},
+        {record: file[record][()] for record in records if record},
+        variables,
+        [tuple(slice(*cut) for cut in block) for block in blocks],
+        {k: v for k, v in file.attrs.items() if k not in ("duration", _COORDINATES)},
+    )
+
+
+def _values(scale: h5py.Dataset) -> np.ndarray:
+    return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
+
+
+def _about_parameter(name: str, schema: Schema) -> tuple[str, str, str]:
+    """Return the meaning of a parameter, its unit in this sweep, and its symbol."""
+    about = PARAMETERS[name]
+    return about.meaning, in_units(about.unit, schema.units), about.symbol
+
+
+def _add_scale(file: h5py.File, name: str, values: np.ndarray, about: tuple[str, str, str]) -> None:
+    """Add the coordinate of a dimension."""
+    scale = file.create_dataset(name, data=values)
+    _label(scale, about)
+    scale.make_scale(name)
+
+
+def _label(dataset: h5py.Dataset, about: tuple[str, str, str]) -> None:
+    """Say what a dataset is, its unit and its symbol."""
+    dataset.attrs.update(zip(("long_name", "units", "symbol"), about, strict=True))
+
+
+def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
+    """Return how HDF5 stores a variable: in chunks that no two blocks share.
+
+    All blocks but the last are of one length along the axis that they cut, which may be halved. The
+    other dimensions lie in a block as a whole, and may be cut anywhere.
+    """
+    shape, fill_value = schema.shape_of(name), VARIABLES[name].fill_value
+    if 0 in shape or not shape:
+        return {}  # a single value has no chunks
+    chunk = list(schema.shape_of(name, box_shape(schema.blocks[0])))
+    for i, length in enumerate(chunk):
+        while math.prod(chunk) > _CHUNK_VALUES and chunk[i] > 1:
+            if chunk[i] % 2 and length < shape[i]:
+                break
+            chunk[i] = (chunk[i] + 1) // 2
+    gzip = {"shuffle": True, "compression": "gzip", "compression_opts": 1} if compressed else {}
+    return {"chunks": tuple(chunk), "fletcher32": True, "fillvalue": fill_value, **gzip}
+
+
+def _version(package: str) -> str:
+    """Return the version of an installed package."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"  # run from a checkout that was not installed
