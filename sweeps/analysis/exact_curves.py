@@ -82,16 +82,7 @@ def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None)
 def summary(
     curves: Sequence[Curve], changes: int, explained: int, reasons: Mapping[str, Counter[str]]
 ) -> str:
-    """Say in lines what was found, and why changes have no curve.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-    changes, explained : int
-        Between periodic classes, and those with a curve of one of their classes within one cell.
-    reasons : mapping of str to Counter
-        Why the others have none, and between which classes they are.
-    """
+    """Say in lines what was found, and why changes have no curve, by their pairs of classes."""
     kinds = Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
     lines = [f"{len(curves)} exact curves: {counted}"]

@@ -12,6 +12,7 @@ from sweeps.plotting import (
     bifurcation,
     diagram,
     impacts,
+    labels,
     plot,
     section,
     trajectory,
@@ -51,6 +52,14 @@ def test_a_bifurcation_shows_every_value_over_its_axis(random_sweep, coordinate)
     assert f"${VARIABLES[coordinate].symbol}$" in plain(panel.get_ylabel())
     assert panel.get_xscale() == "linear"
     assert not figure.legends
+
+
+@pytest.mark.parametrize(
+    ("units", "shown"),
+    [({}, ""), ({"length": "mm"}, ""), ({"length": "mm", "time": "s"}, " [mm/s]")],
+)
+def test_an_axis_has_a_unit_only_where_it_has_a_name(units, shown):
+    assert labels.label(labels.as_variable("poincare_v", units)).endswith("$" + shown)
 
 
 def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkeypatch):
