@@ -124,7 +124,7 @@ def test_a_curve_that_is_lost_says_where_and_why():
         Oscillator(h=0.02, R=0.9, omega=2.0, f=1.0), 1, *np.array([[1, 2], [4, 1]])
     )
     for points, reason in (
-        (MOST_POINTS, "not at its end after 600 points"),
+        (MOST_POINTS, "not at its end after 2,000 points"),
         (9, "Newton's method"),
     ):
         values = np.full((points, 2), 0.5)

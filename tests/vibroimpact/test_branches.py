@@ -93,6 +93,22 @@ def test_the_free_oscillation_is_a_branch_to_its_graze():
     assert found.stable[1:].all()
 
 
+def test_two_flips_in_one_step_are_found():
+    """Between them a multiplier is -1.0111; both ends of a step of the longest length are stable.
+
+    The values are those of the closed form.
+    """
+    osc = Oscillator(h=0.005, R=0.48544860644798926, omega=2.0, f=1.0)
+    found = special(branch(one_impact(osc), "omega", 0.25, 4.0), "flip")
+    assert found[:2] == pytest.approx([1.113553429805437, 1.164509496718609], abs=1e-13)
+
+
+def test_a_branch_without_a_stop_in_the_way_ends_where_there_is_no_force():
+    osc = Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0)
+    found = branch(one_impact(osc), "f", 0.0, 2.0).special
+    assert [(point.kind, point.value) for point in found] == [("edge", 0.0), ("edge", 2.0)]
+
+
 def test_every_orbit_of_a_branch_is_one():
     found = branch(one_impact(replace(LIGHT, omega=2.4)), "omega", 1.05, 3.0)
     for i in range(0, len(found.values), 5):

@@ -136,8 +136,8 @@ def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, 
     """Newton's method fails where an impact is slower than a share of the unit of speed."""
     corrected = Orbits.corrected
 
-    def fails(self, *arguments):
-        X = corrected(self, *arguments)
+    def fails(self, *arguments, **options):
+        X = corrected(self, *arguments, **options)
         return None if X is not None and 0.0 < X[1 : 2 * self.q : 2].min() < fails_below else X
 
     monkeypatch.setattr(Orbits, "corrected", fails)
@@ -170,6 +170,43 @@ def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_m
     for kind in ("flip", "fold"):
         (point,) = [p for p in found.special if p.kind == kind]
         assert point.values[1] == pytest.approx(MEETING, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("h", "low", "high", "count"),
+    [(0.02, 0.3, 2.5, 6), (0.1, 0.15, 0.9, 11), (0.05, 0.1, 0.3, 13), (0.3, 0.06, 0.1, 12)],
+)
+def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high, count):
+    """Section 5: they are at omega = 2 Omega / k. Two may lie in one step."""
+    omega = 0.505 * (low + high)
+    osc = Oscillator(h=h, R=0.8, omega=omega, f=0.99, clearance=1.0)
+    still = replace(osc, f=0.99 * math.hypot(1.0 - omega**2, 2.0 * h * omega))
+    start = solved(still, 1, np.empty(0), np.empty(0))
+    found = bifurcation_curve(start, "graze", ("f", 0.0, 3.0), ("omega", low, high))
+    free = math.sqrt(1.0 - h * h)
+    expected = sorted(2.0 * free / k for k in range(1, 400) if low < 2.0 * free / k < high)
+    assert len(expected) == count
+    for kind in ("flip", "fold"):
+        places = sorted(point.values[1] for point in found.special if point.kind == kind)
+        assert places == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("last", "f"),
+    [(0.59, 0.960733250477590), (0.60, 0.888910272130863), (0.62, 0.776919993099989)],
+)
+def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f):
+    """A curve of the orbit 10/5 that goes on to the edge, where its f is known."""
+    osc = Oscillator(0.0, 0.5783595687515108, 9.17981952886363, 1.0, 1.0, -0.000518638491283792)
+    phases = 4.5730449440613725, 5.7046365498477165, 35.84387378278173
+    phases += 36.814744354931115, 37.81854699963247
+    speeds = 0.10015655931650334, 0.04861191588559104, 0.0891284455745802
+    speeds += 0.04821092115635537, 0.011331330515415152
+    start = PeriodicOrbit(osc, 10, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, "graze", ("R", 0.57, last), ("f", 0.5, 1.5))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    ends = [point.values for point in found.special]
+    assert max(ends, key=lambda end: end[0]) == pytest.approx([last, f], abs=1e-12)
 
 
 def test_no_flips_and_folds_meet_a_graze_where_their_condition_vanishes_all_along():
@@ -208,7 +245,7 @@ def test_flips_and_folds_meet_the_graze_of_a_strongly_damped_free_oscillation(lo
         assert places == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("width", [1e-7, 1e-8])
+@pytest.mark.parametrize("width", [1e-7, 1e-8, 1e-9])
 def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
     scene = Oscillator(h=0.05, R=0.8, omega=2.65888454668484, f=1.0)
     ranges = [(x, getattr(scene, x) - width, getattr(scene, x) + width) for x in ("omega", "R")]

@@ -147,7 +147,7 @@ def branch_beyond(
     orbits: Orbits, X: np.ndarray, tangent: np.ndarray, start: PeriodicOrbit
 ) -> Branch:
     """Follow orbits in one direction from a point where their branch begins, `start`."""
-    return _branch(orbits, _walked(orbits, X, tangent, singular=True), start)
+    return _branch(orbits, _walked(orbits, X, tangent), start)
 
 
 def _branch(orbits: Orbits, track: Track, start: PeriodicOrbit) -> Branch:
@@ -157,38 +157,32 @@ def _branch(orbits: Orbits, track: Track, start: PeriodicOrbit) -> Branch:
     return Branch(axis.name, m, q, values, stable, *impacts, track.special, start)
 
 
-def _walked(orbits: Orbits, X: np.ndarray, tangent: np.ndarray, singular: bool = False) -> Track:
-    """Walk in one direction, and note which points are stable.
-
-    Where the start is `singular`, bifurcations are looked for after the first step.
-    """
+def _walked(orbits: Orbits, X: np.ndarray, tangent: np.ndarray) -> Track:
+    """Walk in one direction, and note which points are stable."""
 
     def special(kind: str, orbit: PeriodicOrbit) -> Special:
         return Special(kind, float(getattr(orbit.oscillator, orbits.axes[0].name)), orbit)
 
-    before = None if singular else orbits.polynomial(X)
-    track = Track([(X, before is not None and orbits.stable(X, before))], [], False)
-    for part in walk(orbits, X, tangent):
+    start = orbits.point(X, tangent)
+    track = Track([(X, orbits.stable(start))], [], False)
+    for part in walk(orbits, start):
         if isinstance(part, End):
             if part.closed:
                 return track._replace(closed=True)
             kind, X, orbit = ending(orbits, part)
-            stable = kind == "edge" and orbits.stable(X, orbits.polynomial(X))
+            stable = kind == "edge" and orbits.stable(orbits.point(X, tangent))
             track.points[-1] = X, stable
             track.special.append(special(kind, orbit))
             return track
-        after = orbits.polynomial(part.Y)
-        if before is not None:
-            half = halving(part)
-            if half is not None:
-                track.points.append((half[0], False))
-                track.special.append(special("flip", half[1]))
-                return track
-            for kind, X in bifurcations(part, before, after):
-                track.points.append((X, False))
-                track.special.append(special(kind, orbits.orbit(X)))
-        track.points.append((part.Y, orbits.stable(part.Y, after)))
-        before = after
+        half = halving(part)
+        if half is not None:
+            track.points.append((half[0], False))
+            track.special.append(special("flip", half[1]))
+            return track
+        for kind, X in bifurcations(part):
+            track.points.append((X, False))
+            track.special.append(special(kind, orbits.orbit(X)))
+        track.points.append((part.end.X, orbits.stable(part.end)))
     return track
 
 
@@ -212,12 +206,15 @@ def free_branch(orbit: PeriodicOrbit, axis: Axis) -> Branch:
             last = value
         return Special("edge", last, free_orbit(replace(orbit.oscillator, **{axis.name: last})))
 
-    start = float(getattr(orbit.oscillator, axis.name))
+    start, osc = float(getattr(orbit.oscillator, axis.name)), orbit.oscillator
+    # The amplitude has one maximum, in resonance, and no other: it is monotone between these.
+    resonance = {"omega": math.sqrt(max(osc.p**2 - 2.0 * osc.h**2, 0.0)), "p": osc.omega}
     values = np.linspace(axis.low, axis.high, _FREE_VALUES)
+    values = np.union1d(values, np.clip(resonance.get(axis.name, start), axis.low, axis.high))
     special = [end(values[values < start][::-1]), end(values[values > start])]
     low, high = (point.value for point in special)
     values = np.unique(np.concatenate([[low], values[(values > low) & (values < high)], [high]]))
-    stable = np.full(values.size, orbit.oscillator.h > 0.0 or axis.name == "h")
+    stable = np.full(values.size, osc.h > 0.0 or axis.name == "h")
     stable[[i for i in (0, -1) if special[i].kind == "graze"]] = False
     none = np.empty((values.size, 0))
     return Branch(axis.name, 1, 0, values, stable, none, none, special, orbit)

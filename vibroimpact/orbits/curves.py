@@ -8,7 +8,6 @@ vanishes; these end there, and wherever else their orbit grazes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,11 +18,12 @@ import numpy as np
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.continuation import End, Segment, Track, both_directions, walk
-from vibroimpact.orbits.family import Axis, Objection, Orbits
-from vibroimpact.orbits.flights import state_after, values_of
-from vibroimpact.orbits.orbit import PeriodicOrbit
+from vibroimpact.orbits.detection import HEADING
+from vibroimpact.orbits.family import Axis, Orbits
+from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
-from vibroimpact.orbits.special_points import with_touch
+from vibroimpact.orbits.special_points import crossing, ending
+from vibroimpact.orbits.switching import without_touch
 from vibroimpact.oscillator import refuse_other
 
 #: Kinds of curves, with their condition.
@@ -31,14 +31,6 @@ KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
 _BESIDE = 0.2
-#: A flight whose top is closer to the stop than this touches it, in units of speed over frequency.
-_TOUCHES = 1e-7
-#: An impact that is slower than this where a walk ends grazes, in the unit of speed. Where all
-#: impacts of a long orbit graze at once, Newton's method fails at 1e-6.
-_GRAZES = 1e-5
-#: Below this times (2h + p + omega) T exp(-h T), only rounding decides the sign of a coefficient of
-#: det(S + mu T).
-_ROUNDING = 1e3 * 2.0**-52
 
 
 class CurvePoint(NamedTuple):
@@ -128,7 +120,7 @@ def bifurcation_curve(
     axes = tuple(Axis.of(orbit.oscillator, *bounds) for bounds in (first, second))
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
-    start = _onto(orbit, kind, axes)
+    start = _least_graze(_onto(orbit, kind, axes)) if kind == "graze" else _onto(orbit, kind, axes)
     for axis in axes:
         value = getattr(start.oscillator, axis.name)
         if not axis.low - axis.slack <= value <= axis.high + axis.slack:
@@ -175,71 +167,51 @@ def _onto(orbit: PeriodicOrbit, kind: str, axes: Sequence[Axis]) -> PeriodicOrbi
     raise OrbitError(f"no {kind} is found on the branches of the orbit")
 
 
+def _least_graze(orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """Return the graze of a shorter orbit that an orbit repeats, at which it is singular."""
+    shorter = without_touch(orbit)
+    if shorter.q == 0 or shorter.m == orbit.m:
+        return orbit
+    phases = np.append(shorter.phases, orbit.phases[np.argmin(orbit.speeds)])
+    return orbit_of(orbit.oscillator, shorter.m, phases, np.append(shorter.speeds, 0.0))
+
+
 def _walked(orbits: Orbits, kind: str, tangent: np.ndarray) -> Track:
     """Walk in one direction from the start."""
     track = Track([orbits.start], [], False)
-    for part in walk(orbits, orbits.start, tangent):
+    for part in walk(orbits, orbits.point(orbits.start, tangent)):
         if isinstance(part, End):
             if part.closed:
                 return track._replace(closed=True)
-            X, name = part.X, _end_kind(orbits, part)
-            track.special.append(CurvePoint(name, orbits.kept(X), orbits.orbit(X)))
+            name, X, orbit = ending(orbits, part)
+            track.special.append(CurvePoint(name, orbits.kept(X), orbit))
             return track
         for name, X in _meetings(part, kind):
             track.special.append(CurvePoint(name, orbits.kept(X), orbits.orbit(X)))
-        track.points.append(part.Y)
+        track.points.append(part.end.X)
     return track
 
 
 def _meetings(step: Segment, kind: str) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the points of codimension two within a step."""
-    orbits = step.orbits
     if kind == "graze":
-        ends = [orbits.polynomial(X)[1] for X in (step.X, step.Y)]
         # Without damping the coefficient may be zero along the whole curve; then only rounding
         # decides its sign.
-        if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > _rounding(orbits, step.X):
-            X = step.root(lambda X: orbits.polynomial(X)[1])
+        if crossing(step, -2) is not None:
+            X = step.root(partial(step.orbits.test, -2))
             if X is not None:
                 yield from (("flip", X), ("fold", X))
     elif kind == "fold":
-        before, after = (_heading(step, X) for X in (step.X, step.Y))
-        if before @ after < 0.0:
+        before, after = (_heading(step, point.X) for point in (step.begin, step.end))
+        if before @ after < 0.0 and max(np.abs(before).max(), np.abs(after).max()) > HEADING:
             turn = after - before
             X = step.root(lambda X: float(_heading(step, X) @ turn))
             if X is not None:
                 yield "cusp", X
 
 
-def _rounding(orbits: Orbits, X: np.ndarray) -> float:
-    """Return a bound on the rounding of c1, which decays as the flow over the m periods does."""
-    osc = orbits.oscillator(X)
-    T = 2.0 * math.pi * orbits.m / osc.omega
-    return _ROUNDING * (2.0 * osc.h + osc.p + osc.omega) * T * math.exp(-osc.h * T)
-
-
 def _heading(step: Segment, X: np.ndarray) -> np.ndarray:
     """Return the direction of the parameters at a point of a step."""
     tangent = step.orbits.tangent(X)
-    forward = step.orbits.inner(tangent, step.tangent) > 0.0
+    forward = step.orbits.inner(tangent, step.begin.tangent) > 0.0
     return tangent[-2:] if forward else -tangent[-2:]
-
-
-def _end_kind(orbits: Orbits, end: End) -> str:
-    """Say how a walk that is not closed ends."""
-    if end.objection is None:
-        return "lost"
-    if end.objection.kind == "speed":
-        return "graze" if end.X[2 * end.objection.at + 1] < _GRAZES else "lost"
-    if end.objection.kind == "pass":
-        return "graze" if _touches(orbits, end.X, end.objection) else "penetration"
-    return end.objection.kind
-
-
-def _touches(orbits: Orbits, X: np.ndarray, objection: Objection) -> bool:
-    """Whether a flight that crosses the stop only touches it, to rounding."""
-    touching, Y = with_touch(orbits, X, objection)
-    osc, at = touching.oscillator(Y), objection.at
-    tau = (Y[2 * at + 2] - Y[2 * at]) / osc.omega
-    height, *_ = state_after(values_of(osc), Y[2 * at], Y[2 * at + 1] * orbits.speed, tau)
-    return abs(height) < _TOUCHES * orbits.speed / osc.omega

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from vibroimpact.orbits import newton
-from vibroimpact.orbits.elimination import characteristic
+from vibroimpact.orbits.detection import ROUNDING, test_functions
 from vibroimpact.orbits.flights import MOST_WORK, first_pass, time_steps, values_of
 from vibroimpact.orbits.linear_system import System, inner, linearised, parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
@@ -24,6 +25,9 @@ _NAMES = [field.name for field in fields(Oscillator)]
 _MOST_ITERATIONS = 8
 #: A speed smaller than this, in the unit of speed, is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
+#: A force smaller than this share of its range is zero where orbits vanish with it: their
+#: equations are singular there.
+_VANISHES = 1e-9
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,27 @@ class Objection:
     where: float = math.nan
 
 
+class Point(NamedTuple):
+    """A point of a walk: its unknowns, the walk's direction, and what is known of it.
+
+    Attributes
+    ----------
+    X, tangent : ndarray, shape (2 q + k,)
+    tests : ndarray, shape (2, n)
+        The test functions and their slopes along the tangent (``detection.py``).
+    turn : float
+        How high a flight turns that comes near the stop (``flights.first_pass``).
+    objection : Objection or None
+        Why it is no orbit.
+    """
+
+    X: np.ndarray
+    tangent: np.ndarray
+    tests: np.ndarray
+    turn: float
+    objection: Objection | None
+
+
 class Orbits:
     """The orbits of m forcing periods and q impacts over one or two free parameters.
 
@@ -113,6 +138,8 @@ class Orbits:
         self.system = System(
             values_of(self.osc), free, self.spans, self.m, self.q, self.speed, condition, index
         )
+        ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in axes]
+        self.bounds = np.array(ends) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) / axis.span for axis in axes]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
         self.start = np.concatenate([z.ravel(), at])
@@ -133,6 +160,19 @@ class Orbits:
                 values[..., j][np.abs(values[..., j] - edge) <= axis.slack] = edge
         return values
 
+    def without_force(self, X: np.ndarray) -> np.ndarray | None:
+        """Return the limit of orbits that vanish with the force; None if they do not beside X.
+
+        They do where there is no clearance, as x and v are proportional to f.
+        """
+        for j, axis in enumerate(self.axes):
+            if axis.name == "f" and axis.low == 0.0 and X[2 * self.q + j] < _VANISHES:
+                if self.oscillator(X).clearance == 0.0:
+                    X = X.copy()
+                    X[1 : 2 * self.q : 2] = X[2 * self.q + j] = 0.0
+                    return X
+        return None
+
     def oscillator(self, X: np.ndarray) -> Oscillator:
         """Return the oscillator at a point, its parameters kept to their ranges."""
         names = [axis.name for axis in self.axes]
@@ -148,7 +188,12 @@ class Orbits:
         return orbit_of(self.oscillator(X), self.m, *self.impacts(X))
 
     def corrected(
-        self, X: np.ndarray, planes: np.ndarray, condition: int | None = None, index: int = 0
+        self,
+        X: np.ndarray,
+        planes: np.ndarray,
+        condition: int | None = None,
+        index: int = 0,
+        most: int = _MOST_ITERATIONS,
     ) -> np.ndarray | None:
         """Return the point of the branch or curve in planes through X; None if none is found.
 
@@ -161,7 +206,7 @@ class Orbits:
         if condition is not None:
             system = system._replace(condition=condition, graze=index)
         X = X.copy()
-        if newton.correct(system, X, planes, _MOST_ITERATIONS) < 0:
+        if newton.correct(system, X, planes, most) < 0:
             return None
         if system.condition == newton.GRAZE and len(planes) < len(self.axes):
             X[2 * system.graze + 1] = 0.0  # the speed is, to rounding
@@ -181,33 +226,67 @@ class Orbits:
         """Return the inner product of the walk."""
         return float(inner(X, Y, self.q))
 
-    def polynomial(self, X: np.ndarray) -> tuple[float, float, float]:
-        """Return c0, c1, c2, zero at the multipliers (``elimination.py``)."""
-        return characteristic(*self.derivatives(X))
-
     def derivatives(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return A and B of the flights (``flights.residuals``)."""
         _, A, B = linearised(self.system, X)
         return A, B
 
-    def stable(self, X: np.ndarray, polynomial: tuple[float, float, float]) -> bool:
+    def stable(self, point: Point) -> bool:
         """Whether both multipliers are inside the unit circle (Jury)."""
-        _, c1, c2 = polynomial
-        h, R, omega, *_ = parameters_at(self.system, X)
-        det = determinant(h, R, omega, self.m, self.q)
-        return det < 1.0 and abs(c1) < (1.0 + det) * abs(c2)
+        h, R, omega, *_ = parameters_at(self.system, point.X)
+        flip, fold = point.tests[0, -2:]
+        return bool(flip * fold > 0.0) and determinant(h, R, omega, self.m, self.q) < 1.0
+
+    def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
+        """Return a point of a walk in the direction of a tangent."""
+        tests = test_functions(self.system, X, tangent, self.bounds)
+        objection, turn = self._objection(X)
+        return Point(X, tangent, tests, turn, objection)
+
+    def test(self, number: int, X: np.ndarray) -> float:
+        """Return a test function."""
+        return float(test_functions(self.system, X, np.zeros(X.size), self.bounds)[0, number])
+
+    def margin(self, point: Point, objection: Objection) -> float:
+        """Return what is zero where an objection begins, and negative beyond; NaN if unknown."""
+        if objection.kind == "speed":
+            return float(point.X[2 * objection.at + 1])
+        if objection.kind == "edge":
+            axis = self.axes[objection.at]
+            inside = (objection.where - float(self.kept(point.X)[objection.at])) / axis.span
+            return inside if objection.where == axis.high else -inside
+        seen = math.isfinite(point.turn) and (point.turn > 0.0) == (point.objection is not None)
+        return -point.turn if objection.kind == "pass" and seen else math.nan
+
+    def allows(self, point: Point) -> bool:
+        """Whether a point is an orbit, or only rounding objects."""
+        return point.objection is None or self.margin(point, point.objection) > -ROUNDING
+
+    def slowest(self, X: np.ndarray) -> float:
+        """Return the slowest speed, on a curve of grazes that of the other impacts; inf if none."""
+        speeds = X[1 : 2 * self.q : 2]
+        if self.system.condition == newton.GRAZE:
+            speeds = np.delete(speeds, self.system.graze)
+        return float(speeds.min(initial=math.inf))
 
     def objection(self, X: np.ndarray) -> Objection | None:
         """Say why a point is no orbit within the ranges; None if it is one."""
+        return self._objection(X)[0]
+
+    def _objection(self, X: np.ndarray) -> tuple[Objection | None, float]:
+        """Return an objection, and how high a flight turns that comes near the stop."""
         for j, (axis, value) in enumerate(zip(self.axes, self.values(X).tolist(), strict=True)):
             if not axis.low - axis.slack <= value <= axis.high + axis.slack:
-                return Objection("edge", j, axis.low if value < axis.low else axis.high)
+                edge = axis.low if value < axis.low else axis.high
+                return Objection("edge", j, edge), math.nan
         speeds = X[1 : 2 * self.q : 2]
         slowest = int(np.argmin(speeds))
         if speeds[slowest] < 0.0:
-            return Objection("speed", slowest)
-        flight, phase = first_pass(parameters_at(self.system, X), self.m, self.speed, X, self.q)
+            return Objection("speed", slowest), math.nan
+        flight, phase, turn = first_pass(
+            parameters_at(self.system, X), self.m, self.speed, X, self.q
+        )
         if flight < 0:
-            return None
+            return None, turn
         kind = "rest" if phase == X[2 * flight] else "pass"
-        return Objection(kind, int(flight), float(phase))
+        return Objection(kind, int(flight), float(phase)), turn

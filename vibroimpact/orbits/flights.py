@@ -79,9 +79,9 @@ def time_steps(values, m, q):
 
 
 @jit
-def _divide(tau, pt):
-    """Divide a flight into steps."""
-    n = max(1.0, math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
+def _divide(tau, pt, least):
+    """Divide a flight into steps, into as many at the least."""
+    n = max(float(least), math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
     T = tau / n
     return Flight(int(n), T, pt.omega * T, equation_of(pt))
 
@@ -146,7 +146,7 @@ def residuals(values, m, speed, X, q):
         if not 0.0 < tau < _LONGEST / (2.0 * pt.h + pt.p + pt.omega):
             F[:] = math.inf
             return F, A, B
-        y, u = _land(_divide(tau, pt), theta, v, pt, coefficients, M)
+        y, u = _land(_divide(tau, pt, 1), theta, v, pt, coefficients, M)
         push = -pt.p * pt.p * pt.clearance
         launched = 2.0 * pt.h * pt.R * v + push - pt.f * sin_cos(theta)[0]
         landed = -2.0 * pt.h * u - pt.p * pt.p * y + push - pt.f * sin_cos(end)[0]
@@ -161,12 +161,90 @@ def residuals(values, m, speed, X, q):
 
 
 @jit
+def _without_launch(c, zeros):
+    """Divide the polynomial of a flight's first step by u, its root at the launch."""
+    for j in range(TERMS):
+        c[j] = c[j + zeros] if j + zeros < TERMS else 0.0
+
+
+@jit
+def _without_landing(c):
+    """Divide the polynomial of a flight's last step by 1 - u, its root at the landing."""
+    total = 0.0
+    for j in range(TERMS - 1, 0, -1):
+        total -= c[j]
+        c[j] = total
+    for j in range(TERMS - 1):
+        c[j] = c[j + 1]
+    c[TERMS - 1] = 0.0
+
+
+@jit
+def zeros_of(R, X, q, i):
+    """Return how often flight i has a root at its launch and at its landing: twice at a graze."""
+    landing = X[1 if i + 1 == q else 2 * i + 3]
+    return 2 if R * X[2 * i + 1] == 0.0 else 1, 2 if landing == 0.0 else 1
+
+
+@jit
+def steps_of(pt, m, X, q, i):
+    """Return in how many steps flight i is taken."""
+    end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
+    return _divide((end - X[2 * i]) / pt.omega, pt, 1).n
+
+
+@jit
+def polynomials(pt, m, speed, X, q, i, n, zeros):
+    """Return x - clearance on flight i, divided by its roots at both ends.
+
+    Parameters
+    ----------
+    pt : Parameters
+    m, speed, X, q
+        As for `residuals`.
+    i, n : int
+        The flight, and in how many steps at the least.
+    zeros : (int, int)
+        How often the roots at the launch and at the landing are divided out.
+
+    Returns
+    -------
+    C : ndarray, shape (n, TERMS)
+        Of each step, in powers of u from 0 to 1.
+    rounding : ndarray, shape (n,)
+        Of each.
+    """
+    end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
+    flight = _divide((end - X[2 * i]) / pt.omega, pt, n)
+    C, rounding = np.empty((flight.n, TERMS)), np.zeros(flight.n)
+    y, u = 0.0, -pt.R * X[2 * i + 1] * speed
+    for k in range(flight.n):
+        y, u = _advance(flight, X[2 * i] + pt.omega * flight.T * k, y, u, pt, C[k])
+        for j in range(TERMS):
+            rounding[k] += _ROUNDINGS * flight.n * abs(C[k, j])
+    _without_launch(C[0], zeros[0])
+    for _ in range(zeros[1]):
+        _without_landing(C[flight.n - 1])
+    return C, rounding
+
+
+@jit
+def is_below(c):
+    """Whether a polynomial is below zero on [0, 1], by its ends and its second derivative."""
+    end, bend = 0.0, 0.0
+    for j in range(TERMS):
+        end += c[j]
+        bend += j * (j - 1) * abs(c[j])
+    return max(c[0], end) + 0.125 * bend < 0.0
+
+
+@jit
 def first_pass(values, m, speed, X, q):
     """Find the first flight that meets the stop before its end, and where.
 
     Parameters
     ----------
-    As for `residuals`.
+    As for `residuals`; an impact of speed 0 grazes, and is a double root of both its flights.
 
     Returns
     -------
@@ -174,37 +252,26 @@ def first_pass(values, m, speed, X, q):
         -1 if none does: the proof that the orbit stays below the stop between its impacts.
     phase : float
         Where it meets the stop; that of its launch where it cannot leave the stop.
+    turn : float
+        The greatest height at which a flight that comes near the stop turns, divided by the
+        flight's roots; -inf if none does.
     """
-    pt = parameters(values)
-    c = np.empty(TERMS)
+    pt, highest = parameters(values), -math.inf
     for i in range(q):
-        end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
-        flight = _divide((end - X[2 * i]) / pt.omega, pt)
-        y, u = 0.0, -pt.R * X[2 * i + 1] * speed
-        for k in range(flight.n):
-            theta = X[2 * i] + pt.omega * flight.T * k
-            y, u = _advance(flight, theta, y, u, pt, c)
-            zeros = 0
-            if k == 0:
-                zeros = 1 if c[1] != 0.0 else 2
-                if c[zeros] > 0.0:
-                    return i, theta
-            size = 0.0
-            for j in range(TERMS):
-                size += abs(c[j])
-            if k + 1 == flight.n:  # divide by 1 - u, the root at the landing
-                total = 0.0
-                for j in range(TERMS - 1, zeros, -1):
-                    total -= c[j]
-                    c[j] = total
-                for j in range(zeros, TERMS - 1):
-                    c[j] = c[j + 1]
-                c[TERMS - 1] = 0.0
-            c[zeros] -= _ROUNDINGS * flight.n * size
-            crossing, _ = first_crossing(c, zeros, 1.0)
+        n = steps_of(pt, m, X, q, i)
+        C, rounding = polynomials(pt, m, speed, X, q, i, n, zeros_of(pt.R, X, q, i))
+        if C[0, 0] > 0.0:
+            return i, X[2 * i], highest
+        for k in range(n):
+            C[k, 0] -= rounding[k]
+            if is_below(C[k]):
+                continue
+            crossing, turn = first_crossing(C[k], 0, 1.0)
+            highest = max(highest, turn)
             if crossing >= 0.0:
-                return i, theta + pt.omega * flight.T * crossing
-    return -1, 0.0
+                end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
+                return i, X[2 * i] + (end - X[2 * i]) * (k + crossing) / n, highest
+    return -1, 0.0, highest
 
 
 @jit
@@ -220,7 +287,7 @@ def highest_turn(values, theta, v, tau):
         Length of the flight [time].
     """
     pt = parameters(values)
-    flight, c = _divide(tau, pt), np.empty(TERMS)
+    flight, c = _divide(tau, pt, 1), np.empty(TERMS)
     y, u, highest = 0.0, -pt.R * v, -math.inf
     for k in range(flight.n):
         y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, c)
@@ -241,7 +308,7 @@ def state_after(values, theta, v, tau):
     if not tau > 0.0:
         y, u = 0.0, -pt.R * v
     else:
-        flight = _divide(tau, pt)
+        flight = _divide(tau, pt, 1)
         y, u = _land(flight, theta, v, pt, np.empty(TERMS), np.empty((2, 2)))
     s = sin_cos(theta + pt.omega * tau)[0]
     return y, u, -2.0 * pt.h * u - pt.p * pt.p * (y + pt.clearance) - pt.f * s

@@ -45,13 +45,22 @@ def condition_value(system, X):
 
 
 @jit
+def difference(system, X):
+    """Return the step of a difference of conditions."""
+    step = _DIFFERENCE
+    for i in range(system.q):
+        step = max(step, _DIFFERENCE * abs(X[2 * i + 1]))
+    for i in range(2 * system.q, X.size):
+        step = max(step, min(_DIFFERENCE_SHARE * abs(X[i]), _LONGEST_DIFFERENCE))
+    return step
+
+
+@jit
 def _gradient(system, X, along):
     """Return the derivative of the condition along a vector."""
     if system.condition == GRAZE:
         return along[2 * system.graze + 1]
-    Y, step = np.empty(X.size), _DIFFERENCE
-    for i in range(2 * system.q, X.size):
-        step = max(step, min(_DIFFERENCE_SHARE * abs(X[i]), _LONGEST_DIFFERENCE))
+    Y, step = np.empty(X.size), difference(system, X)
     for i in range(X.size):
         Y[i] = X[i] + step * along[i]
     above = condition_value(system, Y)

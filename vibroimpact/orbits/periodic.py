@@ -201,7 +201,7 @@ def objection(orbit: PeriodicOrbit) -> str:
     if not np.abs(F).max() < _RESIDUAL:
         return f"its impacts miss the stop by {np.abs(F).max():.1e} of its size"
     values = values_of(orbit.oscillator)
-    flight, phase = first_pass(values, orbit.m, speed, X, orbit.q)
+    flight, phase, _ = first_pass(values, orbit.m, speed, X, orbit.q)
     if flight >= 0:
         if phase == X[2 * flight]:
             return "the mass cannot leave the stop: it rests"

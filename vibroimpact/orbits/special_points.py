@@ -9,12 +9,14 @@ becomes one of half its period where its two halves change places.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.continuation import End, Segment
+from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.elimination import null_vector
 from vibroimpact.orbits.family import Objection, Orbits
 from vibroimpact.orbits.flights import state_after
@@ -24,37 +26,34 @@ from vibroimpact.orbits.orbit import PeriodicOrbit
 #: A bifurcation that was found belongs to the walk if it is closer to it than this, in scaled
 #: unknowns.
 NEARBY_DISTANCE = 1e-3
+#: An impact that is slower than this where a walk ends grazes, in the unit of speed; so does a
+#: flight that turns so near the stop. Where all impacts of a long orbit graze at once, Newton's
+#: method fails at 1e-6.
+_GRAZES = 1e-5
 
 
-def bifurcations(
-    step: Segment, before: Sequence[float], after: Sequence[float]
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the flips and folds within a step, in order.
-
-    Parameters
-    ----------
-    step : Segment
-    before, after : (float, float, float)
-        c0, c1, c2 of the characteristic polynomial at the ends of the step.
-    """
+def bifurcations(step: Segment) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the flips and folds within a step, in order."""
     orbits, located = step.orbits, []
-    for kind, condition, mu in (("flip", newton.FLIP, -1.0), ("fold", newton.FOLD, 1.0)):
-        a, b = (c[0] + mu * c[1] + c[2] for c in (before, after))
-        if not a * b < 0.0:
+    for test, kind, condition in ((-2, "flip", newton.FLIP), (-1, "fold", newton.FOLD)):
+        share = crossing(step, test)
+        if share is None:
             continue
-        guess = step.X + a / (a - b) * (step.Y - step.X)
+        guess = step.between(share)
         X = orbits.corrected(guess, np.empty((0, guess.size)), condition)
         if X is None or not (-0.01 <= step.place(X) <= 1.01 and _apart(orbits, X, guess) < 0.1):
-
-            def test_function(X: np.ndarray, mu: float = mu) -> float:
-                c = orbits.polynomial(X)
-                return c[0] + mu * c[1] + c[2]
-
-            X = step.root(test_function)
+            X = step.root(partial(orbits.test, test))
         if X is not None:
             located.append((step.place(X), kind, X))
     for _, kind, X in sorted(located, key=lambda item: item[0]):
         yield kind, X
+
+
+def crossing(step: Segment, test: int) -> float | None:
+    """Return about where within a step a test function changes its sign; None if it does not."""
+    a, b = (float(point.tests[0, test]) for point in (step.begin, step.end))
+    changes = a * b < 0.0 and max(abs(a), abs(b)) > ROUNDING
+    return a / (a - b) if changes else None
 
 
 def _apart(orbits: Orbits, X: np.ndarray, Y: np.ndarray) -> float:
@@ -62,37 +61,49 @@ def _apart(orbits: Orbits, X: np.ndarray, Y: np.ndarray) -> float:
 
 
 def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
-    """Return how a branch ends.
+    """Return how a branch or a curve ends.
 
     Parameters
     ----------
     orbits : Orbits
-        Over one axis.
     end : End
         Of a walk that is not closed.
 
     Returns
     -------
     kind : str
-        ``edge``, ``lost``; ``graze``, or ``rest`` if the force presses, or ``penetration`` if a
-        flight crosses the stop and no graze is found.
+        ``edge``, ``lost``; ``graze``, or ``rest`` if the force presses; ``penetration`` if a flight
+        crosses the stop and no graze is found.
     X : ndarray
         The last point.
     orbit : PeriodicOrbit
-        At a graze the impact of speed zero is one of its impacts.
+        At the graze of a branch the impact of speed zero is one of its impacts.
     """
     X, objection = end.X, end.objection
-    if objection is None:
-        return "lost", X, orbits.orbit(X)
-    if objection.kind in ("edge", "rest"):
-        return objection.kind, X, orbits.orbit(X)
+    kind = "lost" if objection is None or objection.kind == "speed" else "penetration"
+    if objection is not None:
+        limit = orbits.without_force(X)
+        if limit is not None:
+            return "edge", limit, orbits.orbit(limit)
+        if objection.kind in ("edge", "rest"):
+            return objection.kind, X, orbits.orbit(X)
+        found = _graze(orbits, X, objection) if len(orbits.axes) == 1 else None
+        if found is not None:
+            return found
+    return "graze" if end.margin < _GRAZES else kind, X, orbits.orbit(X)
+
+
+def _graze(
+    orbits: Orbits, X: np.ndarray, objection: Objection
+) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
+    """Return the graze beside the end of a branch, as `ending` does; None if there is none."""
     grazing, Y, index = orbits, X, objection.at
     if objection.kind == "pass":
         grazing, Y = with_touch(orbits, X, objection)
         index += 1
     Z = grazing.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
     if Z is None or not _apart(grazing, Z, Y) < NEARBY_DISTANCE:
-        return "penetration", X, orbits.orbit(X)
+        return None
     osc = grazing.oscillator(Z)
     pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
     last = Z if grazing is orbits else np.delete(Z, [2 * index, 2 * index + 1])
@@ -126,17 +137,18 @@ def halving(step: Segment) -> tuple[np.ndarray, PeriodicOrbit] | None:
     orbits, q = step.orbits, step.orbits.q
     if orbits.m % 2 or q % 2:
         return None
-    unlike = [_unlike(orbits, X) for X in (step.X, step.Y)]
-    if not np.sum(unlike[0] * unlike[1]) < 0.0:
-        return None
+    unlike = [_unlike(orbits, X) for X in (step.begin.X, step.end.X)]
     sizes = [float(np.abs(part).max()) for part in unlike]
-    X = step.X + sizes[0] / sum(sizes) * (step.Y - step.X)
+    change_places = np.sum(unlike[0] * unlike[1]) < 0.0 or sizes[1] ** 2 < ROUNDING
+    if not change_places or sizes[0] < ROUNDING:
+        return None
+    X = step.between(sizes[0] / sum(sizes))
     z = X[: 2 * q].reshape(q, 2)
     mean = z[: q // 2] + 0.5 * _unlike(orbits, X)
     half = PeriodicOrbit(orbits.oscillator(X), orbits.m // 2, mean[:, 0], mean[:, 1] * orbits.speed)
     halves = Orbits(half, orbits.axes)
     Y = halves.corrected(halves.start, np.empty((0, halves.start.size)), newton.FLIP)
-    if Y is None or halves.objection(Y) is not None:
+    if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
         return None
     return doubling(halves, Y, orbits.speed)[0], halves.orbit(Y)
 

@@ -1,0 +1,223 @@
+"""What a step of a walk may hide: test functions, and flights that meet the stop.
+
+Along a branch or a curve the test functions are smooth:
+
+    the distances of the free parameters from both edges of their ranges;
+    on a branch the flip and the fold, det(S + mu T) at mu = -1 and +1 (``elimination.py``); on a
+    curve of grazes their meeting, the middle coefficient of det(S + mu T).
+
+The signs at both ends of a step show one root, not two. But the values and the slopes there give
+the cubic Hermite interpolant, which has no more roots than the control polygon of its Bernstein
+form has changes of sign (Farin 2002, ch. 5). A step hides nothing where the polygon has as many as
+its ends, even if its inner points were off by as much as they are from the chord; else it is
+halved. With a, b at the ends and a', b' the slopes times the length, these points then are, beyond
+the chord,
+
+    (4 a + 2 a' - b) / 3,    (4 b - 2 b' - a) / 3.
+
+It is the same with the flights: where the polynomials of a flight at these points are below the
+stop, every flight within the step is. Divided by their roots at the ends, they are so only where
+impacts have speeds, too. A step also is halved where the natural oscillation of a flight turns so
+far that the functions may oscillate unseen.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibroimpact.jit import jit
+from vibroimpact.orbits.elimination import characteristic
+from vibroimpact.orbits.flights import (
+    is_below,
+    parameters,
+    polynomials,
+    steps_of,
+    zeros_of,
+)
+from vibroimpact.orbits.linear_system import inner, linearised, parameters_at
+from vibroimpact.orbits.newton import FOLD, GRAZE, NONE, difference
+from vibroimpact.step.flight import TERMS, first_crossing
+
+#: Test functions below this are rounding.
+ROUNDING = 1e-12
+#: The natural oscillation of a flight turns by less than this in a step [rad].
+_MOST_TURN = 1.0
+#: Step of the central differences of flights, that of the least error.
+_STEP = 6e-6
+#: Where the parameters of a curve of folds move by less than this share, rounding decides whereto.
+HEADING = 1e-5
+
+
+@jit
+def _unlike(X, m, q):
+    """Return the square of how much the halves of an orbit differ; 1 where it has none.
+
+    NaN where they are equal to rounding.
+    """
+    if m % 2 or q % 2:
+        return 1.0
+    square = 0.0
+    for i in range(q):
+        change = X[i + q] - X[i] - (0.0 if i % 2 else math.pi * m)
+        square += change * change / q
+    return square if square > ROUNDING else math.nan
+
+
+@jit
+def _fill(system, X, bounds, values):
+    """Set the test functions at a point."""
+    q, k = system.q, system.free.size
+    for j in range(k):
+        values[2 * j] = X[2 * q + j] - bounds[j, 0]
+        values[2 * j + 1] = bounds[j, 1] - X[2 * q + j]
+    first, second = math.nan, math.nan
+    if system.condition == NONE or system.condition == GRAZE:
+        _, A, B = linearised(system, X)
+        c0, c1, c2 = characteristic(A, B)
+        if system.condition == NONE:
+            # Where an orbit becomes one of half its period the fold has a double root.
+            first, second = c0 - c1 + c2, (c0 + c1 + c2) / _unlike(X, system.m, q)
+        else:  # c1 decays as the flow over the m periods does, and so does its rounding
+            p = parameters_at(system, X)
+            T = 2.0 * math.pi * system.m / p[2]
+            first = c1 * math.exp(p[0] * T) / ((2.0 * p[0] + p[4] + p[2]) * T)
+    values[2 * k], values[2 * k + 1] = first, second
+
+
+@jit
+def test_functions(system, X, tangent, bounds):
+    """Return the test functions at a point and their slopes along a tangent.
+
+    Parameters
+    ----------
+    system : System
+    X, tangent : ndarray, shape (2 q + k,)
+    bounds : ndarray, shape (k, 2)
+        The edges of the free parameters, in their units in X.
+
+    Returns
+    -------
+    ndarray, shape (2, 2 k + 2)
+        In the order of the module's docstring; NaN where there is none.
+    """
+    q, k = system.q, system.free.size
+    tests, step = np.empty((2, 2 * k + 2)), difference(system, X)
+    _fill(system, X, bounds, tests[0])
+    _fill(system, X + step * tangent, bounds, tests[1])
+    for i in range(2 * k + 2):
+        tests[1, i] = (tests[1, i] - tests[0, i]) / step
+    for j in range(k):
+        tests[1, 2 * j], tests[1, 2 * j + 1] = tangent[2 * q + j], -tangent[2 * q + j]
+    return tests
+
+
+@jit
+def _may_hide(a, slope_a, b, slope_b):
+    """Whether a function may have more roots in a step than the signs at its ends show."""
+    start = a if abs(a) > ROUNDING else b
+    if not abs(start) > ROUNDING:
+        return False
+    sign = 1.0 if start > 0.0 else -1.0
+    first, second = sign * (4.0 * a + 2.0 * slope_a - b), sign * (4.0 * b - 2.0 * slope_b - a)
+    if sign * b > 0.0 or not abs(b) > ROUNDING:
+        return first < 0.0 or second < 0.0
+    return min(first, sign * (2.0 * a + b)) < 0.0 and max(second, sign * (2.0 * b + a)) > 0.0
+
+
+@jit
+def _turns_far(system, X, Y):
+    """Whether the natural oscillation of a flight turns far between two points."""
+    p, p_Y, q = parameters_at(system, X), parameters_at(system, Y), system.q
+    for i in range(q):
+        last = i + 1 == q
+        following, turns = (0, 2.0 * math.pi * system.m) if last else (2 * i + 2, 0.0)
+        turn = (X[following] - X[2 * i] + turns) * p[4] / p[2]
+        turn_Y = (Y[following] - Y[2 * i] + turns) * p_Y[4] / p_Y[2]
+        if abs(turn_Y - turn) > _MOST_TURN:
+            return True
+    return False
+
+
+@jit
+def _flights(system, X, tangent, i, n, zeros):
+    """Return the polynomials of a flight, their slopes along the tangent, and their rounding."""
+    step = max(_STEP, difference(system, X))
+    at, above, below = X, X + step * tangent, X - step * tangent
+    m, speed, q = system.m, system.speed, system.q
+    pt = parameters(parameters_at(system, at))
+    C, rounding = polynomials(pt, m, speed, at, q, i, n, zeros)
+    pt = parameters(parameters_at(system, above))
+    slopes, _ = polynomials(pt, m, speed, above, q, i, n, zeros)
+    pt = parameters(parameters_at(system, below))
+    down, _ = polynomials(pt, m, speed, below, q, i, n, zeros)
+    for k in range(n):
+        for j in range(TERMS):
+            slopes[k, j] = (slopes[k, j] - down[k, j]) / (2.0 * step)
+    return C, slopes, rounding / step
+
+
+@jit
+def _may_pass(system, X, tangent, Y, tangent_Y, length, length_Y):
+    """Whether a flight may meet the stop within a step from X to Y."""
+    m, q, c = system.m, system.q, np.empty(TERMS)
+    pt, pt_Y = parameters(parameters_at(system, X)), parameters(parameters_at(system, Y))
+    for i in range(q):
+        # A difference of flights must not change the number of their steps.
+        n = 1 + max(steps_of(pt, m, X, q, i), steps_of(pt_Y, m, Y, q, i))
+        zeros, zeros_Y = zeros_of(pt.R, X, q, i), zeros_of(pt_Y.R, Y, q, i)
+        zeros = min(zeros[0], zeros_Y[0]), min(zeros[1], zeros_Y[1])
+        a, a_slope, rounding = _flights(system, X, tangent, i, n, zeros)
+        b, b_slope, rounding_Y = _flights(system, Y, tangent_Y, i, n, zeros)
+        for k in range(n):
+            for j in range(TERMS):
+                c[j] = 4.0 * a[k, j] + 2.0 * length * a_slope[k, j] - b[k, j]
+            c[0] -= 4.0 * length * rounding[k]
+            if not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0:
+                return True
+            for j in range(TERMS):
+                c[j] = 4.0 * b[k, j] - 2.0 * length_Y * b_slope[k, j] - a[k, j]
+            c[0] -= 4.0 * length_Y * rounding_Y[k]
+            if not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0:
+                return True
+    return False
+
+
+@jit
+def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
+    """Whether both parameters may turn back twice: the control points of their derivative."""
+    together, middle, bend, size = 0.0, 0.0, 0.0, 0.0
+    cosine = inner(tangent, tangent_Y, system.q)
+    for j in range(2 * system.q, X.size):
+        a, b = tangent[j], tangent_Y[j] / cosine
+        c = 3.0 * (Y[j] - X[j]) / length - a - b
+        together, size = together + a * b, size + a * a
+        middle, bend = middle + a * c, bend + (c - 0.5 * (a + b)) ** 2
+    return size > HEADING**2 and together > 0.0 and middle < math.sqrt(size * bend)
+
+
+@jit
+def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
+    """Whether a step may hide roots of the test functions, or points that are no orbits.
+
+    Parameters
+    ----------
+    system : System
+    X, tangent, tests : ndarray
+        Of the point that it begins at: unknowns, direction and test functions.
+    Y, tangent_Y, tests_Y : ndarray
+        Of the point that it ends at.
+    length : float
+        Of the step along the first tangent.
+    """
+    if _turns_far(system, X, Y):
+        return True
+    length_Y = length / inner(tangent, tangent_Y, system.q)
+    for i in range(tests.shape[1]):
+        slopes = length * tests[1, i], length_Y * tests_Y[1, i]
+        if _may_hide(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
+            return True
+    if _may_pass(system, X, tangent, Y, tangent_Y, length, length_Y):
+        return True
+    return system.condition == FOLD and _may_have_cusps(system, X, tangent, Y, tangent_Y, length)
