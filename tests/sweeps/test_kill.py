@@ -33,7 +33,7 @@ from interruptions import (
     share_written,
     signalled,
 )
-from sweeps import interrupts, open_sweep, run_sweep
+from sweeps import open_sweep, run_sweep
 from sweeps.config.loading import load_config
 from sweeps.store import SweepWriter
 from vibroimpact.jit.cache import cache_folder
@@ -200,27 +200,6 @@ def test_300_signals_at_system_calls(forks, seed):
 
 
 # Interrupts where they were not heard
-
-
-def test_an_interrupt_ends_the_last_pass_within_a_block(monkeypatch):
-    parts = SweepWriter._parts
-    passed = []
-
-    def passing(self, name, points):
-        for part in parts(self, name, points):
-            passed.append(name)
-            monkeypatch.setattr(interrupts, "_came", len(passed) == 5)
-            yield part
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(SweepWriter, "_parts", passing)
-        run_sweep(load_config("sweep.yaml", ["compression=gzip"]), "packed.h5")
-    assert len(passed) == 5
-    assert {path.name for path in Path().iterdir()} == {"packed.h5.part", "sweep.yaml"}
-    monkeypatch.setattr(interrupts, "_came", False)
-    run_sweep(load_config("sweep.yaml", ["compression=gzip"]), "packed.h5", resume=True)
-    with open_sweep("packed.h5") as dataset:
-        assert (dataset["status"] != Status.PENDING).all()
 
 
 @pytest.mark.slow
