@@ -70,10 +70,10 @@ class PointNumbers:
         return math.prod(self.shape)
 
     def cycles(self, at: np.ndarray, states: np.ndarray) -> Cycles:
-        """Return section states (x, v) of points, shape (k, m, 2), in the unit of x."""
+        """Return the cycles of section states (x, v) of points, shape (k, m, 2)."""
         omega, clearance, R = (self.values[name][at] for name in ("omega", "clearance", "R"))
-        scaled = np.stack([states[:, :, 0], states[:, :, 1] / omega[:, None]], axis=2)
-        return Cycles(scaled, clearance, R)
+        from_stop = states[:, :, 0] - clearance[:, None]
+        return Cycles(np.stack([from_stop, states[:, :, 1] / omega[:, None]], axis=2), R)
 
 
 def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:

@@ -54,6 +54,19 @@ def test_the_tolerance_is_relative_to_the_greatest_coordinate(apart, count):
     assert attractors(hand_made(points, 1), tolerance=1e-2)["attractors"].item() == 1
 
 
+def test_the_motions_of_a_ball_on_a_table_are_told_apart(tmp_path):
+    """The stop is at -1e8: relative to x all motions would be the same."""
+    starts = [-4.0, -6.0, -2.0, -8.0, -3.0, -1.0, -5.0, -7.0]
+    ball = {"h": 0.0, "R": 0.8, "omega": 1.0, "f": 1.0, "p": 1e-4, "clearance": -1e8}
+    record = {"transient": 1000, "periods": 100, "diagnostics": ["period"]}
+    sweep = {"oscillator": ball, "start": {"x0": -1e8, "v0": starts}, "record": record}
+    ds = open_sweep(run_sweep(sweep, tmp_path / "ball.h5"))
+    classes = list(zip(ds["period"].values, ds["period_impacts"].values, strict=True))
+    assert len(set(classes)) == 4
+    expected = [sorted(set(classes)).index(each) for each in classes]
+    assert partition(attractors(ds)["attractor"]) == partition(expected)
+
+
 def test_states_on_their_way_to_one_motion_are_chained():
     """Seven in a row, each within the tolerance of the next only."""
     points = np.array([cycle((-1.0 + 0.8e-3 * k, 0.0)) for k in (3, 0, 6, 1, 5, 2, 4)])

@@ -31,18 +31,18 @@ class Cycles:
     Attributes
     ----------
     states : ndarray, shape (n, m, 2)
-        x and v, in one unit, say x and v / omega.
-    clearance, R : ndarray, shape (n,)
-        Of the stop, in the unit of x, and of the impact.
+        x - clearance and v, in one unit, say v / omega: tolerances are relative to the distance
+        from the stop, wherever the stop is.
+    R : ndarray, shape (n,)
+        Of the impact.
     """
 
     states: np.ndarray
-    clearance: np.ndarray
     R: np.ndarray
 
     def __getitem__(self, index: Any) -> Cycles:
         """Return some of the motions."""
-        return Cycles(self.states[index], self.clearance[index], self.R[index])
+        return Cycles(self.states[index], self.R[index])
 
     def __len__(self) -> int:
         return len(self.states)
@@ -54,13 +54,13 @@ class Cycles:
 
     def last(self, m: int) -> Cycles:
         """Return the last m states of each."""
-        return Cycles(self.states[:, -m:], self.clearance, self.R)
+        return Cycles(self.states[:, -m:], self.R)
 
 
 def section_distance(
     states: np.ndarray,
     states_0: np.ndarray,
-    clearance: np.ndarray,
+    clearance: np.ndarray | float,
     R: np.ndarray,
     scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
@@ -110,12 +110,12 @@ def distances(a: Cycles, b: Cycles) -> np.ndarray:
         cut = slice(start, start + rows)
         states = np.tile(a.states[cut], (1, turns, 1))
         matching = b[cut]
-        clearance, R = matching.clearance[:, None], matching.R[:, None]
+        R = matching.R[:, None]
         apart = np.full(len(states), np.inf)
         for rotation in range(a.m):
             rotated = np.roll(states, rotation, axis=1)
             apart = np.minimum(
-                apart, section_distance(rotated, matching.states, clearance, R).max(axis=1)
+                apart, section_distance(rotated, matching.states, 0.0, R).max(axis=1)
             )
         scale = np.maximum(sizes(states), sizes(matching.states))
         result[cut] = apart / np.where(scale > 0.0, scale, 1.0)
