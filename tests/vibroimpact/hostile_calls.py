@@ -1,9 +1,9 @@
 """Hostile calls of the public functions, for test_termination.py, in a process of its own.
 
 ``hostile_calls.py SEED CALLS`` calls them with valid and with wrong arguments of every magnitude,
-and says how long the longest call of each took. It fails where a call ends in an error that the
-package has not raised itself, or that is not documented. What a caller asks for in so many words,
-as 10^9 forcing periods, is cut to `MOST_STEPS`.
+and says how much processor time the longest call of each took. It fails where a call ends in an
+error that the package has not raised itself, or that is not documented. What a caller asks for in
+so many words, as 10^9 forcing periods, is cut to `MOST_STEPS`.
 """
 
 import math
@@ -69,7 +69,7 @@ class Caller:
 
     def axis(self, osc):
         name = self.one_of(NAMES)
-        value, (low, high) = getattr(osc, name), self.rng.uniform([0.1, 1.0], [1.0, 3.0])
+        value, (low, high) = getattr(osc, name), self.rng.uniform([0.1, 1.0], [1.0, 3.0]).tolist()
         ends = [(value * low, value * high), (value * 1e-9, value * 1e6)]
         ends.append((self.number(), self.number()))
         low, high = self.one_of(ends)
@@ -172,9 +172,9 @@ def main(seed, calls):
     wrong, longest = 0, {}
     for number in range(calls):
         name, arguments, keywords = Caller([seed, number]).call()
-        began = time.perf_counter()
+        began = time.process_time()
         error = outcome(name, arguments, keywords)
-        longest[name] = max(longest.get(name, (0.0, 0)), (time.perf_counter() - began, number))
+        longest[name] = max(longest.get(name, (0.0, 0)), (time.process_time() - began, number))
         if error:
             wrong += 1
             print(f"call {number} of {seed}: {name} {arguments} {keywords}\n{error}", flush=True)

@@ -120,7 +120,7 @@ def test_every_orbit_of_a_branch_is_one():
 def test_a_branch_of_too_much_work_is_lost(monkeypatch):
     """All its points are orbits; it has as many as the work allows."""
     whole = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
-    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 100)
+    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 1000)
     found = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
     assert len(special(found, "lost")) == 2 and len(special(whole, "edge")) == 2
     assert 1 < len(found.values) < len(whole.values)

@@ -120,6 +120,19 @@ def test_the_multiplier_at_a_flip_is_minus_one():
     assert found.multipliers[0] == pytest.approx(-1.0, abs=1e-11)
 
 
+@pytest.mark.parametrize("turns", [2, 20, 2000])
+def test_the_multipliers_of_many_turns_are_powers(turns):
+    """The larger one of a flipped orbit, to infinity."""
+    osc = replace(LIGHT, omega=3.2)
+    closed = one_impact_orbit(osc)
+    larger = closed.multipliers[0].real
+    assert larger < -1.5
+    phases = closed.phase + 2.0 * math.pi * np.arange(turns)
+    found = PeriodicOrbit(osc, turns, phases, np.full(turns, closed.v)).multipliers
+    expected = larger**turns if turns < 2000 else math.inf
+    assert found[0] == pytest.approx(expected, rel=1e-10)
+
+
 def test_an_orbit_that_has_not_flipped_has_no_double():
     osc = replace(LIGHT, omega=2.5)
     _, _, (x, v) = beside(osc)
@@ -196,7 +209,15 @@ def root_near(osc, phases, speeds):
 
     X = np.column_stack([phases, speeds]).ravel()
     system = linear_system.System(
-        values_of(osc), np.empty(0, np.int64), np.empty(0), 1, len(phases), 1.0, 0, 0
+        values_of(osc),
+        np.empty(0, np.int64),
+        np.empty(0),
+        1,
+        len(phases),
+        1.0,
+        0,
+        0,
+        np.zeros(1),
     )
     if newton.correct(system, X, np.empty((0, 0)), 60) < 0 or (X[1::2] < 0.0).any():
         return None, ""

@@ -146,7 +146,7 @@ def walk(orbits: Orbits, start: Point) -> Iterator[Segment | End]:
 
 def lost_text(points: int, speeds: np.ndarray) -> str:
     """Say why a walk of so many points is lost at an orbit with these speeds."""
-    text = "Newton's method fails"
+    text = "Newton's method fails or takes too long"
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
     slowest, fastest = float(speeds.min()), float(speeds.max())

@@ -15,12 +15,14 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.detection import ROUNDING, test_functions
-from vibroimpact.orbits.flights import MOST_WORK, first_pass, time_steps, values_of
+from vibroimpact.orbits.flights import first_pass, values_of
 from vibroimpact.orbits.linear_system import System, inner, linearised, parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
 
 _NAMES = [field.name for field in fields(Oscillator)]
+#: Time steps of all evaluations of the flights, after which no further point is found.
+MOST_WORK = 2**24
 #: Iterations of the corrector.
 _MOST_ITERATIONS = 8
 #: A speed smaller than this, in the unit of speed, is zero to rounding: a graze.
@@ -136,14 +138,14 @@ class Orbits:
         free = np.array([_NAMES.index(axis.name) for axis in axes])
         self.spans = np.array([axis.span for axis in axes])
         self.system = System(
-            values_of(self.osc), free, self.spans, self.m, self.q, self.speed, condition, index
-        )
+            values_of(self.osc), free, self.spans, self.m, self.q, self.speed, condition, index,
+            np.zeros(1),
+        )  # fmt: skip
         ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in axes]
         self.bounds = np.array(ends) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) / axis.span for axis in axes]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
         self.start = np.concatenate([z.ravel(), at])
-        self._work = 0.0
 
     def values(self, X: np.ndarray) -> np.ndarray:
         """Return the free parameters at a point."""
@@ -200,8 +202,7 @@ class Orbits:
         None also once all points together have taken more than ``MOST_WORK`` time steps.
         """
         system = self.system
-        self._work += time_steps(parameters_at(system, X), self.m, self.q)
-        if not self._work <= MOST_WORK:
+        if system.work[0] > MOST_WORK:
             return None
         if condition is not None:
             system = system._replace(condition=condition, graze=index)

@@ -45,10 +45,8 @@ from vibroimpact.step.trigonometry import sin_cos
 
 #: A flight counts as below the stop where it passes it by less than so many roundings.
 _ROUNDINGS = 32.0 * 2.0**-52
-#: Longest flight, in units of the fastest rate of the system.
-_LONGEST = 1e6
-#: The limits of the work: time steps of a repetition, and those that a search or a walk takes.
-MOST_STEPS, MOST_WORK = 2**15, 2**19
+#: The limit of the work: time steps of a repetition.
+MOST_STEPS = 2**15
 
 
 class Flight(NamedTuple):
@@ -129,21 +127,25 @@ def residuals(values, m, speed, X, q):
     Returns
     -------
     F : ndarray, shape (q, 2)
-        The residuals; inf where an impact does not come after the one before it.
+        The residuals; inf where an impact does not come after the one before it, or where the
+        repetition has more time steps than ``MOST_STEPS``.
     A, B : ndarray, shape (q, 2, 2)
         The derivatives with respect to the impact before the flight and that after it.
     """
     pt = parameters(values)
     F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
     coefficients, M = np.empty(TERMS), np.empty((2, 2))
-    length = speed / pt.omega
+    length, longest = speed / pt.omega, 4.0 * math.pi * m / pt.omega  # beyond rounding
+    if not time_steps(values, m, 0) <= MOST_STEPS:
+        F[:], A[:], B[:] = math.inf, math.nan, math.nan
+        return F, A, B
     for i in range(q):
         theta, v = X[2 * i], X[2 * i + 1] * speed
         last = i + 1 == q
         end = X[0] + 2.0 * math.pi * m if last else X[2 * i + 2]
         arrival = X[1] if last else X[2 * i + 3]
         tau = (end - theta) / pt.omega
-        if not 0.0 < tau < _LONGEST / (2.0 * pt.h + pt.p + pt.omega):
+        if not 0.0 < tau < longest:
             F[:] = math.inf
             return F, A, B
         y, u = _land(_divide(tau, pt, 1), theta, v, pt, coefficients, M)

@@ -21,7 +21,7 @@ import numpy as np
 
 from vibroimpact.jit import jit
 from vibroimpact.orbits.elimination import condense, expand_solution
-from vibroimpact.orbits.flights import residuals
+from vibroimpact.orbits.flights import residuals, time_steps
 
 #: Step of the central differences, that of the least error.
 _DIFFERENCE = 6e-6
@@ -46,6 +46,8 @@ class System(NamedTuple):
         Unit of speeds.
     condition, graze : int
         The bifurcation to move onto, and the impact that grazes.
+    work : ndarray, shape (1,)
+        Receives the number of time steps that were taken.
     """
 
     values: np.ndarray
@@ -56,6 +58,7 @@ class System(NamedTuple):
     speed: float
     condition: int
     graze: int
+    work: np.ndarray
 
 
 @jit
@@ -82,7 +85,9 @@ def parameters_at(system, X):
 @jit
 def linearised(system, X):
     """Return F, A and B of the flights at a vector of unknowns (``flights.residuals``)."""
-    return residuals(parameters_at(system, X), system.m, system.speed, X, system.q)
+    values = parameters_at(system, X)
+    system.work[0] += time_steps(values, system.m, system.q)
+    return residuals(values, system.m, system.speed, X, system.q)
 
 
 @jit
@@ -101,6 +106,7 @@ def _right_hand_sides(system, X, F):
     right = np.empty((q, 2, 1 + system.free.size))
     for i in range(q):
         right[i, 0, 0], right[i, 1, 0] = -F[i, 0], -F[i, 1]
+    system.work[0] += 2 * system.free.size * time_steps(values, system.m, q)
     for j in range(system.free.size):
         at, span = system.free[j], system.spans[j]
         value = values[at]

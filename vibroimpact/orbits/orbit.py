@@ -45,7 +45,7 @@ class PeriodicOrbit:
 
     @cached_property
     def multipliers(self) -> np.ndarray:
-        """Both Floquet multipliers, complex, the larger first; one is infinite at a graze."""
+        """Both Floquet multipliers, complex, the larger first: infinite at a graze or overflow."""
         o = self.oscillator
         if self.q == 0:
             rate = np.sqrt(complex(o.h * o.h - o.p * o.p))
@@ -54,7 +54,8 @@ class PeriodicOrbit:
         if not self.speeds.all():
             return np.array([math.inf, 0.0], complex)
         _, c1, c2 = self.characteristic
-        return multipliers_of(-c1 / c2, determinant(o.h, o.R, o.omega, self.m, self.q))
+        trace = -c1 / c2 if c2 else math.inf
+        return multipliers_of(trace, determinant(o.h, o.R, o.omega, self.m, self.q))
 
     @cached_property
     def characteristic(self) -> tuple[float, float, float]:

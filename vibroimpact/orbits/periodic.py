@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.orbits import newton
 from vibroimpact.orbits.elimination import null_vector
-from vibroimpact.orbits.flights import MOST_STEPS, MOST_WORK, first_pass, time_steps, values_of
+from vibroimpact.orbits.flights import MOST_STEPS, first_pass, time_steps, values_of
 from vibroimpact.orbits.linear_system import System
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
@@ -31,6 +31,8 @@ from vibroimpact.step.stop import IMPACT, REST
 
 #: More impacts per repetition are not solved for.
 MOST_IMPACTS = 4096
+#: A motion is not followed over more time steps, impacts and sections than these.
+_MOST_FOLLOWED = 16 * MOST_STEPS
 #: Newton's method starts from the given state, and then from where the motion is later, after so
 #: many repetitions.
 _LATER = (0, 1, 4, 16, 64, 256)
@@ -59,8 +61,8 @@ def periodic_orbit(
     """Find the periodic orbit of `m` forcing periods that a section state leads to.
 
     The motion is followed over `m` forcing periods; its impacts are where Newton's method starts.
-    If that ends at no orbit, the motion is followed longer, several times over, as far as
-    ``MOST_WORK`` time steps go.
+    If that ends at no orbit, the motion is followed longer, several times over, as far as 16 times
+    ``MOST_STEPS`` time steps go.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def periodic_orbit(
     OrbitError
         If there is none: the motion rests on the stop, or what Newton's method ends at is no orbit.
         If it is not sought, because `m` periods are too many time steps, or have more than
-        ``MOST_IMPACTS`` impacts, or because the motion has more impacts than ``MOST_WORK``.
+        ``MOST_IMPACTS`` impacts, or because the motion has too many.
     TypeError, ValueError
         If `osc` is no Oscillator, the state is not of numbers or beyond the stop, or `m` or `phase`
         is not in its range.
@@ -115,9 +117,9 @@ def _impacts_from(
         periods = m * (later - before + 1)
         points = osc.at(*state)
         steps = stepping(points, "exact", "exact", None, phase, at_section=True)
-        if later and m * (later + 1) * steps.grid.size > MOST_WORK:
+        if later and m * (later + 1) * steps.grid.size > _MOST_FOLLOWED:
             return
-        log, status = trace(points, steps, periods, every=steps.grid.size, most_rows=MOST_WORK)
+        log, status = trace(points, steps, periods, every=steps.grid.size, most_rows=_MOST_FOLLOWED)
         if status is Status.PENDING:
             yield "the motion has more impacts than are followed"
             return
@@ -162,7 +164,8 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
         return free_orbit(osc)
     speed = unit_of_speed(osc, speeds)
     X = np.column_stack([phases, speeds / speed]).ravel()
-    system = System(values_of(osc), _NO_AXES, _NO_SPANS, m, q, speed, newton.NONE, 0)
+    fixed = values_of(osc), _NO_AXES, _NO_SPANS
+    system = System(*fixed, m, q, speed, newton.NONE, 0, np.zeros(1))
     converged = newton.correct(system, X, _NO_PLANES, _MOST_ITERATIONS) >= 0
     orbit = orbit_of(osc, m, X[::2], X[1::2] * speed)
     # Twice around an orbit at its flip, the iteration ends in rounding.
