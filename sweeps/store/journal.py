@@ -4,8 +4,8 @@ It begins with a header: the schema of the sweep as an HDF5 file without data, a
 size and checksum. A record for every block follows: a head with the number of the block, a checksum
 of the head and one of each array; then the arrays, in the order of the schema. A record is on the
 disk before the next one is begun. So a kill or a loss of power damages the last record alone, whose
-checksums do not fit then: its block counts as not computed, as does one that is damaged later. Where
-the head of a record is damaged, so do all that follow, whose place it tells.
+checksums do not fit then: its block counts as not computed, as does one that is damaged later.
+Where the head of a record is damaged, so do all that follow, whose place it tells.
 """
 
 from __future__ import annotations
