@@ -179,8 +179,10 @@ class Diagram(PixelFigure):
         self.sent += 1
         edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
         self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent])
-        # A picture of an older view may come after the window of a newer one was set.
-        if (shown.view.ordinate, None) == self._ordinate:
+        # A picture of an older view may come after the window of a newer one was set, or after the
+        # browser has sent a window that is not read yet.
+        fits = self.windows[1] == self.fitted
+        if (shown.view.ordinate, None) == self._ordinate and fits:
             self.fitted = shown.window
             set_range(self.figure.y_range, shown.window)
         for outcome, (source, item) in self._strips.items():

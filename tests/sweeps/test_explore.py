@@ -44,6 +44,15 @@ def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
     assert (y.start, y.end) == (-0.2, -0.1)
 
 
+def test_a_picture_leaves_a_window_of_the_browser_that_is_not_read_yet(view):
+    diagram = Diagram(lambda shown, seconds: None)
+    diagram.show(view)
+    picture = diagram._draw(view, 20, 30)
+    diagram.figure.y_range.update(start=0.25, end=0.5)
+    diagram._paint(picture, 0.0)
+    assert diagram.windows[1] == (0.25, 0.5)
+
+
 def test_the_height_is_that_above_the_stop_of_each_column(view):
     config = replace(view, axis="clearance", xlim=(0.0, 2.0)).diagram(4)
     results = numbers(config)

@@ -106,7 +106,11 @@ def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, cap
     assert [record for record in caplog.records if record.name != "tornado.access"] == []
     right = {"Sec-WebSocket-Protocol": f"bokeh, {token}", "Origin": f"http://{parts.netloc}"}
     request = HTTPRequest(f"ws://{parts.netloc}/ws", headers=right)
-    IOLoop(make_current=False).run_sync(partial(websocket_connect, request)).close()
+
+    async def connect_and_close():
+        (await websocket_connect(request)).close()
+
+    IOLoop(make_current=False).run_sync(connect_and_close)
 
 
 @pytest.mark.slow
