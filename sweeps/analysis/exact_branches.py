@@ -19,9 +19,9 @@ from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, lis
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.branch_set import BranchSet
-from vibroimpact.orbits.period_class import period_class
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.points.period_class import period_class
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:

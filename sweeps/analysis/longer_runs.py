@@ -33,8 +33,8 @@ from sweeps.analysis.motion import Motion, classify, kinds
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
 from sweeps.analysis.selection import Setting
 from vibroimpact import integrate
-from vibroimpact.orbits.period_class import LONGEST_PERIOD, period_class
 from vibroimpact.oscillator import POINT, Oscillator
+from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
 
 #: How often a motion is followed on, four times as long each time.
 EXTENSIONS = 4

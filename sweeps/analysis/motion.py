@@ -6,7 +6,7 @@ The kind of a point is what its record shows. The first of these that holds deci
 2. with rest: the mass rested on the stop during the record, after a complete chatter or, with
    R = 0, after an impact. Such a motion may be periodic, but its number of impacts depends on where
    a chatter is cut off;
-3. periodic: the record repeats (`vibroimpact.orbits.period_class.period_class`);
+3. periodic: the record repeats (`vibroimpact.points.period_class.period_class`);
 4. by the larger Lyapunov exponent, where it is recorded. Over the time t of a record of k forcing
    periods, tangent vectors grow by exp(lambda_1 t). On a torus they grow linearly at the most, so
    that more than k-fold growth is chaos. From 1/k to k is neutral: a quasi-periodic motion, or a

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibroimpact.orbits.period_class import LONGEST_PERIOD
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, doubled, periodic_orbit
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.points.period_class import LONGEST_PERIOD
 
 #: A motion is near an orbit if no section is off by more than this share of the record's size.
 _NEARNESS = 0.2

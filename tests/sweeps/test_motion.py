@@ -7,8 +7,8 @@ import yaml
 from sweeps.analysis.motion import Motion, classify, frequent_periods
 from vibroimpact import integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
-from vibroimpact.orbits.period_class import period_class
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.points.period_class import period_class
 from vibroimpact.status import Status
 
 PERIODS = 100

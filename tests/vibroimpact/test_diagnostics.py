@@ -8,7 +8,7 @@ import pytest
 from oscillators import bifurcation
 from vibroimpact import Oscillator, integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
-from vibroimpact.orbits.period_class import LONGEST_PERIOD, TOLERANCE, period_class
+from vibroimpact.points.period_class import LONGEST_PERIOD, TOLERANCE, period_class
 from vibroimpact.step.integrators import INTEGRATORS
 
 

@@ -203,12 +203,12 @@ def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
 
 def root_near(osc, phases, speeds):
     """Return the root of the impact equations near a guess, and the objection to it."""
-    from vibroimpact.orbits import linear_system, newton
     from vibroimpact.orbits import periodic as module
+    from vibroimpact.orbits.corrector import System, correct
     from vibroimpact.orbits.flights import values_of
 
     X = np.column_stack([phases, speeds]).ravel()
-    system = linear_system.System(
+    system = System(
         values_of(osc),
         np.empty(0, np.int64),
         np.empty(0),
@@ -219,7 +219,7 @@ def root_near(osc, phases, speeds):
         0,
         np.zeros(1),
     )
-    if newton.correct(system, X, np.empty((0, 0)), 60) < 0 or (X[1::2] < 0.0).any():
+    if not correct(system, X, np.empty((0, 0)), 60) or (X[1::2] < 0.0).any():
         return None, ""
     root = module.orbit_of(osc, 1, X[::2], X[1::2])
     return root, module.objection(root)

@@ -1,9 +1,9 @@
 """Curves of bifurcations in two parameters: flips, folds and grazes of periodic orbits.
 
-A curve is a branch with one condition more and two free parameters (``newton.py``), walked in both
-directions like a branch. On a curve of folds, cusps are where the parameters turn back together. A
-curve of grazes meets curves of flips and of folds where the middle coefficient of det(S + mu T)
-vanishes; these end there, and wherever else their orbit grazes.
+A curve is a branch with one condition more and two free parameters (``corrector.py``), walked in
+both directions like a branch. On a curve of folds, cusps are where the parameters turn back
+together. A curve of grazes meets curves of flips and of folds where the middle coefficient of
+det(S + mu T) vanishes; these end there, and wherever else their orbit grazes.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits import newton
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.continuation import End, Segment, Track, both_directions, walk
+from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE
 from vibroimpact.orbits.detection import HEADING
 from vibroimpact.orbits.family import Axis, Orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of
@@ -27,7 +27,7 @@ from vibroimpact.orbits.switching import without_touch
 from vibroimpact.oscillator import refuse_other
 
 #: Kinds of curves, with their condition.
-KINDS = {"flip": newton.FLIP, "fold": newton.FOLD, "graze": newton.GRAZE}
+KINDS = {"flip": FLIP, "fold": FOLD, "graze": GRAZE}
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
 _BESIDE = 0.2

@@ -3,7 +3,7 @@
 Along a branch or a curve the test functions are smooth:
 
     the distances of the free parameters from both edges of their ranges;
-    on a branch the flip and the fold, det(S + mu T) at mu = -1 and +1 (``elimination.py``); on a
+    on a branch the flip and the fold, det(S + mu T) at mu = -1 and +1 (``corrector.py``); on a
     curve of grazes their meeting, the middle coefficient of det(S + mu T).
 
 The signs at both ends of a step show one root, not two. But the values and the slopes there give
@@ -28,7 +28,17 @@ import math
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.orbits.elimination import characteristic
+from vibroimpact.orbits.corrector import (
+    FLIGHT_DIFFERENCE,
+    FOLD,
+    GRAZE,
+    NONE,
+    characteristic,
+    difference,
+    inner,
+    linearised,
+    parameters_at,
+)
 from vibroimpact.orbits.flights import (
     is_below,
     parameters,
@@ -36,16 +46,12 @@ from vibroimpact.orbits.flights import (
     steps_of,
     zeros_of,
 )
-from vibroimpact.orbits.linear_system import inner, linearised, parameters_at
-from vibroimpact.orbits.newton import FOLD, GRAZE, NONE, difference
 from vibroimpact.step.flight import TERMS, first_crossing
 
 #: Test functions below this are rounding.
 ROUNDING = 1e-12
 #: The natural oscillation of a flight turns by less than this in a step [rad].
 _MOST_TURN = 1.0
-#: Step of the central differences of flights, that of the least error.
-_STEP = 6e-6
 #: Where the parameters of a curve of folds move by less than this share, rounding decides whereto.
 HEADING = 1e-5
 
@@ -143,7 +149,7 @@ def _turns_far(system, X, Y):
 @jit
 def _flights(system, X, tangent, i, n, zeros):
     """Return the polynomials of a flight, their slopes along the tangent, and their rounding."""
-    step = max(_STEP, difference(system, X))
+    step = max(FLIGHT_DIFFERENCE, difference(system, X))
     at, above, below = X, X + step * tangent, X - step * tangent
     m, speed, q = system.m, system.speed, system.q
     pt = parameters(parameters_at(system, at))

@@ -1,7 +1,7 @@
 """A family of orbits over free parameters, as the points that a continuation walks on.
 
 A point is a vector X of phases and scaled speeds in turn, then of parameters over their spans
-(``linear_system.py``).
+(``corrector.py``).
 """
 
 from __future__ import annotations
@@ -13,10 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits import newton
+from vibroimpact.orbits.corrector import (
+    GRAZE,
+    System,
+    correct,
+    inner,
+    linearised,
+    parameters_at,
+    tangent,
+)
 from vibroimpact.orbits.detection import ROUNDING, test_functions
 from vibroimpact.orbits.flights import first_pass, values_of
-from vibroimpact.orbits.linear_system import System, inner, linearised, parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
 
@@ -120,7 +127,7 @@ class Orbits:
         One of these orbits, with q >= 1; gives the other parameters and the unit of speed.
     axes : sequence of Axis
     condition, index : int
-        The bifurcation of a curve (``newton.py``); `index` is the impact that grazes.
+        The bifurcation of a curve (``corrector.py``); `index` is the impact that grazes.
     speed : float, optional
         The unit of speed, by default that of the orbit.
     """
@@ -207,9 +214,9 @@ class Orbits:
         if condition is not None:
             system = system._replace(condition=condition, graze=index)
         X = X.copy()
-        if newton.correct(system, X, planes, most) < 0:
+        if not correct(system, X, planes, most):
             return None
-        if system.condition == newton.GRAZE and len(planes) < len(self.axes):
+        if system.condition == GRAZE and len(planes) < len(self.axes):
             X[2 * system.graze + 1] = 0.0  # the speed is, to rounding
         return X
 
@@ -221,7 +228,7 @@ class Orbits:
 
     def tangent(self, X: np.ndarray) -> np.ndarray:
         """Return the direction of the branch or curve."""
-        return newton.tangent(self.system, X)
+        return tangent(self.system, X)
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return the inner product of the walk."""
@@ -266,7 +273,7 @@ class Orbits:
     def slowest(self, X: np.ndarray) -> float:
         """Return the slowest speed, on a curve of grazes that of the other impacts; inf if none."""
         speeds = X[1 : 2 * self.q : 2]
-        if self.system.condition == newton.GRAZE:
+        if self.system.condition == GRAZE:
             speeds = np.delete(speeds, self.system.graze)
         return float(speeds.min(initial=math.inf))
 

@@ -1,7 +1,7 @@
 """A periodic orbit as its impacts, with its Floquet multipliers and its states at a section.
 
 The sum of the multipliers is -c1 / c2, with det(S + mu T) = c0 + c1 mu + c2 mu^2
-(``elimination.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller keeps
+(``corrector.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller keeps
 its digits.
 """
 
@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vibroimpact.orbits.elimination import characteristic
+from vibroimpact.orbits.corrector import characteristic
 from vibroimpact.orbits.flights import residuals, state_after, values_of
 from vibroimpact.oscillator import Oscillator
 

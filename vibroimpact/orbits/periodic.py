@@ -10,10 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibroimpact.orbits import newton
-from vibroimpact.orbits.elimination import null_vector
+from vibroimpact.orbits.corrector import NONE, System, correct, null_vector
 from vibroimpact.orbits.flights import MOST_STEPS, first_pass, time_steps, values_of
-from vibroimpact.orbits.linear_system import System
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_orbit,
@@ -165,8 +163,8 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     speed = unit_of_speed(osc, speeds)
     X = np.column_stack([phases, speeds / speed]).ravel()
     fixed = values_of(osc), _NO_AXES, _NO_SPANS
-    system = System(*fixed, m, q, speed, newton.NONE, 0, np.zeros(1))
-    converged = newton.correct(system, X, _NO_PLANES, _MOST_ITERATIONS) >= 0
+    system = System(*fixed, m, q, speed, NONE, 0, np.zeros(1))
+    converged = correct(system, X, _NO_PLANES, _MOST_ITERATIONS)
     orbit = orbit_of(osc, m, X[::2], X[1::2] * speed)
     # Twice around an orbit at its flip, the iteration ends in rounding.
     if not converged and not np.abs(linearised(orbit)[0]).max() < _NEARLY**2:

@@ -1,6 +1,6 @@
 """Where a branch bifurcates within a step or ends: its flips, folds and grazes, to rounding.
 
-The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``elimination.py``). A
+The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). A
 graze is where an impact's speed is zero, or where a flight between two impacts touches the stop.
 Both count as an impact of speed zero, so one condition finds them. An orbit of twice the period
 becomes one of half its period where its two halves change places.
@@ -14,13 +14,11 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.orbits import newton
 from vibroimpact.orbits.continuation import End, Segment
+from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, null_vector, parameters_at
 from vibroimpact.orbits.detection import ROUNDING
-from vibroimpact.orbits.elimination import null_vector
 from vibroimpact.orbits.family import Objection, Orbits
 from vibroimpact.orbits.flights import state_after
-from vibroimpact.orbits.linear_system import parameters_at
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
 #: A bifurcation that was found belongs to the walk if it is closer to it than this, in scaled
@@ -35,7 +33,7 @@ _GRAZES = 1e-5
 def bifurcations(step: Segment) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the flips and folds within a step, in order."""
     orbits, located = step.orbits, []
-    for test, kind, condition in ((-2, "flip", newton.FLIP), (-1, "fold", newton.FOLD)):
+    for test, kind, condition in ((-2, "flip", FLIP), (-1, "fold", FOLD)):
         share = crossing(step, test)
         if share is None:
             continue
@@ -101,7 +99,7 @@ def _graze(
     if objection.kind == "pass":
         grazing, Y = with_touch(orbits, X, objection)
         index += 1
-    Z = grazing.corrected(Y, np.empty((0, Y.size)), newton.GRAZE, index)
+    Z = grazing.corrected(Y, np.empty((0, Y.size)), GRAZE, index)
     if Z is None or not _apart(grazing, Z, Y) < NEARBY_DISTANCE:
         return None
     osc = grazing.oscillator(Z)
@@ -147,7 +145,7 @@ def halving(step: Segment) -> tuple[np.ndarray, PeriodicOrbit] | None:
     mean = z[: q // 2] + 0.5 * _unlike(orbits, X)
     half = PeriodicOrbit(orbits.oscillator(X), orbits.m // 2, mean[:, 0], mean[:, 1] * orbits.speed)
     halves = Orbits(half, orbits.axes)
-    Y = halves.corrected(halves.start, np.empty((0, halves.start.size)), newton.FLIP)
+    Y = halves.corrected(halves.start, np.empty((0, halves.start.size)), FLIP)
     if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
         return None
     return doubling(halves, Y, orbits.speed)[0], halves.orbit(Y)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.lanes.integrate import integrate
-from vibroimpact.orbits.period_class import period_class
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.following import follow
+from vibroimpact.points.period_class import period_class
 from vibroimpact.points.scaling import computed_once
 from vibroimpact.step.log import trajectories
 from vibroimpact.step.methods import stepping
