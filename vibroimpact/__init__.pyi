@@ -1,7 +1,6 @@
 from .lanes.integrate import integrate as integrate
 from .orbits.branches import Branch as Branch
 from .orbits.branches import branch as branch
-from .orbits.curves import Curve as Curve
 from .orbits.curves import bifurcation_curve as bifurcation_curve
 from .orbits.one_impact import OneImpactOrbit as OneImpactOrbit
 from .orbits.one_impact import one_impact_orbit as one_impact_orbit

@@ -22,9 +22,9 @@ from sweeps.analysis.exact_branches import check_axis
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.errors import Refused
-from vibroimpact.orbits.branches import Branch, Special, branch
+from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
-from vibroimpact.orbits.curves import KINDS, Curve, bifurcation_curve
+from vibroimpact.orbits.curves import KINDS, bifurcation_curve
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None)
 
 
 def summary(
-    curves: Sequence[Curve], changes: int, explained: int, reasons: Mapping[str, Counter[str]]
+    curves: Sequence[Branch], changes: int, explained: int, reasons: Mapping[str, Counter[str]]
 ) -> str:
     """Say in lines what was found, and why changes have no curve, by their pairs of classes."""
     kinds = Counter(curve.kind for curve in curves)
@@ -100,7 +100,7 @@ def summary(
     for curve in curves:
         for point in curve.special:
             if point.kind == "lost":
-                values = zip(curve.parameters, point.values.tolist(), strict=True)
+                values = zip(curve.parameters, point.value.tolist(), strict=True)
                 where = ", ".join(f"{name} = {value:g}" for name, value in values)
                 why = lost_text(len(curve.values), point.orbit.speeds)
                 name = f"{curve.kind}s of {curve.m}/{curve.q}"
@@ -134,7 +134,7 @@ class _Search:
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
         self._explained = np.zeros(len(self._cells), bool)
-        self._lines: list[tuple[Curve, cKDTree]] = []
+        self._lines: list[tuple[Branch, cKDTree]] = []
 
     def _changes(self) -> Iterator[np.ndarray]:
         """Yield the cells on both sides of every change between periodic classes."""
@@ -168,7 +168,7 @@ class _Search:
         """Return what `curves` does."""
         found = [curve for curve, _ in self._lines]
         special = [(number, point) for number, one in enumerate(found) for point in one.special]
-        at = np.array([point.values for _, point in special]).reshape(-1, 2)
+        at = np.array([point.value for _, point in special]).reshape(-1, 2)
         data = {
             "curve": (
                 "point",
@@ -203,7 +203,7 @@ class _Search:
                 middle = int(within[len(within) // 2])
                 yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
 
-    def _borders(self, cell: np.ndarray, axis: int) -> Iterator[Special]:
+    def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
         """Yield the bifurcations next to a cell along an axis, on the branch of its orbit."""
         values = self._values[axis]
         try:
@@ -217,7 +217,7 @@ class _Search:
             if point is not None and point.kind in KINDS:
                 yield point
 
-    def _is_on_curve(self, point: Special, axis: int, cell: np.ndarray) -> bool:
+    def _is_on_curve(self, point: SpecialPoint, axis: int, cell: np.ndarray) -> bool:
         """Whether a bifurcation on the line through a cell is on a curve that is known."""
         at = cell.astype(float)
         at[axis] = np.interp(point.value, self._values[axis], np.arange(len(self._values[axis])))
@@ -255,7 +255,7 @@ class _Search:
     def _branch(self, cell: np.ndarray, axis: int, low: float, high: float) -> Branch:
         return branch(self._orbit(cell), self._axes[axis], float(low), float(high))
 
-    def _bifurcation(self, cells: np.ndarray) -> Special:
+    def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
         """Return the bifurcation at a change, coming from either side.
 
         Raises
@@ -268,7 +268,7 @@ class _Search:
         ends = values[cells[0, axis]], values[cells[1, axis]]
         beyond = _CELLS * (ends[1] - ends[0])
         low, high = max(values[0], ends[0] - beyond), min(values[-1], ends[1] + beyond)
-        points: list[Special] = []
+        points: list[SpecialPoint] = []
         reason = "both motions are stable on both sides, and the start decides"
         for cell in cells:
             try:
@@ -282,7 +282,7 @@ class _Search:
         ends_so = [point.kind for point in points if point.kind != "edge"]
         raise OrbitError(f"a branch ends there: {ends_so[0]}" if ends_so else reason)
 
-    def _follow(self, point: Special) -> None:
+    def _follow(self, point: SpecialPoint) -> None:
         """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
 
         Raises
@@ -309,7 +309,7 @@ class _Search:
         distances, _ = line.query(self._cells[rows].mean(axis=1), p=np.inf)
         self._explained[rows[distances <= 1.0]] = True
 
-    def _line(self, curve: Curve) -> cKDTree:
+    def _line(self, curve: Branch) -> cKDTree:
         """Return points along a curve, a quarter of a cell apart, in units of cells."""
         from scipy.spatial import cKDTree
 

@@ -12,8 +12,8 @@ from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
 from sweeps.analysis import exact_curves
 from sweeps.errors import Refused
+from vibroimpact.orbits.branches import Branch, SpecialPoint
 from vibroimpact.orbits.continuation import MOST_POINTS
-from vibroimpact.orbits.curves import Curve, CurvePoint
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
 from vibroimpact.oscillator import Oscillator
@@ -128,9 +128,10 @@ def test_a_curve_that_is_lost_says_where_and_why():
         (9, "Newton's method"),
     ):
         values = np.full((points, 2), 0.5)
-        end = CurvePoint("lost", np.array([0.25, 2.0]), orbit)
+        end = SpecialPoint("lost", np.array([0.25, 2.0]), orbit)
         speeds = np.ones((points, 2))
-        curve = Curve("flip", ("R", "omega"), 1, 2, values, speeds, speeds, [end])
+        rows = values, speeds[:, 0] < 0.0, speeds, speeds
+        curve = Branch("flip", ("R", "omega"), 1, 2, *rows, [end], orbit.oscillator)
         (_, _, line) = exact_curves.summary([curve], 0, 0, {}).split("\n")
         assert line.startswith("a curve of flips of 1/2 is lost at R = 0.25, omega = 2: " + reason)
         assert line.endswith("the slowest impact has 2e-01 of the speed of the fastest")

@@ -8,11 +8,10 @@ import pytest
 
 from oscillators import bifurcation
 from vibroimpact.orbits.branch_set import BranchSet
-from vibroimpact.orbits.branches import branch
-from vibroimpact.orbits.family import Axis, Orbits
+from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
-from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -135,7 +134,7 @@ def test_only_rounding_is_taken_for_a_speed_of_zero(speed, kept):
     osc = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
     closed = one_impact_orbit(osc)
     start = solved(osc, 1, np.array([closed.phase]), np.array([closed.v]))
-    orbits = Orbits(start, (Axis("omega", 2.0, 3.0),))
+    orbits = OrbitFamily(start, (ContinuationParameter("omega", 2.0, 3.0),))
     X = orbits.start.copy()
     X[1] = speed
     assert orbits.orbit(X).speeds[0] == kept * orbits.speed

@@ -8,13 +8,12 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 
 from oscillators import bifurcation
-from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.branches import branch, doubled_branch
 from vibroimpact.orbits.curves import bifurcation_curve
-from vibroimpact.orbits.family import Orbits
+from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
-from vibroimpact.orbits.switching import doubled_branch
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -34,7 +33,7 @@ def test_the_flips_without_damping_are_on_the_closed_form():
     omega, R = found.values.T
     curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
     assert np.abs(curve - 1.0).max() < 1e-13
-    assert sorted(point.values[1] for point in found.special) == [0.2, 0.98]
+    assert sorted(point.value[1] for point in found.special) == [0.2, 0.98]
     assert {point.kind for point in found.special} == {"edge"}
 
 
@@ -92,15 +91,15 @@ def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
     start = one_impact(replace(SCENE, omega=omega, f=f), 2, slower)
     found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
     (end,) = [p for p in found.special if p.kind == "graze" and p.orbit.speeds[0] == 0.0]
-    assert end.values == pytest.approx([free_graze(MEETING), MEETING], abs=3e-15)
+    assert end.value == pytest.approx([free_graze(MEETING), MEETING], abs=3e-15)
     places, slopes = [], []
     for halvings in range(7):
         edge = MEETING + beside / 2**halvings
         limits = (edge, 0.9) if beside > 0.0 else (0.7, edge)
         found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", *limits))
-        (at_edge,) = [p for p in found.special if p.kind == "edge" and p.values[1] == edge]
+        (at_edge,) = [p for p in found.special if p.kind == "edge" and p.value[1] == edge]
         places.append(edge - MEETING)
-        slopes.append((at_edge.values[0] - free_graze(edge)) / places[-1])
+        slopes.append((at_edge.value[0] - free_graze(edge)) / places[-1])
     assert BarycentricInterpolator(places, slopes)(0.0) == pytest.approx(0.0, abs=2e-11)
 
 
@@ -121,8 +120,8 @@ def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega,
     flip = min((p for p in flips if p.orbit.q == q), key=lambda p: abs(p.value - f))
     assert (flip.orbit.m, flip.orbit.q) == (m, q)
     found = bifurcation_curve(flip.orbit, "flip", ("f", 0.31, 0.4), ("omega", 0.78, 0.83))
-    (end,) = [p for p in found.special if p.kind == "graze" and p.values[0] > 0.35]
-    assert end.values == pytest.approx([free_graze(MEETING), MEETING], abs=away)
+    (end,) = [p for p in found.special if p.kind == "graze" and p.value[0] > 0.35]
+    assert end.value == pytest.approx([free_graze(MEETING), MEETING], abs=away)
     assert {p.kind for p in found.special} <= {"graze", "edge"}
     assert len(found.values) < 60
     for (f, omega), phases, speeds in zip(found.values, found.phases, found.speeds, strict=True):
@@ -134,13 +133,13 @@ def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega,
 @pytest.mark.parametrize(("fails_below", "kind"), [(1e-7, "graze"), (1e-4, "lost")])
 def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, kind):
     """Newton's method fails where an impact is slower than a share of the unit of speed."""
-    corrected = Orbits.corrected
+    corrected = OrbitFamily.corrected
 
     def fails(self, *arguments, **options):
         X = corrected(self, *arguments, **options)
         return None if X is not None and 0.0 < X[1 : 2 * self.q : 2].min() < fails_below else X
 
-    monkeypatch.setattr(Orbits, "corrected", fails)
+    monkeypatch.setattr(OrbitFamily, "corrected", fails)
     start = one_impact(replace(SCENE, omega=0.81, f=0.35), 2)
     found = bifurcation_curve(start, "flip", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
     assert {point.kind for point in found.special} == {"edge", kind}
@@ -157,8 +156,8 @@ def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
     for point in branch(start, "omega", 4.9, 5.4).special:
         found = bifurcation_curve(point.orbit, point.kind, ("omega", 0.3, 5.6), ("R", 0.3, 0.95))
         assert (found.kind, found.m, found.q) in (("graze", 6, 7), ("flip", 3, 3))
-        (end,) = [p for p in found.special if p.kind == "graze" and p.values[1] < 0.5]
-        ends.append(end.values)
+        (end,) = [p for p in found.special if p.kind == "graze" and p.value[1] < 0.5]
+        ends.append(end.value)
     assert len(ends) == 2 and ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
@@ -169,7 +168,7 @@ def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_m
     assert (found.speeds == 0.0).all()
     for kind in ("flip", "fold"):
         (point,) = [p for p in found.special if p.kind == kind]
-        assert point.values[1] == pytest.approx(MEETING, abs=1e-13)
+        assert point.value[1] == pytest.approx(MEETING, abs=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +186,7 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
     expected = sorted(2.0 * free / k for k in range(1, 400) if low < 2.0 * free / k < high)
     assert len(expected) == count
     for kind in ("flip", "fold"):
-        places = sorted(point.values[1] for point in found.special if point.kind == kind)
+        places = sorted(point.value[1] for point in found.special if point.kind == kind)
         assert places == pytest.approx(expected, abs=1e-12)
 
 
@@ -205,7 +204,7 @@ def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f)
     start = PeriodicOrbit(osc, 10, np.array(phases), np.array(speeds))
     found = bifurcation_curve(start, "graze", ("R", 0.57, last), ("f", 0.5, 1.5))
     assert [point.kind for point in found.special] == ["edge", "edge"]
-    ends = [point.values for point in found.special]
+    ends = [point.value for point in found.special]
     assert max(ends, key=lambda end: end[0]) == pytest.approx([last, f], abs=1e-12)
 
 
@@ -241,7 +240,7 @@ def test_flips_and_folds_meet_the_graze_of_a_strongly_damped_free_oscillation(lo
     expected = sorted(omega for omega in meetings if low < omega < high)
     assert len(expected) == count
     for kind in ("flip", "fold"):
-        places = sorted(p.values[1] for p in found.special if p.kind == kind)
+        places = sorted(p.value[1] for p in found.special if p.kind == kind)
         assert places == pytest.approx(expected, abs=1e-9)
 
 
@@ -251,7 +250,7 @@ def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
     ranges = [(x, getattr(scene, x) - width, getattr(scene, x) + width) for x in ("omega", "R")]
     found = bifurcation_curve(one_impact(scene), "flip", *ranges)
     assert [point.kind for point in found.special] == ["edge", "edge"]
-    assert sorted(point.values[1] for point in found.special) == [0.8 - width, 0.8 + width]
+    assert sorted(point.value[1] for point in found.special) == [0.8 - width, 0.8 + width]
 
 
 def test_the_folds_are_those_of_the_closed_form():
@@ -278,7 +277,7 @@ def test_the_folds_of_a_long_chatter_are_followed_from_wherever_the_slowest_impa
     (fold,) = [p for p in branch(start, "omega", 0.3, 1.2).special if p.kind == "fold"]
     assert (fold.orbit.q, np.argmin(fold.orbit.speeds)) == (13, slowest)
     found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.3, 5.6), ("R", 0.3, 0.95))
-    ends = sorted(point.values.tolist() for point in found.special)
+    ends = sorted(point.value.tolist() for point in found.special)
     assert [point.kind for point in found.special] == ["edge", "edge"]
     assert ends == [
         pytest.approx([0.34079, 0.95], abs=1e-5),

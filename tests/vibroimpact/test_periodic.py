@@ -202,7 +202,7 @@ def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
 
 
 def root_near(osc, phases, speeds):
-    """Return the root of the impact equations near a guess, and the objection to it."""
+    """Return the root of the impact equations near a guess, and why it is no orbit."""
     from vibroimpact.orbits import periodic as module
     from vibroimpact.orbits.corrector import System, correct
     from vibroimpact.orbits.flights import values_of
@@ -222,7 +222,7 @@ def root_near(osc, phases, speeds):
     if not correct(system, X, np.empty((0, 0)), 60) or (X[1::2] < 0.0).any():
         return None, ""
     root = module.orbit_of(osc, 1, X[::2], X[1::2])
-    return root, module.objection(root)
+    return root, module.violation(root)
 
 
 def returns(osc, root):

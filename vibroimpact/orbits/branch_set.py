@@ -15,10 +15,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vibroimpact.orbits.branches import Branch, branch
+from vibroimpact.orbits.branches import (
+    Branch,
+    branch,
+    doubled_branch,
+    grazing_branch,
+    without_touch,
+)
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
-from vibroimpact.orbits.switching import doubled_branch, grazing_branch, without_touch
 
 #: Two points are the same within these shares: of the range, and of the greatest speed.
 _VALUE_TOLERANCE, _SPEED_TOLERANCE = 1e-8, 1e-5
@@ -111,14 +116,7 @@ class BranchSet:
 
 
 def _onward(grown: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
-    """Yield where other branches begin at the special points of one.
-
-    Yields
-    ------
-    kind : str
-        ``flip``: orbits of twice the period begin; ``graze``: orbits begin in one direction.
-    orbit : PeriodicOrbit
-    """
+    """Yield the orbits at which other branches begin, and how: the keys of ``_FOLLOW``."""
     for special in grown.special:
         orbit = special.orbit
         if special.kind == "flip":

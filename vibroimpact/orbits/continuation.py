@@ -1,8 +1,9 @@
-"""Pseudo-arclength continuation of orbits: one walk for branches and for curves of bifurcations.
+"""Pseudo-arclength continuation of orbits, for branches and for curves of bifurcations.
 
 A step goes along the tangent and is corrected in the plane across it (Keller 1977), so folds are
-passed like any other point. The step is shortened where Newton's method fails or the tangent turns
-too far, and where the orbit stops being one: the walk ends there, at the last orbit, to rounding.
+passed like any other point. The step is shortened where Newton's method fails, where the tangent
+turns too far and where the step may hide something. Where the orbit stops being one, the path ends
+at the last orbit, to rounding.
 """
 
 from __future__ import annotations
@@ -10,45 +11,58 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibroimpact.orbits.detection import ROUNDING, hides
-from vibroimpact.orbits.family import Objection, Orbits, Point
+from vibroimpact.orbits.family import OrbitFamily, Point, Violation
 
-#: Steps of a walk, in units of the scaled unknowns: the first, the longest, and one so short that
-#: the walk is given up.
+#: Steps, in units of the scaled unknowns: the first, the longest, and one so short that the path
+#: is given up.
 _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
 #: A step so short hides nothing that is more than rounding.
 _RESOLVED = 1e-6
-#: Points of a walk at the most; the turn of the tangent in one step (its cosine).
+#: Points of a path at the most; the turn of the tangent in one step (its cosine).
 MOST_POINTS, _LEAST_COSINE = 2000, 0.985
-#: Trials to find the last orbit of a walk, and a test function that is zero there to rounding.
+#: Trials to find the last orbit of a path, and a test function that is zero there to rounding.
 _MOST_TRIALS, _AT_END = 80, 1e-15
-#: The margin of an objection where a walk ends; else the last orbit is sought with a shorter step.
+#: The margin of a violation where a path ends; else the last orbit is sought with a shorter step.
 _ENDS = 1e-9
-#: Iterations at the end of a walk, where Newton's method may gain only a half in each.
+#: Iterations at the end of a path, where Newton's method may gain only a half in each.
 _PATIENT = 60
 
 
 @dataclass(frozen=True)
-class Segment:
-    """One step of a walk: from a point along its tangent, over a length, to another."""
+class PathStep:
+    """A step along a path of orbits.
 
-    orbits: Orbits
+    Attributes
+    ----------
+    family : OrbitFamily
+    begin, end : Point
+    length : float
+        Along the tangent at the begin; 0 where the path ends without a further step.
+    last, closed : bool
+        Whether the path ends with it, and whether that is where it began.
+    violation : Violation or None
+        Of the last step: why there is no orbit just beyond it. None also if Newton's method fails,
+        or the path has too many points.
+    margin : float
+        What is zero where the violation begins; if Newton's method fails, the slowest speed.
+    """
+
+    family: OrbitFamily
     begin: Point
     end: Point
     length: float
-
-    def at(self, s: float) -> np.ndarray | None:
-        """Return the unknowns a length `s` along the tangent."""
-        X, tangent = self.begin.X, self.begin.tangent
-        return X if s == 0.0 else self.orbits.corrected(X + s * tangent, tangent[None, :])
+    last: bool = False
+    closed: bool = False
+    violation: Violation | None = None
+    margin: float = math.nan
 
     def place(self, X: np.ndarray) -> float:
         """Return how far along the tangent a point is, as a share of the step."""
-        return self.orbits.inner(self.begin.tangent, X - self.begin.X) / self.length
+        return self.family.inner(self.begin.tangent, X - self.begin.X) / self.length
 
     def between(self, share: float) -> np.ndarray:
         """Return the unknowns at a share of the chord."""
@@ -57,95 +71,51 @@ class Segment:
     def hides(self) -> bool:
         """Whether test functions may have more roots in the step than its ends show."""
         first, second = self.begin[:3], self.end[:3]
-        return bool(hides(self.orbits.system, *first, *second, self.length))
+        return bool(hides(self.family.system, *first, *second, self.length))
 
     def root(self, function: Callable[[np.ndarray], float]) -> np.ndarray | None:
         """Return the point where a function that changes its sign over the step is zero."""
         from scipy.optimize import brentq
 
+        X, tangent = self.begin.X, self.begin.tangent
+
+        def at(s: float) -> np.ndarray | None:
+            return X if s == 0.0 else self.family.corrected(X + s * tangent, tangent[None, :])
+
         def along_step(s: float) -> float:
-            X = self.at(s)
-            if X is None:
+            Y = at(s)
+            if Y is None:
                 raise ArithmeticError
-            return function(X)
+            return function(Y)
 
         try:
             s = brentq(along_step, 0.0, self.length, xtol=1e-16 * (1.0 + self.length), rtol=1e-14)
         except (ArithmeticError, ValueError):
             return None
-        return self.at(float(s))
+        return at(float(s))
 
 
-class Track(NamedTuple):
-    """The points of a walk, its special points, and whether it is closed."""
+def continue_branch(family: OrbitFamily, start: Point) -> Iterator[PathStep]:
+    """Go from a point along its tangent, to where there is no orbit any more.
 
-    points: list[Any]
-    special: list[Any]
-    closed: bool
-
-
-def both_directions(walked: Callable[[np.ndarray], Track], tangent: np.ndarray) -> Track:
-    """Walk along a tangent and, unless that walk is closed, against it.
-
-    Returns the points in order along the tangent.
-    """
-    forward = walked(tangent)
-    if forward.closed:
-        return forward
-    backward = walked(-tangent)
-    points = backward.points[::-1] + forward.points[1:]
-    return Track(points, backward.special[::-1] + forward.special, closed=False)
-
-
-@dataclass(frozen=True)
-class End:
-    """The last point of a walk, and why it ends there.
-
-    `objection` is None if the walk is closed or lost. `margin` is what is zero where it begins; if
-    Newton's method fails, the slowest speed.
-    """
-
-    X: np.ndarray
-    objection: Objection | None
-    margin: float = math.nan
-    closed: bool = False
-
-
-def walk(orbits: Orbits, start: Point) -> Iterator[Segment | End]:
-    """Walk from a point along its tangent, to where there is no orbit any more.
-
-    Yields
-    ------
-    Segment
-        A step, all of whose points are orbits.
-    End
-        Comes last.
+    Yield the steps; only the last may have the length 0.
     """
     here, length = start, _FIRST
-    for step in range(MOST_POINTS):
-        found = _step(orbits, here, length)
-        if found is None:
-            yield End(here.X, None, orbits.slowest(here.X))
+    for number in range(MOST_POINTS):
+        step = _step(family, here, length)
+        if number > 3 and not step.last and _returns(step, start):
+            step = replace(step, end=start, last=True, closed=True)
+        yield step
+        if step.last:
             return
-        segment, objection = found
-        if objection is not None:
-            if segment.length > 0.0:
-                yield segment
-            yield End(segment.end.X, objection, orbits.margin(segment.end, objection))
-            return
-        if step > 3 and _returns(segment, start):
-            yield replace(segment, end=start)
-            yield End(start.X, None, closed=True)
-            return
-        yield segment
-        here = segment.end
-        fastest = max(1.0, float(np.abs(here.X[1 : 2 * orbits.q : 2]).max()))
-        length = min(1.5 * segment.length, _LONGEST * fastest)
-    yield End(here.X, None)
+        here = step.end
+        fastest = max(1.0, float(np.abs(here.X[1 : 2 * family.q : 2]).max()))
+        length = min(1.5 * step.length, _LONGEST * fastest)
+    yield PathStep(family, here, here, 0.0, last=True)
 
 
 def lost_text(points: int, speeds: np.ndarray) -> str:
-    """Say why a walk of so many points is lost at an orbit with these speeds."""
+    """Say why a path of so many points is lost at an orbit with these speeds."""
     text = "Newton's method fails or takes too long"
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
@@ -153,66 +123,66 @@ def lost_text(points: int, speeds: np.ndarray) -> str:
     return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
 
-def _step(orbits: Orbits, begin: Point, length: float) -> tuple[Segment, Objection | None] | None:
+def _step(family: OrbitFamily, begin: Point, length: float) -> PathStep:
     """Return the longest step, of at most `length`, that turns little and hides nothing.
 
-    Where the orbits end within it, it is the step to the last of them, with what objects beyond.
+    Where the orbits end within it, it is the last step, to the last of them.
     """
     X, along = begin.X, begin.tangent
     while length > _SHORTEST:
-        Y = orbits.corrected(X + length * along, along[None, :])
-        if Y is not None and orbits.inner(Y - X, Y - X) < 4.0 * length * length:
-            tangent = orbits.tangent(Y)
-            cosine = orbits.inner(tangent, along)
+        Y = family.corrected(X + length * along, along[None, :])
+        if Y is not None and family.inner(Y - X, Y - X) < 4.0 * length * length:
+            tangent = family.tangent(Y)
+            cosine = family.inner(tangent, along)
             if abs(cosine) > _LEAST_COSINE:
-                end = orbits.point(Y, math.copysign(1.0, cosine) * tangent)
-                segment, objection = Segment(orbits, begin, end, length), end.objection
-                ends = True
-                if objection is not None:
-                    segment, objection = _ended(segment, objection)
-                    ends = orbits.margin(segment.end, objection) < _ENDS
-                if length < _RESOLVED or (ends and not segment.hides()):
-                    return segment, objection
+                end = family.point(Y, math.copysign(1.0, cosine) * tangent)
+                step = PathStep(family, begin, end, length)
+                if end.violation is not None:
+                    step = _to_last_orbit(step, end.violation)
+                ends = not step.last or step.margin < _ENDS
+                if length < _RESOLVED or (ends and not step.hides()):
+                    return step
         length *= 0.5
-    return None
+    return PathStep(family, begin, begin, 0.0, last=True, margin=family.slowest(X))
 
 
-def _ended(segment: Segment, objection: Objection) -> tuple[Segment, Objection]:
-    """Return a step to the last point that is an orbit, and what objects just after it."""
-    orbits = segment.orbits
-    X, objection = _last(segment, objection)
-    tangent = orbits.tangent(X)
-    if orbits.inner(tangent, segment.begin.tangent) < 0.0:
+def _to_last_orbit(step: PathStep, violation: Violation) -> PathStep:
+    """Return the part of a step up to its last point that is an orbit."""
+    family = step.family
+    X, violation = _last_orbit(step, violation)
+    tangent = family.tangent(X)
+    if family.inner(tangent, step.begin.tangent) < 0.0:
         tangent = -tangent
-    length, end = segment.place(X) * segment.length, orbits.point(X, tangent)
+    end = family.point(X, tangent)
     end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # zero at the end, not before it
-    return Segment(orbits, segment.begin, end, length), objection
+    length, margin = step.place(X) * step.length, family.margin(end, violation)
+    return PathStep(family, step.begin, end, length, last=True, violation=violation, margin=margin)
 
 
-def _returns(segment: Segment, start: Point) -> bool:
-    """Whether a step passes the point where the walk began, in the same direction."""
-    orbits, place = segment.orbits, segment.place(start.X)
-    along = segment.begin.tangent
-    if not (0.0 <= place <= 1.0 and orbits.inner(along, start.tangent) > 0.5):
+def _returns(step: PathStep, start: Point) -> bool:
+    """Whether a step passes the point where the path began, in the same direction."""
+    family, place = step.family, step.place(start.X)
+    along = step.begin.tangent
+    if not (0.0 <= place <= 1.0 and family.inner(along, start.tangent) > 0.5):
         return False
-    offset = segment.begin.X + place * segment.length * along - start.X
-    return orbits.inner(offset, offset) < segment.length**2
+    offset = step.begin.X + place * step.length * along - start.X
+    return family.inner(offset, offset) < step.length**2
 
 
-def _last(segment: Segment, objection: Objection) -> tuple[np.ndarray, Objection]:
-    """Return the last point of a step that is an orbit, and what objects just after it.
+def _last_orbit(step: PathStep, violation: Violation) -> tuple[np.ndarray, Violation]:
+    """Return the last point of a step that is an orbit, and the violation just after it.
 
-    It is where the margin of the objection is zero: regula falsi by the Illinois rule (Dowell &
+    It is where the margin of the violation is zero: regula falsi by the Illinois rule (Dowell &
     Jarratt 1971), with a halving in every third trial and where the margin is not known.
     """
-    orbits, along, last, beyond = segment.orbits, segment.begin.tangent, segment.begin, segment.end
-    low, high, far, moved = 0.0, segment.length, segment.length, 0
-    above, below = (orbits.margin(point, objection) for point in (last, beyond))
+    family, along, last, beyond = step.family, step.begin.tangent, step.begin, step.end
+    low, high, far, moved = 0.0, step.length, step.length, 0
+    above, below = (family.margin(point, violation) for point in (last, beyond))
     for trial in range(_MOST_TRIALS):
-        if objection.kind == "edge":
-            edge = _edge(segment, objection, last.X, beyond.X)
+        if violation.kind == "edge":
+            edge = _edge(step, violation, last.X, beyond.X)
             if edge is not None:
-                return edge, objection
+                return edge, violation
         known = high == far and trial % 3 < 2 and above >= 0.0 > below
         share = above / (above - below) if known else 0.5
         middle = low + share * (high - low)
@@ -221,36 +191,31 @@ def _last(segment: Segment, objection: Objection) -> tuple[np.ndarray, Objection
         if middle in (low, high) or 0.0 <= above < _AT_END:
             break
         guess = last.X + (middle - low) / (far - low) * (beyond.X - last.X)
-        X = orbits.corrected(guess, along[None, :], most=_PATIENT)
+        X = family.corrected(guess, along[None, :], most=_PATIENT)
         if X is None:  # as beside a point of codimension two, where the orbits end
             high = middle
             continue
-        point = orbits.point(X, along)
-        if point.objection is None:
-            low, last, above = middle, point, orbits.margin(point, objection)
+        point = family.point(X, along)
+        if point.violation is None:
+            low, last, above = middle, point, family.margin(point, violation)
             below, moved = (0.5 * below if moved < 0 else below), -1
         else:
-            high, far, beyond, before, objection = middle, middle, point, objection, point.objection
-            below = orbits.margin(point, objection)
-            if (objection.kind, objection.at) != (before.kind, before.at):
-                above = orbits.margin(last, objection)
+            high, far, beyond, before, violation = middle, middle, point, violation, point.violation
+            below = family.margin(point, violation)
+            if (violation.kind, violation.at) != (before.kind, before.at):
+                above = family.margin(last, violation)
             elif moved > 0:
                 above *= 0.5
             moved = 1
-    return last.X, objection
+    return last.X, violation
 
 
-def _edge(
-    segment: Segment, objection: Objection, X: np.ndarray, Y: np.ndarray
-) -> np.ndarray | None:
+def _edge(step: PathStep, violation: Violation, X: np.ndarray, Y: np.ndarray) -> np.ndarray | None:
     """Return the orbit at the edge between X and a point Y beyond it, if there is one."""
-    orbits, axis = segment.orbits, objection.at
-    inside, beyond = orbits.values(X)[axis], orbits.values(Y)[axis]
-    share = (objection.where - inside) / (beyond - inside)
-    edge = orbits.at(X + share * (Y - X), objection.where, axis)
-    if edge is None:
+    family, axis = step.family, violation.at
+    inside, beyond = family.values(X)[axis], family.values(Y)[axis]
+    share = (violation.where - inside) / (beyond - inside)
+    edge = family.at(X + share * (Y - X), violation.where, axis)
+    if edge is None or not family.allows(family.point(edge, step.begin.tangent)):
         return None
-    if not orbits.allows(orbits.point(edge, segment.begin.tangent)):
-        return None
-    ends = segment.place(X), segment.place(Y)
-    return edge if ends[0] <= segment.place(edge) <= ends[1] else None
+    return edge if step.place(X) <= step.place(edge) <= step.place(Y) else None

@@ -1,4 +1,4 @@
-"""What a step of a walk may hide: test functions, and flights that meet the stop.
+"""What a step may hide: test functions, and flights that meet the stop.
 
 Along a branch or a curve the test functions are smooth:
 
@@ -94,19 +94,10 @@ def _fill(system, X, bounds, values):
 
 @jit
 def test_functions(system, X, tangent, bounds):
-    """Return the test functions at a point and their slopes along a tangent.
+    """Return the test functions at a point and their slopes along a tangent, shape (2, 2 k + 2).
 
-    Parameters
-    ----------
-    system : System
-    X, tangent : ndarray, shape (2 q + k,)
-    bounds : ndarray, shape (k, 2)
-        The edges of the free parameters, in their units in X.
-
-    Returns
-    -------
-    ndarray, shape (2, 2 k + 2)
-        In the order of the module's docstring; NaN where there is none.
+    They are in the order of the module's docstring; NaN where there is none. `bounds`, shape
+    (k, 2), are the edges of the free parameters, in their units in X.
     """
     q, k = system.q, system.free.size
     tests, step = np.empty((2, 2 * k + 2)), difference(system, X)
@@ -165,7 +156,7 @@ def _flights(system, X, tangent, i, n, zeros):
 
 
 @jit
-def _may_pass(system, X, tangent, Y, tangent_Y, length, length_Y):
+def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
     """Whether a flight may meet the stop within a step from X to Y."""
     m, q, c = system.m, system.q, np.empty(TERMS)
     pt, pt_Y = parameters(parameters_at(system, X)), parameters(parameters_at(system, Y))
@@ -207,15 +198,8 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
     """Whether a step may hide roots of the test functions, or points that are no orbits.
 
-    Parameters
-    ----------
-    system : System
-    X, tangent, tests : ndarray
-        Of the point that it begins at: unknowns, direction and test functions.
-    Y, tangent_Y, tests_Y : ndarray
-        Of the point that it ends at.
-    length : float
-        Of the step along the first tangent.
+    X, tangent and tests are the unknowns, the direction and the test functions where it begins,
+    those of Y where it ends; `length` is that of the step along the first tangent.
     """
     if _turns_far(system, X, Y):
         return True
@@ -224,6 +208,6 @@ def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
         slopes = length * tests[1, i], length_Y * tests_Y[1, i]
         if _may_hide(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
             return True
-    if _may_pass(system, X, tangent, Y, tangent_Y, length, length_Y):
+    if _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         return True
     return system.condition == FOLD and _may_have_cusps(system, X, tangent, Y, tangent_Y, length)

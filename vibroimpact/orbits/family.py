@@ -1,4 +1,4 @@
-"""A family of orbits over free parameters, as the points that a continuation walks on.
+"""A family of orbits over free parameters, on whose points a continuation goes.
 
 A point is a vector X of phases and scaled speeds in turn, then of parameters over their spans
 (``corrector.py``).
@@ -13,20 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import (
-    GRAZE,
-    System,
-    correct,
-    inner,
-    linearised,
-    parameters_at,
-    tangent,
-)
+from vibroimpact.orbits import corrector
+from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, parameters_at
 from vibroimpact.orbits.detection import ROUNDING, test_functions
-from vibroimpact.orbits.flights import first_pass, values_of
+from vibroimpact.orbits.flights import first_penetration, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator
 
+#: What all orbits of a family have in common: nothing, or a bifurcation.
+CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
 _NAMES = [field.name for field in fields(Oscillator)]
 #: Time steps of all evaluations of the flights, after which no further point is found.
 MOST_WORK = 2**24
@@ -40,7 +35,7 @@ _VANISHES = 1e-9
 
 
 @dataclass(frozen=True)
-class Axis:
+class ContinuationParameter:
     """A free parameter and its range."""
 
     name: str
@@ -48,14 +43,8 @@ class Axis:
     high: float
 
     @classmethod
-    def of(cls, osc: Oscillator, name: str, low: float, high: float) -> Axis:
-        """Check a range.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If there is no such parameter, an end is not valid, or `low` is not below `high`.
-        """
+    def of(cls, osc: Oscillator, name: str, low: float, high: float) -> ContinuationParameter:
+        """Check a range; TypeError or ValueError if there is no such parameter or range."""
         if name not in _NAMES:
             raise ValueError(f"parameter must be one of {', '.join(_NAMES)}, not {name!r}")
         for value in (low, high):
@@ -74,18 +63,22 @@ class Axis:
         """Rounding error of a value in the range."""
         return 1e-14 * max(abs(self.low), abs(self.high))
 
+    def holds(self, value: float) -> bool:
+        """Whether a value is in the range, to rounding."""
+        return self.low - self.slack <= value <= self.high + self.slack
+
 
 @dataclass(frozen=True)
-class Objection:
-    """Why a point of a walk is no orbit.
+class Violation:
+    """Why a point is no orbit within the ranges.
 
     Attributes
     ----------
     kind : str
-        ``edge``, ``speed`` (an impact has left the stop), ``pass`` (a flight meets the stop before
-        its end), ``rest`` (the mass cannot leave the stop).
+        ``edge``, ``speed`` (an impact has left the stop), ``penetration`` (a flight meets the stop
+        before its end), ``rest`` (the mass cannot leave the stop).
     at : int
-        Number of the axis, the impact or the flight.
+        Number of the parameter, the impact or the flight.
     where : float
         The edge's value; the phase where a flight meets the stop.
     """
@@ -96,7 +89,7 @@ class Objection:
 
 
 class Point(NamedTuple):
-    """A point of a walk: its unknowns, the walk's direction, and what is known of it.
+    """A point of a path: its unknowns, the direction of the path, and what is known of it.
 
     Attributes
     ----------
@@ -104,30 +97,29 @@ class Point(NamedTuple):
     tests : ndarray, shape (2, n)
         The test functions and their slopes along the tangent (``detection.py``).
     turn : float
-        How high a flight turns that comes near the stop (``flights.first_pass``).
-    objection : Objection or None
-        Why it is no orbit.
+        How high a flight turns that comes near the stop (``flights.first_penetration``).
+    violation : Violation or None
     """
 
     X: np.ndarray
     tangent: np.ndarray
     tests: np.ndarray
     turn: float
-    objection: Objection | None
+    violation: Violation | None
 
 
-class Orbits:
+class OrbitFamily:
     """The orbits of m forcing periods and q impacts over one or two free parameters.
-
-    A point is a vector X of phases and scaled speeds in turn, then of parameters over their spans.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
         One of these orbits, with q >= 1; gives the other parameters and the unit of speed.
-    axes : sequence of Axis
-    condition, index : int
-        The bifurcation of a curve (``corrector.py``); `index` is the impact that grazes.
+    parameters : sequence of ContinuationParameter
+    kind : str
+        The bifurcation that all of them are at, one of ``CONDITIONS``.
+    graze : int
+        The impact that grazes.
     speed : float, optional
         The unit of speed, by default that of the orbit.
     """
@@ -135,22 +127,23 @@ class Orbits:
     def __init__(
         self,
         orbit: PeriodicOrbit,
-        axes: Sequence[Axis],
-        condition: int = 0,
-        index: int = 0,
+        parameters: Sequence[ContinuationParameter],
+        kind: str = "",
+        graze: int = 0,
         speed: float | None = None,
     ) -> None:
-        self.osc, self.m, self.q, self.axes = orbit.oscillator, orbit.m, orbit.q, tuple(axes)
+        self.osc, self.m, self.q, self.kind = orbit.oscillator, orbit.m, orbit.q, kind
+        self.parameters = tuple(parameters)
+        self.names = tuple(parameter.name for parameter in parameters)
         self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
-        free = np.array([_NAMES.index(axis.name) for axis in axes])
-        self.spans = np.array([axis.span for axis in axes])
-        self.system = System(
-            values_of(self.osc), free, self.spans, self.m, self.q, self.speed, condition, index,
-            np.zeros(1),
+        self.spans = np.array([parameter.span for parameter in parameters])
+        self.system = corrector.System(
+            values_of(self.osc), np.array([_NAMES.index(name) for name in self.names]), self.spans,
+            self.m, self.q, self.speed, CONDITIONS[kind], graze, np.zeros(1),
         )  # fmt: skip
-        ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in axes]
+        ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
         self.bounds = np.array(ends) / self.spans[:, None]
-        at = [getattr(self.osc, axis.name) / axis.span for axis in axes]
+        at = [getattr(self.osc, axis.name) / axis.span for axis in parameters]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
         self.start = np.concatenate([z.ravel(), at])
 
@@ -159,14 +152,11 @@ class Orbits:
         return X[2 * self.q :] * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at points.
-
-        A value within rounding of an edge is set to that edge.
-        """
+        """Return the free parameters at points, on an edge where they are within its rounding."""
         values = X[..., 2 * self.q :] * self.spans
-        for j, axis in enumerate(self.axes):
-            for edge in (axis.low, axis.high):
-                values[..., j][np.abs(values[..., j] - edge) <= axis.slack] = edge
+        for j, parameter in enumerate(self.parameters):
+            for edge in (parameter.low, parameter.high):
+                values[..., j][np.abs(values[..., j] - edge) <= parameter.slack] = edge
         return values
 
     def without_force(self, X: np.ndarray) -> np.ndarray | None:
@@ -174,18 +164,18 @@ class Orbits:
 
         They do where there is no clearance, as x and v are proportional to f.
         """
-        for j, axis in enumerate(self.axes):
-            if axis.name == "f" and axis.low == 0.0 and X[2 * self.q + j] < _VANISHES:
+        for j, parameter in enumerate(self.parameters):
+            at = 2 * self.q + j
+            if parameter.name == "f" and parameter.low == 0.0 and X[at] < _VANISHES:
                 if self.oscillator(X).clearance == 0.0:
                     X = X.copy()
-                    X[1 : 2 * self.q : 2] = X[2 * self.q + j] = 0.0
+                    X[1 : 2 * self.q : 2] = X[at] = 0.0
                     return X
         return None
 
     def oscillator(self, X: np.ndarray) -> Oscillator:
         """Return the oscillator at a point, its parameters kept to their ranges."""
-        names = [axis.name for axis in self.axes]
-        return replace(self.osc, **dict(zip(names, self.kept(X).tolist(), strict=True)))
+        return replace(self.osc, **dict(zip(self.names, self.kept(X).tolist(), strict=True)))
 
     def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return phases and speeds at points; a speed that is zero to rounding is zero."""
@@ -200,101 +190,105 @@ class Orbits:
         self,
         X: np.ndarray,
         planes: np.ndarray,
-        condition: int | None = None,
-        index: int = 0,
         most: int = _MOST_ITERATIONS,
+        system: corrector.System | None = None,
     ) -> np.ndarray | None:
-        """Return the point of the branch or curve in planes through X; None if none is found.
+        """Return the point of the family in planes through X; None if none is found.
 
         None also once all points together have taken more than ``MOST_WORK`` time steps.
         """
-        system = self.system
-        if system.work[0] > MOST_WORK:
+        X, system = X.copy(), system or self.system
+        if system.work[0] > MOST_WORK or not corrector.correct(system, X, planes, most):
             return None
-        if condition is not None:
-            system = system._replace(condition=condition, graze=index)
-        X = X.copy()
-        if not correct(system, X, planes, most):
-            return None
-        if system.condition == GRAZE and len(planes) < len(self.axes):
+        if system.condition == GRAZE and len(planes) < len(self.parameters):
             X[2 * system.graze + 1] = 0.0  # the speed is, to rounding
         return X
 
-    def at(self, X: np.ndarray, value: float, axis: int = 0) -> np.ndarray | None:
-        """Return the point near X at a value of an axis; None if none is found."""
-        X, plane, at = X.copy(), np.zeros((1, X.size)), 2 * self.q + axis
-        X[at], plane[0, at] = value / self.spans[axis], 1.0
+    def bifurcation(self, X: np.ndarray, kind: str, graze: int = 0) -> np.ndarray | None:
+        """Return the bifurcation near a point of a branch; None as of `corrected`."""
+        system = self.system._replace(condition=CONDITIONS[kind], graze=graze)
+        return self.corrected(X, np.empty((0, X.size)), system=system)
+
+    def at(self, X: np.ndarray, value: float, parameter: int = 0) -> np.ndarray | None:
+        """Return the point near X at a value of a parameter; None if none is found."""
+        X, plane, at = X.copy(), np.zeros((1, X.size)), 2 * self.q + parameter
+        X[at], plane[0, at] = value / self.spans[parameter], 1.0
         return self.corrected(X, plane)
 
     def tangent(self, X: np.ndarray) -> np.ndarray:
-        """Return the direction of the branch or curve."""
-        return tangent(self.system, X)
+        """Return the direction of the family."""
+        return corrector.tangent(self.system, X)
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
-        """Return the inner product of the walk."""
-        return float(inner(X, Y, self.q))
+        """Return the inner product of the continuation."""
+        return float(corrector.inner(X, Y, self.q))
+
+    def distance(self, X: np.ndarray, Y: np.ndarray) -> float:
+        """Return how far two points are apart."""
+        return math.sqrt(self.inner(X - Y, X - Y))
 
     def derivatives(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return A and B of the flights (``flights.residuals``)."""
-        _, A, B = linearised(self.system, X)
+        _, A, B = corrector.linearised(self.system, X)
         return A, B
 
     def stable(self, point: Point) -> bool:
-        """Whether both multipliers are inside the unit circle (Jury)."""
+        """Whether both multipliers are inside the unit circle (Jury); at a bifurcation not."""
         h, R, omega, *_ = parameters_at(self.system, point.X)
         flip, fold = point.tests[0, -2:]
         return bool(flip * fold > 0.0) and determinant(h, R, omega, self.m, self.q) < 1.0
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
-        """Return a point of a walk in the direction of a tangent."""
+        """Return a point of a path in the direction of a tangent."""
         tests = test_functions(self.system, X, tangent, self.bounds)
-        objection, turn = self._objection(X)
-        return Point(X, tangent, tests, turn, objection)
+        violation, turn = self._violation(X)
+        return Point(X, tangent, tests, turn, violation)
 
     def test(self, number: int, X: np.ndarray) -> float:
         """Return a test function."""
         return float(test_functions(self.system, X, np.zeros(X.size), self.bounds)[0, number])
 
-    def margin(self, point: Point, objection: Objection) -> float:
-        """Return what is zero where an objection begins, and negative beyond; NaN if unknown."""
-        if objection.kind == "speed":
-            return float(point.X[2 * objection.at + 1])
-        if objection.kind == "edge":
-            axis = self.axes[objection.at]
-            inside = (objection.where - float(self.kept(point.X)[objection.at])) / axis.span
-            return inside if objection.where == axis.high else -inside
-        seen = math.isfinite(point.turn) and (point.turn > 0.0) == (point.objection is not None)
-        return -point.turn if objection.kind == "pass" and seen else math.nan
+    def margin(self, point: Point, violation: Violation) -> float:
+        """Return what is zero where a violation begins, and negative beyond; NaN if unknown."""
+        if violation.kind == "speed":
+            return float(point.X[2 * violation.at + 1])
+        if violation.kind == "edge":
+            parameter = self.parameters[violation.at]
+            inside = (violation.where - float(self.kept(point.X)[violation.at])) / parameter.span
+            return inside if violation.where == parameter.high else -inside
+        seen = math.isfinite(point.turn) and (point.turn > 0.0) == (point.violation is not None)
+        return -point.turn if violation.kind == "penetration" and seen else math.nan
 
     def allows(self, point: Point) -> bool:
-        """Whether a point is an orbit, or only rounding objects."""
-        return point.objection is None or self.margin(point, point.objection) > -ROUNDING
+        """Whether a point is an orbit, or violates what makes it one only by rounding."""
+        return point.violation is None or self.margin(point, point.violation) > -ROUNDING
 
     def slowest(self, X: np.ndarray) -> float:
         """Return the slowest speed, on a curve of grazes that of the other impacts; inf if none."""
         speeds = X[1 : 2 * self.q : 2]
-        if self.system.condition == GRAZE:
+        if self.kind == "graze":
             speeds = np.delete(speeds, self.system.graze)
         return float(speeds.min(initial=math.inf))
 
-    def objection(self, X: np.ndarray) -> Objection | None:
+    def violation(self, X: np.ndarray) -> Violation | None:
         """Say why a point is no orbit within the ranges; None if it is one."""
-        return self._objection(X)[0]
+        return self._violation(X)[0]
 
-    def _objection(self, X: np.ndarray) -> tuple[Objection | None, float]:
-        """Return an objection, and how high a flight turns that comes near the stop."""
-        for j, (axis, value) in enumerate(zip(self.axes, self.values(X).tolist(), strict=True)):
-            if not axis.low - axis.slack <= value <= axis.high + axis.slack:
-                edge = axis.low if value < axis.low else axis.high
-                return Objection("edge", j, edge), math.nan
+    def _violation(self, X: np.ndarray) -> tuple[Violation | None, float]:
+        """Return the violation at a point, and how high a flight turns that comes near the stop."""
+        for j, (axis, value) in enumerate(
+            zip(self.parameters, self.values(X).tolist(), strict=True)
+        ):
+            if not axis.holds(value):
+                return Violation("edge", j, axis.low if value < axis.low else axis.high), math.nan
         speeds = X[1 : 2 * self.q : 2]
         slowest = int(np.argmin(speeds))
         if speeds[slowest] < 0.0:
-            return Objection("speed", slowest), math.nan
-        flight, phase, turn = first_pass(
+            return Violation("speed", slowest), math.nan
+        flight, phase, turn = first_penetration(
             parameters_at(self.system, X), self.m, self.speed, X, self.q
         )
         if flight < 0:
             return None, turn
-        kind = "rest" if phase == X[2 * flight] else "pass"
-        return Objection(kind, int(flight), float(phase)), turn
+        kind = "rest" if phase == X[2 * flight] else "penetration"
+        return Violation(kind, int(flight), float(phase)), turn

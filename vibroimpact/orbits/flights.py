@@ -49,8 +49,8 @@ _ROUNDINGS = 32.0 * 2.0**-52
 MOST_STEPS = 2**15
 
 
-class Flight(NamedTuple):
-    """The step of a flight: how many there are, how long, as a phase too, and its equation."""
+class TimeSteps(NamedTuple):
+    """The steps of a flight: how many, how long, as a phase too, and the equation."""
 
     n: int
     T: float
@@ -78,10 +78,10 @@ def time_steps(values, m, q):
 
 @jit
 def _divide(tau, pt, least):
-    """Divide a flight into steps, into as many at the least."""
+    """Divide a flight into time steps, `least` at the least."""
     n = max(float(least), math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
     T = tau / n
-    return Flight(int(n), T, pt.omega * T, equation_of(pt))
+    return TimeSteps(int(n), T, pt.omega * T, equation_of(pt))
 
 
 @jit
@@ -111,26 +111,10 @@ def _land(flight, theta, v, pt, coefficients, M):
 def residuals(values, m, speed, X, q):
     """Return the residuals of all flights and their derivatives.
 
-    Parameters
-    ----------
-    values : ndarray, shape (6,)
-        Parameters of the oscillator.
-    m : int
-        Forcing periods.
-    speed : float
-        The unit of speeds, V.
-    X : ndarray, shape (2 q, ...)
-        Phase of each impact, and its speed in units of V, in turn; what follows is not looked at.
-    q : int
-        Impacts.
-
-    Returns
-    -------
-    F : ndarray, shape (q, 2)
-        The residuals; inf where an impact does not come after the one before it, or where the
-        repetition has more time steps than ``MOST_STEPS``.
-    A, B : ndarray, shape (q, 2, 2)
-        The derivatives with respect to the impact before the flight and that after it.
+    Of X, shape (2 q, ...), are looked at the phase of each impact, and its speed in units of
+    `speed`, in turn. F, shape (q, 2), is inf where an impact does not come after the one before
+    it, or where the repetition has more time steps than ``MOST_STEPS``. A and B, shape (q, 2, 2),
+    are the derivatives with respect to the impact before the flight and that after it.
     """
     pt = parameters(values)
     F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
@@ -197,24 +181,11 @@ def steps_of(pt, m, X, q, i):
 
 @jit
 def polynomials(pt, m, speed, X, q, i, n, zeros):
-    """Return x - clearance on flight i, divided by its roots at both ends.
+    """Return x - clearance on flight i, divided by its roots at both ends, and its rounding.
 
-    Parameters
-    ----------
-    pt : Parameters
-    m, speed, X, q
-        As for `residuals`.
-    i, n : int
-        The flight, and in how many steps at the least.
-    zeros : (int, int)
-        How often the roots at the launch and at the landing are divided out.
-
-    Returns
-    -------
-    C : ndarray, shape (n, TERMS)
-        Of each step, in powers of u from 0 to 1.
-    rounding : ndarray, shape (n,)
-        Of each.
+    The flight is taken in n steps at the least; `zeros` says how often the roots at its launch and
+    its landing are divided out. The polynomial of each step, shape (n, TERMS), is in powers of u
+    from 0 to 1; its rounding, shape (n,), is of the value.
     """
     end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
     flight = _divide((end - X[2 * i]) / pt.omega, pt, n)
@@ -241,22 +212,14 @@ def is_below(c):
 
 
 @jit
-def first_pass(values, m, speed, X, q):
-    """Find the first flight that meets the stop before its end, and where.
+def first_penetration(values, m, speed, X, q):
+    """Find the first flight that meets the stop before its end; arguments as of `residuals`.
 
-    Parameters
-    ----------
-    As for `residuals`; an impact of speed 0 grazes, and is a double root of both its flights.
-
-    Returns
-    -------
-    flight : int
-        -1 if none does: the proof that the orbit stays below the stop between its impacts.
-    phase : float
-        Where it meets the stop; that of its launch where it cannot leave the stop.
-    turn : float
-        The greatest height at which a flight that comes near the stop turns, divided by the
-        flight's roots; -inf if none does.
+    An impact of speed 0 grazes, and is a double root of both its flights. Returned are the number
+    of the flight, -1 if none does, which is the proof that the orbit stays below the stop between
+    its impacts; the phase where it meets the stop, that of its launch where it cannot leave the
+    stop; and the greatest height at which a flight that comes near the stop turns, divided by the
+    flight's roots, -inf if none does.
     """
     pt, highest = parameters(values), -math.inf
     for i in range(q):
@@ -278,15 +241,9 @@ def first_pass(values, m, speed, X, q):
 
 @jit
 def highest_turn(values, theta, v, tau):
-    """Return the greatest local maximum of x - clearance in a flight; -inf if it has none.
+    """Return the greatest local maximum of x - clearance in a flight of length tau; -inf if none.
 
-    Parameters
-    ----------
-    values : ndarray, shape (6,)
-    theta, v : float
-        Phase of the impact that the flight begins with, and the speed before it.
-    tau : float
-        Length of the flight [time].
+    It begins with the impact at phase `theta` with the speed `v` before it.
     """
     pt = parameters(values)
     flight, c = _divide(tau, pt, 1), np.empty(TERMS)

@@ -68,17 +68,9 @@ class PeriodicOrbit:
         return bool(np.all(np.abs(self.multipliers) < 1.0))
 
     def sections(self, phase: float = 0.0) -> np.ndarray:
-        """Return x and v at omega t = `phase` mod 2 pi, in time order.
+        """Return x and v at omega t = `phase` mod 2 pi, in time order, shape (m, 2).
 
-        Parameters
-        ----------
-        phase : float
-            [rad]
-
-        Returns
-        -------
-        ndarray, shape (m, 2)
-            An impact at `phase` itself gives the state after it.
+        An impact at `phase` itself gives the state after it.
         """
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
         return np.array([self._state(theta) for theta in at.tolist()])

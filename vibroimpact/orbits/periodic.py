@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vibroimpact.orbits.corrector import NONE, System, correct, null_vector
-from vibroimpact.orbits.flights import MOST_STEPS, first_pass, time_steps, values_of
+from vibroimpact.orbits.flights import MOST_STEPS, first_penetration, time_steps, values_of
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_orbit,
@@ -137,22 +137,8 @@ def _impacts_from(
 def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
     """Find the orbit near a guess of its impacts by Newton's method, and prove that it is one.
 
-    Parameters
-    ----------
-    osc : Oscillator
-    m : int
-        Forcing periods.
-    phases, speeds : ndarray, shape (q,)
-        Of the impacts, in time order.
-
-    Returns
-    -------
-    PeriodicOrbit
-        Of the least m after which it repeats.
-
-    Raises
-    ------
-    OrbitError
+    The phases and speeds, shape (q,), are in time order. The orbit is that of the least m after
+    which it repeats. OrbitError if there is none.
     """
     q = len(phases)
     refuse_long(osc, m, q)
@@ -175,7 +161,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
         shorter = solved(osc, *part)
         if misses <= _RETURN_TOLERANCE or shorter.stable:
             return shorter
-    reason = objection(orbit)
+    reason = violation(orbit)
     if reason:
         raise OrbitError(reason)
     return orbit
@@ -193,7 +179,7 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
         )
 
 
-def objection(orbit: PeriodicOrbit) -> str:
+def violation(orbit: PeriodicOrbit) -> str:
     """Say why a root of the flights' equations is no orbit; nothing if it is one."""
     X, speed = scaled(orbit)
     if (X[1::2] < -_ZERO_SPEED).any():
@@ -202,7 +188,7 @@ def objection(orbit: PeriodicOrbit) -> str:
     if not np.abs(F).max() < _RESIDUAL:
         return f"its impacts miss the stop by {np.abs(F).max():.1e} of its size"
     values = values_of(orbit.oscillator)
-    flight, phase, _ = first_pass(values, orbit.m, speed, X, orbit.q)
+    flight, phase, _ = first_penetration(values, orbit.m, speed, X, orbit.q)
     if flight >= 0:
         if phase == X[2 * flight]:
             return "the mass cannot leave the stop: it rests"
@@ -213,19 +199,7 @@ def objection(orbit: PeriodicOrbit) -> str:
 def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """Find the stable orbit of twice the period beside an orbit that has flipped.
 
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        One with a multiplier below -1, so that motions leave it alternating.
-
-    Returns
-    -------
-    PeriodicOrbit
-
-    Raises
-    ------
-    OrbitError
-        If the orbit has not flipped, or no stable one of twice the period is found.
+    OrbitError if it has not, or none is found.
     """
     mu = orbit.multipliers[0]
     if orbit.q == 0 or mu.imag or not -math.inf < mu.real < -1.0:

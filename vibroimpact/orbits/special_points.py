@@ -1,9 +1,13 @@
-"""Where a branch bifurcates within a step or ends: its flips, folds and grazes, to rounding.
+"""The special points of a step: flips, folds, cusps, meetings, and how a path ends, to rounding.
 
 The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). A
 graze is where an impact's speed is zero, or where a flight between two impacts touches the stop.
 Both count as an impact of speed zero, so one condition finds them. An orbit of twice the period
 becomes one of half its period where its two halves change places.
+
+On a curve of folds, cusps are where the parameters turn back together. A curve of grazes meets
+curves of flips and of folds where the middle coefficient of det(S + mu T) vanishes; these end
+there, and wherever else their orbit grazes.
 """
 
 from __future__ import annotations
@@ -14,58 +18,79 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.orbits.continuation import End, Segment
-from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, null_vector, parameters_at
-from vibroimpact.orbits.detection import ROUNDING
-from vibroimpact.orbits.family import Objection, Orbits
+from vibroimpact.orbits.continuation import PathStep
+from vibroimpact.orbits.corrector import null_vector, parameters_at
+from vibroimpact.orbits.detection import HEADING, ROUNDING
+from vibroimpact.orbits.family import OrbitFamily, Violation
 from vibroimpact.orbits.flights import state_after
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
-#: A bifurcation that was found belongs to the walk if it is closer to it than this, in scaled
+#: A bifurcation that was found belongs to the path if it is closer to it than this, in scaled
 #: unknowns.
 NEARBY_DISTANCE = 1e-3
-#: An impact that is slower than this where a walk ends grazes, in the unit of speed; so does a
+#: An impact that is slower than this where a path ends grazes, in the unit of speed; so does a
 #: flight that turns so near the stop. Where all impacts of a long orbit graze at once, Newton's
 #: method fails at 1e-6.
 _GRAZES = 1e-5
 
 
-def bifurcations(step: Segment) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the flips and folds within a step, in order."""
-    orbits, located = step.orbits, []
-    for test, kind, condition in ((-2, "flip", FLIP), (-1, "fold", FOLD)):
-        share = crossing(step, test)
+def special_points(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the kinds and the unknowns of the special points within a step, in order.
+
+    They are the flips and folds of a branch, the cusps of a curve of folds, and the ``flip`` and
+    ``fold`` whose curves meet a curve of grazes.
+    """
+    if step.family.kind == "":
+        located = [(step.place(X), kind, X) for kind, X in _bifurcations(step)]
+        for _, kind, X in sorted(located, key=lambda item: item[0]):
+            yield kind, X
+    elif step.family.kind == "graze":
+        # Without damping the coefficient may be zero along the whole curve; then only rounding
+        # decides its sign.
+        crosses = _crossing(step, -2) is not None
+        meeting = step.root(partial(step.family.test, -2)) if crosses else None
+        if meeting is not None:
+            yield from (("flip", meeting), ("fold", meeting))
+    elif step.family.kind == "fold":
+        before, after = (_heading(step, point.X) for point in (step.begin, step.end))
+        if before @ after < 0.0 and max(np.abs(before).max(), np.abs(after).max()) > HEADING:
+            turn = after - before
+            cusp = step.root(lambda X: float(_heading(step, X) @ turn))
+            if cusp is not None:
+                yield "cusp", cusp
+
+
+def _bifurcations(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the flip and the fold within a step of a branch."""
+    family = step.family
+    for test, kind in ((-2, "flip"), (-1, "fold")):
+        share = _crossing(step, test)
         if share is None:
             continue
         guess = step.between(share)
-        X = orbits.corrected(guess, np.empty((0, guess.size)), condition)
-        if X is None or not (-0.01 <= step.place(X) <= 1.01 and _apart(orbits, X, guess) < 0.1):
-            X = step.root(partial(orbits.test, test))
+        X = family.bifurcation(guess, kind)
+        if X is None or not (-0.01 <= step.place(X) <= 1.01 and family.distance(X, guess) < 0.1):
+            X = step.root(partial(family.test, test))
         if X is not None:
-            located.append((step.place(X), kind, X))
-    for _, kind, X in sorted(located, key=lambda item: item[0]):
-        yield kind, X
+            yield kind, X
 
 
-def crossing(step: Segment, test: int) -> float | None:
+def _crossing(step: PathStep, test: int) -> float | None:
     """Return about where within a step a test function changes its sign; None if it does not."""
     a, b = (float(point.tests[0, test]) for point in (step.begin, step.end))
     changes = a * b < 0.0 and max(abs(a), abs(b)) > ROUNDING
     return a / (a - b) if changes else None
 
 
-def _apart(orbits: Orbits, X: np.ndarray, Y: np.ndarray) -> float:
-    return math.sqrt(orbits.inner(X - Y, X - Y))
+def _heading(step: PathStep, X: np.ndarray) -> np.ndarray:
+    """Return the direction of the parameters at a point of a step."""
+    tangent = step.family.tangent(X)
+    forward = step.family.inner(tangent, step.begin.tangent) > 0.0
+    return tangent[-2:] if forward else -tangent[-2:]
 
 
-def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
-    """Return how a branch or a curve ends.
-
-    Parameters
-    ----------
-    orbits : Orbits
-    end : End
-        Of a walk that is not closed.
+def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
+    """Return how a path that is not closed ends with its last step.
 
     Returns
     -------
@@ -77,102 +102,98 @@ def ending(orbits: Orbits, end: End) -> tuple[str, np.ndarray, PeriodicOrbit]:
     orbit : PeriodicOrbit
         At the graze of a branch the impact of speed zero is one of its impacts.
     """
-    X, objection = end.X, end.objection
-    kind = "lost" if objection is None or objection.kind == "speed" else "penetration"
-    if objection is not None:
-        limit = orbits.without_force(X)
+    family, X, violation = step.family, step.end.X, step.violation
+    kind = "lost" if violation is None or violation.kind == "speed" else "penetration"
+    if violation is not None:
+        limit = family.without_force(X)
         if limit is not None:
-            return "edge", limit, orbits.orbit(limit)
-        if objection.kind in ("edge", "rest"):
-            return objection.kind, X, orbits.orbit(X)
-        found = _graze(orbits, X, objection) if len(orbits.axes) == 1 else None
+            return "edge", limit, family.orbit(limit)
+        if violation.kind in ("edge", "rest"):
+            return violation.kind, X, family.orbit(X)
+        found = _graze(family, X, violation) if family.kind == "" else None
         if found is not None:
             return found
-    return "graze" if end.margin < _GRAZES else kind, X, orbits.orbit(X)
+    return "graze" if step.margin < _GRAZES else kind, X, family.orbit(X)
 
 
 def _graze(
-    orbits: Orbits, X: np.ndarray, objection: Objection
+    family: OrbitFamily, X: np.ndarray, violation: Violation
 ) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return the graze beside the end of a branch, as `ending` does; None if there is none."""
-    grazing, Y, index = orbits, X, objection.at
-    if objection.kind == "pass":
-        grazing, Y = with_touch(orbits, X, objection)
+    grazing, Y, index = family, X, violation.at
+    if violation.kind == "penetration":
+        grazing, Y = _with_touch(family, X, violation)
         index += 1
-    Z = grazing.corrected(Y, np.empty((0, Y.size)), GRAZE, index)
-    if Z is None or not _apart(grazing, Z, Y) < NEARBY_DISTANCE:
+    Z = grazing.bifurcation(Y, "graze", index)
+    if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
         return None
     osc = grazing.oscillator(Z)
     pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
-    last = Z if grazing is orbits else np.delete(Z, [2 * index, 2 * index + 1])
+    last = Z if grazing is family else np.delete(Z, [2 * index, 2 * index + 1])
     return "graze" if pulls else "rest", last, grazing.orbit(Z)
 
 
-def with_touch(orbits: Orbits, X: np.ndarray, objection: Objection) -> tuple[Orbits, np.ndarray]:
-    """Return the orbits and the point with one more impact, of speed zero.
+def _with_touch(
+    family: OrbitFamily, X: np.ndarray, violation: Violation
+) -> tuple[OrbitFamily, np.ndarray]:
+    """Return the family and the point with one more impact, of speed zero.
 
     The impact is at the top of the flight that crosses the stop.
     """
-    at, values = objection.at, parameters_at(orbits.system, X)
-    omega, theta, v = orbits.oscillator(X).omega, X[2 * at], X[2 * at + 1] * orbits.speed
-    tau = (objection.where - theta) / omega
+    at, values = violation.at, parameters_at(family.system, X)
+    omega, theta, v = family.oscillator(X).omega, X[2 * at], X[2 * at + 1] * family.speed
+    tau = (violation.where - theta) / omega
     for _ in range(20):
         _, u, a = state_after(values, theta, v, tau)
         if not a < 0.0 or abs(u / a) < 1e-12 * tau:
             break
         tau = max(tau - u / a, 0.5 * tau)
     Y = np.insert(X, 2 * at + 2, (theta + omega * tau, 0.0))
-    z = Y[: 2 * orbits.q + 2].reshape(-1, 2)
-    touching = PeriodicOrbit(orbits.oscillator(X), orbits.m, z[:, 0], z[:, 1] * orbits.speed)
-    return Orbits(touching, orbits.axes, speed=orbits.speed), Y
+    z = Y[: 2 * family.q + 2].reshape(-1, 2)
+    touching = PeriodicOrbit(family.oscillator(X), family.m, z[:, 0], z[:, 1] * family.speed)
+    return OrbitFamily(touching, family.parameters, speed=family.speed), Y
 
 
-def halving(step: Segment) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return where within a step the orbit becomes one of half the period, and that orbit.
+def halving(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return where within a step of a branch the orbit becomes one of half the period, and that.
 
     None if it does not.
     """
-    orbits, q = step.orbits, step.orbits.q
-    if orbits.m % 2 or q % 2:
+    family, q = step.family, step.family.q
+    if family.kind or family.m % 2 or q % 2:
         return None
-    unlike = [_unlike(orbits, X) for X in (step.begin.X, step.end.X)]
+    unlike = [_unlike(family, X) for X in (step.begin.X, step.end.X)]
     sizes = [float(np.abs(part).max()) for part in unlike]
     change_places = np.sum(unlike[0] * unlike[1]) < 0.0 or sizes[1] ** 2 < ROUNDING
     if not change_places or sizes[0] < ROUNDING:
         return None
     X = step.between(sizes[0] / sum(sizes))
     z = X[: 2 * q].reshape(q, 2)
-    mean = z[: q // 2] + 0.5 * _unlike(orbits, X)
-    half = PeriodicOrbit(orbits.oscillator(X), orbits.m // 2, mean[:, 0], mean[:, 1] * orbits.speed)
-    halves = Orbits(half, orbits.axes)
-    Y = halves.corrected(halves.start, np.empty((0, halves.start.size)), FLIP)
+    mean = z[: q // 2] + 0.5 * _unlike(family, X)
+    half = PeriodicOrbit(family.oscillator(X), family.m // 2, mean[:, 0], mean[:, 1] * family.speed)
+    halves = OrbitFamily(half, family.parameters)
+    Y = halves.bifurcation(halves.start, "flip")
     if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
         return None
-    return doubling(halves, Y, orbits.speed)[0], halves.orbit(Y)
+    return doubling(halves, Y, family.speed)[0], halves.orbit(Y)
 
 
-def _unlike(orbits: Orbits, X: np.ndarray) -> np.ndarray:
+def _unlike(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return by how much the second half of an orbit differs from the first, shape (q / 2, 2)."""
-    z = X[: 2 * orbits.q].reshape(2, -1, 2)
-    return z[1] - z[0] - np.array([math.pi * orbits.m, 0.0])
+    z = X[: 2 * family.q].reshape(2, -1, 2)
+    return z[1] - z[0] - np.array([math.pi * family.m, 0.0])
 
 
-def doubling(orbits: Orbits, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a flip as a point of the orbits of twice the period, and the direction they take.
+def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flip X as a point of the orbits of twice the period, and the direction they take.
 
-    Parameters
-    ----------
-    orbits : Orbits
-    X : ndarray
-        A point of `orbits`, at a flip.
-    speed : float
-        The unit of speed of the orbits of twice the period.
+    `speed` is the unit of speed of the orbits of twice the period.
     """
-    q, units = orbits.q, np.array([1.0, orbits.speed / speed])
+    q, units = family.q, np.array([1.0, family.speed / speed])
     z = X[: 2 * q].reshape(q, 2) * units
-    vector = null_vector(*orbits.derivatives(X), -1.0).reshape(q, 2) * units
+    vector = null_vector(*family.derivatives(X), -1.0).reshape(q, 2) * units
     vector /= math.sqrt(np.sum(vector**2) / q)
-    second_round = z + np.array([2.0 * math.pi * orbits.m, 0.0])
+    second_round = z + np.array([2.0 * math.pi * family.m, 0.0])
     doubled = np.concatenate([z.ravel(), second_round.ravel(), X[2 * q :]])
     along = np.concatenate([vector.ravel(), -vector.ravel(), np.zeros(X.size - 2 * q)])
     return doubled, along
