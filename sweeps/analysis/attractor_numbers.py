@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact.orbits.cycles import Cycles, distances
+from sweeps.analysis.section_distance import Cycles, distances
 
 #: Attractors further apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2

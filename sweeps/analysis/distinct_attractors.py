@@ -31,9 +31,9 @@ from sweeps.analysis.exact_links import ExactLinks
 from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
 from sweeps.analysis.longer_runs import EXTENSIONS, Outcomes, outcomes
 from sweeps.analysis.motion import Motion
+from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import Setting
 from sweeps.errors import Refused
-from vibroimpact.orbits.cycles import TOLERANCE
 
 #: Motions that count as an attractor; whether the others stay as they are is not known.
 COUNTED_MOTIONS = (Motion.PERIODIC, Motion.REST, Motion.CHAOTIC)

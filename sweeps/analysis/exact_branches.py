@@ -7,7 +7,7 @@ the points are from their orbits is found from the points alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, lis
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.branch_set import BranchSet
+from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import period_class
@@ -34,7 +35,7 @@ MOST_PERIODS, MOST_BRANCHES = 8, 60
 
 @dataclass(frozen=True)
 class Line:
-    """A line of computed points along one axis, in the order of its values.
+    """The computed points along one axis, in the order of its values.
 
     Attributes
     ----------
@@ -65,13 +66,7 @@ class Line:
 
     @classmethod
     def of(cls, dataset: xr.Dataset, axis: str) -> Line:
-        """Read the points of a line.
-
-        Raises
-        ------
-        Refused
-            If the orbits do not depend on `axis`, or it has a single value.
-        """
+        """Read the points; Refused if the orbits do not depend on `axis`, or it has one value."""
         check_axis(dataset, axis, "it")
         setting, dataset = Setting.of(dataset), dataset.sortby(axis)
         names = ["status", "poincare_x", "poincare_v", "impacts_per_period", "rest_fraction"]
@@ -160,7 +155,7 @@ def branches(
 def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
     """Return what `branches` does."""
     items = found.branches
-    special = [(number, point) for number, item in enumerate(items) for point in item.special]
+    special = [point for item in items for point in item.special]
     # Not item.orbit(i), which may number its impacts from another impact than the branch.
     orbits = [
         PeriodicOrbit(item.orbit(i).oscillator, item.m, item.phases[i], item.speeds[i])
@@ -168,31 +163,49 @@ def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
         for i in range(len(item.values))
     ]
     data: dict[str, Any] = {
-        "branch": ("point", np.repeat(np.arange(len(items)), [len(b.values) for b in items])),
         "stable": ("point", np.concatenate([np.empty(0, bool), *(b.stable for b in items)])),
-        "m": ("number", np.array([item.m for item in items], int)),
-        "q": ("number", np.array([item.q for item in items], int)),
-        "kind": ("special", np.array([point.kind for _, point in special], "U11")),
-        "special_value": ("special", np.array([point.value for _, point in special], float)),
-        "special_branch": ("special", np.array([number for number, _ in special], int)),
-        "special_m": ("special", np.array([point.orbit.m for _, point in special], int)),
-        "special_q": ("special", np.array([point.orbit.q for _, point in special], int)),
+        "kind": ("special", np.array([point.kind for point in special], "U11")),
+        "special_value": ("special", np.array([point.value for point in special], float)),
+        "special_m": ("special", np.array([point.orbit.m for point in special], int)),
+        "special_q": ("special", np.array([point.orbit.q for point in special], int)),
     }
     records = [
-        orbit_coordinates(orbit, phase)
-        for orbit in (*orbits, *(point.orbit for _, point in special))
+        orbit_coordinates(orbit, phase) for orbit in (*orbits, *(point.orbit for point in special))
     ]
     for name, variable in COORDINATES.items():
         table = _padded([record[name] for record in records])
         data[name] = ("point", variable.record), table[: len(orbits)]
         data[f"special_{name}"] = ("special", variable.record), table[len(orbits) :]
-    values = np.concatenate([np.empty(0), *(item.values for item in items)])
     lines = _summary(found)
     about = {
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
         "range": [found.low, found.high],
     }  # fmt: skip
-    return xr.Dataset(data, {found.parameter: ("point", values)}, about)
+    return dataset_of(items, "branch", (found.parameter,), data, about)
+
+
+def dataset_of(
+    found: Sequence[Branch],
+    noun: str,
+    axes: Sequence[str],
+    data: Mapping[str, Any],
+    about: Mapping[str, Any],
+) -> xr.Dataset:
+    """Return branches, or curves, as a Dataset along ``point``, ``number`` and ``special``.
+
+    To the variables `data` it adds the axes, m, q, and the numbers of the branches, the `noun`.
+    """
+    columns = [np.reshape(item.values, (-1, len(axes))) for item in found]
+    values = np.concatenate([np.empty((0, len(axes))), *columns]).T
+    numbers = np.arange(len(found))
+    common = {
+        noun: ("point", np.repeat(numbers, [len(item.values) for item in found])),
+        "m": ("number", np.array([item.m for item in found], int)),
+        "q": ("number", np.array([item.q for item in found], int)),
+        f"special_{noun}": ("special", np.repeat(numbers, [len(item.special) for item in found])),
+    }
+    coordinates = {axis: ("point", column) for axis, column in zip(axes, values, strict=True)}
+    return xr.Dataset({**common, **data}, coordinates, about)
 
 
 def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
@@ -236,12 +249,9 @@ def compare(
 def deviations(line: Line, coordinate: str) -> pd.DataFrame:
     """Compare the periodic points of a line with the stable orbits that they are on.
 
-    Returns
-    -------
-    DataFrame
-        A row for each point with such an orbit of its own class: ``m``, ``q``, the axis, ``size``
-        (the largest deviation in its record, in the unit of the coordinate), and ``settled``
-        (whether the multipliers reduce a deviation to rounding within the transient).
+    A row for each point with such an orbit of its own class has ``m``, ``q``, the axis, ``size``
+    (the largest deviation in its record, in the unit of the coordinate), and ``settled`` (whether
+    the multipliers reduce a deviation to rounding within the transient).
     """
     import pandas as pd
 

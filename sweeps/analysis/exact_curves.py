@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import check_axis
+from sweeps.analysis.exact_branches import check_axis, dataset_of
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
 from sweeps.errors import Refused
@@ -167,29 +167,20 @@ class _Search:
     def _as_dataset(self, reasons: Mapping[str, Counter[str]]) -> xr.Dataset:
         """Return what `curves` does."""
         found = [curve for curve, _ in self._lines]
-        special = [(number, point) for number, one in enumerate(found) for point in one.special]
-        at = np.array([point.value for _, point in special]).reshape(-1, 2)
+        special = [point for curve in found for point in curve.special]
+        at = np.array([point.value for point in special]).reshape(-1, 2)
         data = {
-            "curve": (
-                "point",
-                np.repeat(np.arange(len(found)), [len(one.values) for one in found]),
-            ),
-            "kind": ("number", np.array([one.kind for one in found], "U11")),
-            "m": ("number", np.array([one.m for one in found], int)),
-            "q": ("number", np.array([one.q for one in found], int)),
-            "special_kind": ("special", np.array([point.kind for _, point in special], "U11")),
-            "special_curve": ("special", np.array([number for number, _ in special], int)),
+            "kind": ("number", np.array([curve.kind for curve in found], "U11")),
+            "special_kind": ("special", np.array([point.kind for point in special], "U11")),
             "special_values": (("special", "parameter"), at),
         }
-        values = np.concatenate([np.empty((0, 2)), *(one.values for one in found)]).T
-        coordinates = {axis: ("point", v) for axis, v in zip(self._axes, values, strict=True)}
         changes, explained = len(self._cells), int(self._explained.sum())
         about = {
             "changes": changes,
             "explained": explained,
             "summary": summary(found, changes, explained, reasons),
         }
-        return xr.Dataset(data, coordinates, about)
+        return dataset_of(found, "curve", self._axes, data, about)
 
     def _tongues(self) -> Iterator[tuple[np.ndarray, int]]:
         """Yield the middle of every large tongue where it is widest along an axis, and the axis."""
@@ -256,13 +247,7 @@ class _Search:
         return branch(self._orbit(cell), self._axes[axis], float(low), float(high))
 
     def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
-        """Return the bifurcation at a change, coming from either side.
-
-        Raises
-        ------
-        OrbitError
-            If there is none; the text says why.
-        """
+        """Return the bifurcation at a change, coming from either side; OrbitError says why not."""
         axis = int(np.flatnonzero(cells[0] != cells[1])[0])
         values = self._values[axis]
         ends = values[cells[0, axis]], values[cells[1, axis]]
@@ -285,10 +270,7 @@ class _Search:
     def _follow(self, point: SpecialPoint) -> None:
         """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
 
-        Raises
-        ------
-        OrbitError
-            If it cannot be followed.
+        OrbitError if it cannot be followed.
         """
         if len(self._lines) >= MOST_CURVES:
             raise OrbitError(f"curves beyond the first {MOST_CURVES} are not followed")

@@ -27,18 +27,8 @@ _TOLERANCE = 1e-6
 class ExactLinks:
     """Tells whether periodic attractors are on one branch along an axis.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep, computed with exact impacts.
-    axis : str
-        The axis along which the attractors are neighbours.
-    at : ndarray of int, shape (n,)
-        A point on each attractor, in C order over the file.
-    states : ndarray, shape (n, 2)
-        x and v at a section of each [length, length/time].
-    m : ndarray of int, shape (n,)
-        Forcing periods of each.
+    Attractors are given by a point on each, `at`, shape (n,), in C order over the file, which was
+    computed with exact impacts; by x and v at a section, shape (n, 2); and by their periods m.
     """
 
     def __init__(

@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
+from sweeps.analysis.section_distance import Cycles, representatives, shortest_turn
 from sweeps.analysis.selection import Setting
 from sweeps.grid import Block, Grid
 from sweeps.store import DIRECTION
-from vibroimpact.orbits.cycles import Cycles, representatives, shortest_turn
 
 #: Axes along which the oscillator is the same and only its past differs.
 STARTS = ("x0", "v0", DIRECTION)
@@ -124,7 +124,7 @@ def group_periodic(
     cycles : mapping of int to ndarray, shape (m, 2)
         Section states of the points whose record does not show their motion.
     tolerance : float
-        As for `vibroimpact.orbits.cycles.representatives`.
+        As for `sweeps.analysis.section_distance.representatives`.
     """
     first, last = np.full(period.size, -1), np.empty((period.size, 2))
     parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}

@@ -25,23 +25,10 @@ _TRIED_PERIODS = 4
 def nearby_orbit(
     oscillator: Oscillator, record: np.ndarray, phase: float, m: int | None = None
 ) -> PeriodicOrbit | None:
-    """Find the stable periodic orbit that a motion goes to.
+    """Find the stable periodic orbit that a motion goes to; None if none is found.
 
-    Parameters
-    ----------
-    oscillator : Oscillator
-    record : ndarray, shape (periods, 2)
-        x and v at the sections of the motion [length, length/time].
-    phase : float
-        omega t mod 2 pi of the section, in [0, 2 pi) [rad].
-    m : int, optional
-        Forcing periods after which the record repeats; without it, those are tried after which the
-        record nearly repeats.
-
-    Returns
-    -------
-    PeriodicOrbit or None
-        None where no such orbit is found.
+    The record has x and v at sections of the phase, shape (periods, 2). Without m, after which it
+    repeats, those are tried after which it nearly does.
     """
     if not np.isfinite(record).all():
         return None
@@ -59,14 +46,9 @@ def nearby_orbit(
 
 
 def goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
-    """Return whether a motion is near an orbit throughout its record, and does not leave it.
+    """Whether a motion is near an orbit throughout its record, and does not leave it.
 
-    Parameters
-    ----------
-    record : ndarray, shape (periods, 2)
-        x and v at the sections of the motion [length, length/time].
-    orbit : ndarray, shape (m, 2)
-        Those of the orbit, in time order.
+    Both are x and v at sections, shapes (periods, 2) and (m, 2), the orbit's in time order.
     """
     size = np.abs(record).max(axis=0)
     size[size == 0.0] = 1.0

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sweeps.analysis.section_distance import section_distance
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from vibroimpact import Oscillator, Status, integrate
-from vibroimpact.orbits.cycles import section_distance
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES

@@ -25,6 +25,7 @@ SOURCES = (
     "analysis/grouping.py",
     "analysis/motion.py",
     "analysis/nearby_orbit.py",
+    "analysis/section_distance.py",
     "engine/as_dataset.py",
     "analysis/selection.py",
 )

@@ -66,19 +66,8 @@ def section_distance(
 ) -> np.ndarray:
     """Return how far states at a section are apart, directly or through an impact.
 
-    Parameters
-    ----------
-    states, states_0 : ndarray, shape (..., 2)
-        x and v.
-    clearance, R : ndarray
-        Of the stop and of the impact, to be broadcast against x.
-    scale : array_like, shape (..., 2)
-        Units of x and v.
-
-    Returns
-    -------
-    ndarray
-        The larger of the distances in x and in v, in units of `scale`.
+    States are x and v, shape (..., 2), `scale` their units; the clearance and R are broadcast
+    against x. The distance is the larger of those in x and in v, in these units.
     """
     (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(states_0, -1, 0)
     X, V = np.moveaxis(np.asarray(scale), -1, 0)
@@ -89,19 +78,11 @@ def section_distance(
 
 
 def distances(a: Cycles, b: Cycles) -> np.ndarray:
-    """Return how far cycles are apart, irrespective of where each begins.
+    """Return how far cycles are apart, irrespective of where each begins, shape (n,).
 
-    Parameters
-    ----------
-    a, b : Cycles
-        The same number in each. A cycle of `b` may be k times as long; it is compared with k turns
-        of `a`.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The largest difference of a coordinate, in the rotation in which it is least, over the
-        greatest absolute coordinate of both cycles; 0 if all coordinates are 0.
+    A cycle of `b` may be k times as long; it is compared with k turns of `a`. The distance is the
+    largest difference of a coordinate, in the rotation in which it is least, over the greatest
+    absolute coordinate of both cycles; 0 if all coordinates are 0.
     """
     turns = b.m // a.m
     result = np.empty(len(a))
@@ -130,13 +111,7 @@ def sizes(states: np.ndarray) -> np.ndarray:
 def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
     """Return the least divisor of m after which a cycle comes back to within `tolerance`.
 
-    Parameters
-    ----------
-    states : ndarray, shape (n, m, 2)
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
+    The states have the shape (n, m, 2), the result (n,).
     """
     n, m, _ = states.shape
     shortest = np.full(n, m)
@@ -149,23 +124,13 @@ def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarra
 
 
 def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
-    """Find the cycles that are the same motion, within groups.
+    """Find the cycles that are the same motion, within groups of numbers, shape (n,).
 
-    Cycles in the order of their mean first coordinate are chained where neighbours are within
-    `tolerance`; chains whose first cycles are within it are then taken together. So the result
-    does not depend on the order in which the cycles come, and cycles on their way to one motion
-    are not divided by where they happen to lie.
-
-    Parameters
-    ----------
-    cycles : Cycles
-    group : ndarray of int, shape (n,)
-        Only cycles of a group are compared.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        The index of a cycle that stands for the motion, its own for one in each.
+    Returned is the index of a cycle that stands for the motion, its own for one in each. Cycles in
+    the order of their mean first coordinate are chained where neighbours are within `tolerance`;
+    chains whose first cycles are within it are then taken together. So the result does not depend
+    on the order in which the cycles come, and cycles on their way to one motion are not divided by
+    where they happen to lie.
     """
     order = np.lexsort((cycles.states[:, :, 0].mean(axis=1), group))
     head = np.arange(len(order))
