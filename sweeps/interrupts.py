@@ -1,9 +1,10 @@
-"""Ctrl-C and SIGTERM set a flag, and the work checks the flag at places where it can end.
+"""One way to cancel work: a flag is set, and the work looks at it at places where it can end.
 
-A handler that raises an exception raises it between any two steps of Python: inside a lock of h5py,
-whose exit then fails, or in a callback of LLVM, which swallows the exception. So while a sweep is
-run the handlers only set the flag, and `check` raises ``KeyboardInterrupt`` at known places:
-between two blocks, while a file is written or verified, and while the kernel computes.
+A handler of a signal that raises an exception raises it between any two steps of Python: inside a
+lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the exception. So
+while a sweep is run the handlers of Ctrl-C and SIGTERM only set a flag, and `check` raises
+`Cancelled` at known places: between two blocks, while a file is written or verified, and while a
+result is waited for. The work of another thread has a flag of its own, which also the kernel reads.
 
 This file imports nothing that takes time: the command line listens for signals before it imports
 anything else.
@@ -15,10 +16,21 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _came = False
+_this_thread = threading.local()
+
+
+class Cancelled(BaseException):
+    """The work was given up, because a signal came or nobody needs the result any more.
+
+    It is no ``Exception``, so that no library takes it for a failure.
+    """
 
 
 def came() -> bool:
@@ -27,19 +39,33 @@ def came() -> bool:
 
 
 def check() -> None:
-    """Raise an interrupt that came.
+    """Raise `Cancelled` if a signal came, or the flag of this thread is set."""
+    flag = this_flag()
+    if _came or (flag is not None and flag[0]):
+        raise Cancelled
 
-    Raises
-    ------
-    KeyboardInterrupt
-    """
-    if _came:
-        raise KeyboardInterrupt
+
+def this_flag() -> np.ndarray | None:
+    """Return the flag that ends the work of this thread, or None if the thread has no flag."""
+    return getattr(_this_thread, "flag", None)
+
+
+@contextmanager
+def cancelled_by(flag: np.ndarray) -> Iterator[None]:
+    """In the block, let `check` raise in this thread once `flag`, int64 of shape (1,), is set."""
+    _this_thread.flag = flag
+    try:
+        check()
+        yield
+    finally:
+        _this_thread.flag = None
 
 
 def listen() -> None:
     """Let both signals set the flag from now on, if they are not ignored, as under ``nohup``."""
-    _handle(_set)
+    for number in _SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _set)
 
 
 def ignore() -> None:
@@ -50,20 +76,27 @@ def ignore() -> None:
 
 @contextmanager
 def raised_at_once() -> Iterator[None]:
-    """Raise where the block is, when a signal comes: for work that writes nothing of value."""
-    before = _handle(_raise)
+    """Raise where the block is when a signal comes that otherwise sets the flag.
+
+    This is for work that writes nothing of value, or waits for others.
+    """
+    noted = [number for number in _SIGNALS if signal.getsignal(number) is _set]
+    if threading.current_thread() is not threading.main_thread():
+        noted = []
     try:
+        for number in noted:
+            signal.signal(number, _raise)
         check()
         yield
         check()  # where it was swallowed
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in noted:
+            signal.signal(number, _set)
 
 
 @contextmanager
 def raised_by_check() -> Iterator[None]:
-    """Let Ctrl-C set the flag in the block, and raise at its end if nothing else has raised it.
+    """Let Ctrl-C set the flag in the block, which then ends by KeyboardInterrupt as without it.
 
     In the main thread, and only where the handler of Python itself would raise: another program
     that has handlers of its own keeps them.
@@ -79,18 +112,11 @@ def raised_by_check() -> Iterator[None]:
     try:
         yield
         check()
+    except Cancelled:
+        raise KeyboardInterrupt from None
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         _came = False
-
-
-def _handle(handler: Any) -> dict[int, Any]:
-    """Install a handler for the signals that are not ignored; return the handlers before."""
-    before: dict[int, Any] = {number: signal.getsignal(number) for number in _SIGNALS}
-    heard = {number: was for number, was in before.items() if was is not signal.SIG_IGN}
-    for number in heard:
-        signal.signal(number, handler)
-    return heard
 
 
 def _set(*_: object) -> None:
@@ -98,6 +124,6 @@ def _set(*_: object) -> None:
     _came = True
 
 
-def _raise(*_: object) -> None:
+def _raise(*_: object) -> Any:
     _set()
     check()

@@ -38,7 +38,7 @@ def _run() -> int:
         app(prog_name="vibroimpact")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 1
-    except (KeyboardInterrupt, Exception) as error:
+    except (interrupts.Cancelled, Exception) as error:
         if interrupts.came():  # which a library may have turned into an error of its own
             _report("interrupted")
         elif isinstance(error, MemoryError):

@@ -22,7 +22,7 @@ from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
-from sweeps.interrupts import raised_at_once
+from sweeps.interrupts import Cancelled, raised_at_once
 from sweeps.text import shortened
 
 
@@ -33,7 +33,7 @@ class _Commands(TyperGroup):
         """Run the command; say what it refuses or fails at, and exit with the code of that."""
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
+        except (Cancelled, KeyboardInterrupt):  # the second where another program handles signals
             error, code = "interrupted", 1
         except Failed as failure:
             error, code = str(failure), 1

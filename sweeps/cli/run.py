@@ -23,7 +23,7 @@ from sweeps.cli.options import (
 )
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
-from sweeps.interrupts import check
+from sweeps.interrupts import Cancelled, check
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -143,14 +143,13 @@ def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
 ) -> str:
     """Return what a sweep takes, or refuse it if it takes too much."""
-    from sweeps.engine.background import run_in_background
+    from sweeps.engine.executors import computer_for, in_thread
     from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
-    from sweeps.engine.workers import computer_for
     from sweeps.store import check_output
 
     computer = computer_for(client, threads)
-    cost = run_in_background(estimate, sweep, computer.threads, computer.cores)
+    cost = in_thread(estimate, sweep, computer.threads, computer.cores)
     check_output(path, **existing, size=cost.disk)
     return plan(sweep, path, cost)
 
@@ -168,7 +167,7 @@ def run_and_report(
         check()
         path = run_sweep(sweep, path, progress=not quiet, **options)
         summary = reports.summary(path)
-    except KeyboardInterrupt:
+    except (Cancelled, KeyboardInterrupt):
         raise Failed(f"interrupted; {reports.kept(path, command, old)}") from None
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__

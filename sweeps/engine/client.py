@@ -73,7 +73,9 @@ def connected(address: str) -> Iterator[Client]:
     with _quiet():
         if address.startswith("local:"):
             with _processes(int(address.removeprefix("local:"))) as cluster:
-                with distributed.Client(cluster, set_as_default=False) as client:
+                with distributed.Client(
+                    cluster, direct_to_workers=True, set_as_default=False
+                ) as client:
                     yield client
             return
         _refuse_silence(address)

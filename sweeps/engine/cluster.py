@@ -8,21 +8,18 @@ need a file system they all see, and a journal each.
 The configuration is the result of a task that every block's task depends on: it travels to a worker
 once, and is made again where the worker that had it is lost. It takes its grid along, since another
 machine may round a logarithmic axis otherwise. A worker computes one block at a time, with all its
-threads, and has three in hand; results come straight from it, one block after the other, so neither
-side holds more where the sweep is larger. ``sweeps/README.md`` has what
-this was measured to cost.
+threads, and has three in hand; so neither side holds more where the sweep is larger.
+``sweeps/README.md`` has what this was measured to cost.
 """
 
 from __future__ import annotations
 
-import asyncio
-import itertools
 import math
-import queue
 import threading
 import time
 import warnings
 from collections.abc import Generator, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from copy import copy
 from importlib import metadata
@@ -32,23 +29,22 @@ import numba
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import check_given_up, in_background
 from sweeps.engine.compute import compute_block
+from sweeps.engine.executors import Results, completed
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block
+from sweeps.interrupts import raised_at_once
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from concurrent.futures import Future
+
+    from distributed import Client
 
 #: Blocks per worker at once: one is computed, one waits for it, one is on its way back.
 _PER_WORKER = 3
 #: How often the scheduler is asked for its workers [s].
 _COUNT = 2.0
-#: How often the thread that waits for results looks up [s], to end where the run was left.
-_WAIT = 0.1
-#: How long a worker may take to answer this process [s].
-_CONNECT = 3.0
 
 #: Work of one core in a block at least [s]: sending it takes 5 ms of processor time.
 _LEAST_WORK = 0.5
@@ -61,16 +57,8 @@ _BLOCKS_PER_CORE = 20
 _ALONE = threading.Lock()
 
 
-Results = dict[str, np.ndarray]
-
-
 class Cluster:
-    """Computes on the workers of a Dask client.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        Synchronous; it is left open.
+    """Computes on the workers of a synchronous Dask client, which is left open.
 
     Raises
     ------
@@ -85,7 +73,6 @@ class Cluster:
         self._address = client.scheduler.address
         self._asked = -math.inf
         self._workers: dict[str, int] = {}
-        self._direct: bool | None = None
         with self._scheduler_needed():
             self._count()
             self._refuse_others()
@@ -111,86 +98,56 @@ class Cluster:
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield every block with its results, as they come in; `advance` is for `Local` alone.
 
-        Where the generator is closed, what is still to be computed is given up.
+        Close the generator if you leave it early. What a lost worker had is computed again.
 
         Raises
         ------
         Failed
-            If the scheduler is lost or a block cannot be computed. A lost worker is none: what it
-            had is computed again.
+            If the scheduler is lost or a block cannot be computed.
         """
         _ = config.grid  # made here once, so that its values are the same on every machine
-        futures: dict[Future, Block] = {}
-        with self._scheduler_needed(), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
-            # A task, not data: it is made again where the worker that had it is lost.
-            shared = self._client.submit(copy, config, pure=False)
-        try:
-            yield from in_background(self._results(shared, iter(blocks), futures), join=False)
-        finally:
-            with suppress(Exception):  # where the scheduler is gone
-                self._client.cancel([shared, *list(futures)])  # the other thread may add to them
-
-    def _results(
-        self, config: Future, blocks: Iterator[Block], futures: dict[Future, Block]
-    ) -> Iterator[tuple[Block, Results]]:
-        """Yield finished blocks; `futures` holds those that are out, with their tasks."""
-        ready: queue.SimpleQueue[Future] = queue.SimpleQueue()
-        numerics = _own_numerics()
-
-        def refill() -> bool:
-            """Hand out blocks until every worker has enough; return whether any are out."""
-            check_given_up()
-            if time.monotonic() - self._asked > _COUNT:
-                self._count()
-            room = _PER_WORKER * max(1, len(self._workers)) - len(futures)
-            for block in itertools.islice(blocks, max(0, room)):
-                check_given_up()
-                future = self._client.submit(_compute, config, block, numerics, pure=False)
-                futures[future] = block
-                future.add_done_callback(ready.put)
-            return bool(futures)
-
+        numerics, executor = _own_numerics(), self._client.get_executor(pure=False)
         with self._scheduler_needed():
-            while refill():
-                try:
-                    future = ready.get(timeout=_WAIT)
-                except queue.Empty:
-                    continue
-                results = self._gathered(future)
-                block = futures.pop(future)
-                refill()
-                yield block, results
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
+                # A task, not data: it is made again where the worker that had it is lost.
+                shared = self._client.submit(copy, config, pure=False)
+
+            def submit(block: Block) -> Future[Results]:
+                return executor.submit(_compute, shared, block, numerics)
+
+            try:
+                for block, future in completed(submit, blocks, self._most):
+                    yield block, self._result(future)
+            finally:
+                with suppress(Exception):  # where the scheduler is gone
+                    executor.shutdown(wait=False)
+
+    def _most(self) -> int:
+        """Return how many blocks may be out, by the workers that there are now and then."""
+        if time.monotonic() - self._asked > _COUNT:
+            self._count()
+        return _PER_WORKER * max(1, len(self._workers))
 
     def _count(self) -> None:
         """Ask the scheduler for its workers."""
-        self._workers = self._client.nthreads()
+        with raised_at_once():  # Dask looks at no flag while it waits for an answer
+            self._workers = self._client.nthreads()
         self._asked = time.monotonic()
 
-    def _gathered(self, future: Future) -> Results:
-        """Fetch the results of a finished task from its worker.
-
-        Past the scheduler where this process can reach the workers, which costs half as much.
-        """
-        if self._direct is None:
-            self._count()
-            for address in list(self._workers)[:1]:
-                self._direct = self._client.sync(_reaches, address, self._client)
-        if future.status == "error":
-            error = future.exception()
-            if isinstance(error, Failed):
-                raise error
-            text = f"{type(error).__name__}: {error}"
-            raise Failed(f"a worker of {self._address} failed with {text}") from error
-        results: Results = self._client.gather(future, direct=self._direct)
-        future.release()  # so that the worker forgets the results
-        return results
+    def _result(self, future: Future[Results]) -> Results:
+        """Return the results of a block that is done, or say what its worker failed with."""
+        error = future.exception()
+        if error is None:
+            return future.result()
+        if isinstance(error, Failed):
+            raise error
+        text = f"{type(error).__name__}: {error}"
+        raise Failed(f"a worker of {self._address} failed with {text}") from error
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
         """Raise Failed where the scheduler was lost."""
-        from distributed import CancelledError
-
         try:
             yield
         except SweepError:
@@ -233,19 +190,6 @@ def _difference(address: str, there: str, here: str) -> str:
         f"the worker {address} has another version of the numerics, {there}, than this process, "
         f"{here}; install the same version of vibroimpact and numba on both"
     )
-
-
-async def _reaches(address: str, client: Client) -> bool:
-    """Whether this process can connect to a worker."""
-    from distributed.comm import connect
-
-    try:
-        trial = connect(address, timeout=_CONNECT, **client.connection_args)
-        comm = await asyncio.wait_for(trial, _CONNECT)
-    except (OSError, ValueError):  # a TimeoutError is an OSError
-        return False
-    await comm.close()
-    return True
 
 
 def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import check_given_up, interrupt
 from sweeps.grid import Block
+from sweeps.interrupts import check, this_flag
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.points import Computation, compute_box, compute_points, scales_with_f
 
@@ -91,12 +91,12 @@ def compute_block(
     grid = config.grid
     values = grid.within(block[len(block) - len(grid.axes) :])
 
-    def unless_given_up(points: int) -> None:
-        check_given_up()
+    def unless_cancelled(points: int) -> None:
+        check()
         advance(points)
 
     return compute_box(
-        computation(config), values, grid.fixed, threads, unless_given_up, interrupt()
+        computation(config), values, grid.fixed, threads, unless_cancelled, this_flag()
     )
 
 
@@ -120,7 +120,7 @@ def compute(
         Arrays of shape (n, ...).
     """
     results = compute_points(
-        computation(config), points, threads, at_section=at_section, interrupt=interrupt()
+        computation(config), points, threads, at_section=at_section, interrupt=this_flag()
     )
-    check_given_up()
+    check()
     return results

@@ -15,11 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.background import in_background, run_in_background
 from sweeps.engine.compute import computation, numerics
+from sweeps.engine.executors import Local, LocalExecutor, computer_for, in_thread, waited
 from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.reports import plan
-from sweeps.engine.workers import Computer, computer_for
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.store import (
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from sweeps.engine.classification import Results
+    from sweeps.engine.cluster import Cluster
 
 
 def run_sweep(
@@ -100,7 +100,7 @@ def run_sweep(
         check_output(path, overwrite=overwrite, resume=resume)
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
-            cost = run_in_background(estimate, config, computer.threads, computer.cores)
+            cost = in_thread(estimate, config, computer.threads, computer.cores)
         check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
         console.print(printable(plan(config, path, cost)))
         schema = _schema(config, computer.block_limits(cost.seconds, config.grid.size))
@@ -129,9 +129,10 @@ def _refined(
 
     assert config.refine is not None
     with console.status("refining") as status, writer.dataset() as line:
-        refinement = run_in_background(Refinement, config, line, threads)
-        with closing(in_background(refinement)) as levels:
-            for level in levels:
+        with LocalExecutor() as executor:
+            refinement = waited(executor.submit(Refinement, config, line, threads))
+            levels = iter(refinement)
+            while level := waited(executor.submit(next, levels, 0)):
                 changes = f"{len(refinement.intervals):,} changes of class"
                 status.update(f"refining: level {level} of {config.refine.levels}, {changes}")
     added = len(set(refinement.points).difference(config.grid.axes[config.refine.axis].tolist()))
@@ -171,7 +172,7 @@ class _Display:
     """A progress line on stderr: points done, forcing periods per second, time left."""
 
     def __init__(
-        self, config: SweepConfig, writer: SweepWriter, console: Console, computer: Computer
+        self, config: SweepConfig, writer: SweepWriter, console: Console, computer: Local | Cluster
     ) -> None:
         self._periods = config.record.transient + config.record.periods
         self._there = config.size - sum(map(block_points, writer.pending()))

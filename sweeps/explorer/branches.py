@@ -12,10 +12,10 @@ from bokeh.models import ColumnDataSource, LegendItem
 
 from sweeps.analysis.exact_branches import branches
 from sweeps.engine.as_dataset import as_dataset
-from sweeps.engine.background import check_given_up
 from sweeps.explorer.diagram import Diagram
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
+from sweeps.interrupts import check
 from sweeps.plotting.style import VERMILION
 
 #: What there is to see, by the name in the legend: the dashes of a line, or a marker.
@@ -75,7 +75,7 @@ class Branches:
         key = shown.view.axis, shown.config
         if self._found is None or self._found[0] != key:
             dataset = as_dataset(shown.config, shown.config.grid.axes, shown.results)
-            self._found = key, branches(dataset, shown.view.axis, check=check_given_up)
+            self._found = key, branches(dataset, shown.view.axis, check=check)
         parts: Parts = {name: ([], []) for name in self.sources}
         for name, x, y, _ in parts_of(self._found[1], shown.view.ordinate):
             for column in y.T:

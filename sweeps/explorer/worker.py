@@ -1,9 +1,9 @@
-"""A thread that computes the newest request, and abandons work that a newer request replaces."""
+"""A thread that computes the newest request, and cancels work that a newer request replaces."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.engine.background import given_up_by
+from sweeps.engine.executors import cancelled_by
 from sweeps.errors import SweepError
+from sweeps.interrupts import Cancelled
 
 
 @dataclass(frozen=True)
@@ -53,69 +54,52 @@ class Worker:
         self, post: Callable[[Callable[[], None]], None], fail: Callable[[str], None]
     ) -> None:
         self._post, self._fail = post, fail
-        self._changed = threading.Condition()
-        self._steps: Sequence[Step] | None = None
-        self._stale = np.zeros(1, np.int64)
-        self._closed = np.zeros(1, np.int64)
-        self._working = False
+        self._executor = ThreadPoolExecutor(1, "explore")
+        self._request: Future[None] | None = None
+        self._stale, self._closed = np.zeros((2, 1), np.int64)
         self._done: dict[str, Any] = {}
         self._compiled: set[str] = set()
         #: The name of the step that is computed, whether for the first time, and since when.
         self.busy: tuple[str, bool, float] | None = None
-        self._thread = threading.Thread(target=self._run, name="explore", daemon=True)
-        self._thread.start()
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Replace what is to be done, and give up what is being done.
+        """Replace what is to be done, and cancel what is being done.
 
-        A step that is being computed for the first time is not given up: it compiles.
+        A step that is being computed for the first time is not cancelled: it compiles.
         """
-        with self._changed:
-            self._stale[0] = 1
+        self._stale[0] = 1
+        if not self._closed[0]:
             self._stale = np.zeros(1, np.int64)
-            self._steps = steps
-            self._changed.notify()
+            self._request = self._executor.submit(self._take_all, steps, self._stale)
 
     @property
     def idle(self) -> bool:
         """Whether all that was asked for is done."""
-        with self._changed:
-            return self._steps is None and not self._working
+        return self._request is None or self._request.done()
 
     def close(self) -> None:
-        """End the thread."""
-        with self._changed:
-            self._closed[0] = self._stale[0] = 1
-            self._changed.notify()
-        self._thread.join(2.0)
+        """Cancel everything, and end the thread."""
+        self._closed[0] = self._stale[0] = 1
+        self._executor.shutdown(cancel_futures=True)
 
-    def _run(self) -> None:
-        """Take the steps of each request, until a newer one comes."""
-        while True:
-            with self._changed:
-                self._working = False
-                while self._steps is None and not self._closed[0]:
-                    self._changed.wait()
-                if self._closed[0]:
-                    return
-                steps, stale = self._steps or (), self._stale
-                self._steps, self._working = None, True
-            for i, step in enumerate(steps):
-                if stale[0] or self._closed[0]:
-                    break
-                keys = [later.key for later in steps[i:] if later.name == step.name]
-                if self._done.get(step.name) not in keys:
-                    self._take(step, stale)
+    def _take_all(self, steps: Sequence[Step], stale: np.ndarray) -> None:
+        """Take the steps of a request, until a newer one comes."""
+        for i, step in enumerate(steps):
+            if stale[0]:
+                return
+            keys = [later.key for later in steps[i:] if later.name == step.name]
+            if self._done.get(step.name) not in keys:
+                self._take(step, stale)
 
     def _take(self, step: Step, stale: np.ndarray) -> None:
-        """Compute a step and post what it shows, unless it is given up."""
+        """Compute a step and post what it shows, unless it is cancelled."""
         first = step.name not in self._compiled
         begin = perf_counter()
         self.busy = step.name, first, begin
         try:
-            with given_up_by(self._closed if first else stale):
+            with cancelled_by(self._closed if first else stale):
                 result = step.compute()
-        except KeyboardInterrupt:
+        except Cancelled:
             return
         except (SweepError, ValueError, ArithmeticError, MemoryError) as error:
             self._post(partial(self._fail, str(error) or type(error).__name__))

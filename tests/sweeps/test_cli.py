@@ -14,7 +14,7 @@ import xarray as xr
 import sweeps
 from commands import SMALL, accepted, call, refused
 from sweeps.config.loading import load_config
-from sweeps.engine import workers
+from sweeps.engine import executors
 from sweeps.engine.run import block_size
 from vibroimpact.status import Status
 from vibroimpact.step.flight import LONGEST_STEP
@@ -284,20 +284,20 @@ def test_what_became_of_the_points_is_told(monkeypatch, folder):
     assert "10 points, all certified: every impact found, none missed in " in accepted(
         "run", "sweep.yaml"
     )
-    compute = workers.compute_block
+    compute = executors.compute_block
 
     def settled(*arguments):
         results = compute(*arguments)
         results["status"][:2] = [Status.SETTLED, Status.COMPUTED]
         return results
 
-    monkeypatch.setattr(workers, "compute_block", settled)
+    monkeypatch.setattr(executors, "compute_block", settled)
     accepted("run", "sweep.yaml", "--quiet", "--overwrite")
     assert re.search(
         rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
         accepted("info", "small.h5"),
     )
-    monkeypatch.setattr(workers, "compute_block", compute)
+    monkeypatch.setattr(executors, "compute_block", compute)
     printed = accepted("run", "sweep.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
 

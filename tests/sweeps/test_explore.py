@@ -15,13 +15,13 @@ from bokeh.models import LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
-from sweeps.engine.background import check_given_up
 from sweeps.explorer import picture
 from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.motion import motion_at
 from sweeps.explorer.page import Page
 from sweeps.explorer.view import MAP, View
 from sweeps.explorer.worker import Step, Worker
+from sweeps.interrupts import check
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
@@ -224,7 +224,7 @@ def test_only_the_newest_request_is_finished():
     def compute(i):
         started.set()
         for _ in range(1000 if i else 1):
-            check_given_up()
+            check()
             time.sleep(0.01)
         return i
 
@@ -246,7 +246,7 @@ def test_only_the_newest_request_is_finished():
     finally:
         worker.close()
     assert shown == [0]
-    assert not worker._thread.is_alive()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("explore_")]
 
 
 def test_an_error_of_a_step_is_said_once():

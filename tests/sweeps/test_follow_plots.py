@@ -13,8 +13,8 @@ from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.exact_branches import branches, compare
 from sweeps.analysis.selection import swept_axes
+from sweeps.engine import executors
 from sweeps.engine import run as runner
-from sweeps.engine import workers
 from sweeps.engine.compute import compute_block
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, diagram, plot, section, trajectory
@@ -156,7 +156,7 @@ def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
             raise KeyboardInterrupt
         return compute_block(*arguments)
 
-    monkeypatch.setattr(workers, "compute_block", stopping)
+    monkeypatch.setattr(executors, "compute_block", stopping)
     with pytest.raises(KeyboardInterrupt):
         run_sweep(load_config("sweep.yaml"), "part.h5")
     with open_sweep("part.h5") as dataset:

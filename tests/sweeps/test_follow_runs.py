@@ -13,9 +13,9 @@ from commands import call
 from followed_sweeps import configured, ran, whole
 from sweep_files import data
 from sweeps import open_sweep, run_sweep
+from sweeps.engine import executors
 from sweeps.engine import plan as limits
 from sweeps.engine import run as runner
-from sweeps.engine import workers
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.plan import block_size, estimate
 from sweeps.errors import Failed, StoreError
@@ -51,14 +51,14 @@ def test_an_interrupted_run_goes_on_to_the_same_data(monkeypatch):
         done.append(arguments[1])
         return compute_block(*arguments)
 
-    monkeypatch.setattr(workers, "compute_block", stopping)
+    monkeypatch.setattr(executors, "compute_block", stopping)
     with pytest.raises(KeyboardInterrupt):
         run_sweep(config, "stopped.h5")
     with open_sweep("stopped.h5") as dataset:
         missing = (dataset["status"] == Status.PENDING).values
         assert missing.sum() == 4 * 2 * 5  # chains, directions, points
         assert (missing == missing[:1, :, :1]).all()  # no chain in part
-    monkeypatch.setattr(workers, "compute_block", compute_block)
+    monkeypatch.setattr(executors, "compute_block", compute_block)
     run_sweep(config, "stopped.h5", resume=True)
     xr.testing.assert_identical(data("stopped.h5"), expected)
     with pytest.raises(StoreError, match=r"follow\.direction was both and is up"):
@@ -123,7 +123,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
         raise Failed("the disk is full")
 
     monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
-    monkeypatch.setattr(workers, "compute_block", computing)
+    monkeypatch.setattr(executors, "compute_block", computing)
     monkeypatch.setattr(runner.SweepWriter, "write", full)
     with pytest.raises(Failed, match="full"):
         run_sweep(configured(), "out.h5")

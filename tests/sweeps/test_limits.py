@@ -1,20 +1,22 @@
 """What a sweep takes is told, or refused, before a step of it is computed."""
 
+import threading
 import time
+from functools import partial
+from itertools import count
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from commands import call
 from sweep_files import load
 from sweeps.engine import plan as limits
-from sweeps.engine.background import in_background
 from sweeps.engine.compute import compute
+from sweeps.engine.executors import Local, LocalExecutor, completed
 from sweeps.engine.plan import block_size, estimate, expected_seconds, most_widths
 from sweeps.engine.run import run_sweep
-from sweeps.engine.workers import Local
 from sweeps.errors import StoreError
+from sweeps.interrupts import Cancelled, check
 from vibroimpact.lanes.exact_block import EXACT_LANES
 from vibroimpact.lanes.kernel import lanes_per_block
 from vibroimpact.step.rules import EXACT
@@ -106,45 +108,35 @@ def test_an_hour_is_told_without_taking_one():
     assert expected_seconds(sweep, None) > 1e6 * (time.perf_counter() - began)
 
 
-def test_items_from_the_background_come_in_order_and_so_do_errors():
-    def items():
-        yield from range(5)
-        raise ValueError("the end")
+def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_is_left():
+    begun, executor = [], LocalExecutor()
 
-    found = []
-    with pytest.raises(ValueError, match="the end"):
-        for item in in_background(items()):
-            found.append(item)
-    assert found == list(range(5))
-    assert list(in_background(())) == []
+    def compute(block):
+        begun.append(block)
+        if block == 4:
+            raise ValueError("the end")
+        return {}
 
-
-def test_the_background_is_one_item_ahead_at_the_most():
-    begun = []
-
-    def items():
-        for number in range(10):
-            begun.append(number)
-            yield number
-
-    for item in in_background(items()):
-        time.sleep(0.02)
-        assert len(begun) <= item + 2
-    assert len(begun) == 10
+    with executor, pytest.raises(ValueError, match="the end"):
+        for block, future in completed(partial(executor.submit, compute), count(), lambda: 2):
+            assert future.result() == {}
+            time.sleep(0.02)
+            assert begun == list(range(block + 2))
+    assert begun == [0, 1, 2, 3, 4, 5][: len(begun)]
 
 
-def test_a_background_that_is_left_ends():
-    begun = []
+def test_work_that_is_left_is_cancelled():
+    started = threading.Event()
 
-    def items():
-        for number in range(1000):
-            begun.append(number)
-            yield np.zeros(1)
+    def endless():
+        started.set()
+        while True:
+            check()
 
-    for _ in in_background(items()):
-        break
-    assert list(in_background([1])) == [1]  # which waits for the one before
-    assert len(begun) < 5
+    with LocalExecutor() as executor:
+        future = executor.submit(endless)
+        started.wait()
+    assert isinstance(future.exception(), Cancelled)
 
 
 def test_too_little_disk_is_refused_with_both_figures(monkeypatch):

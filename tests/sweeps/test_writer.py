@@ -17,8 +17,8 @@ import xarray as xr
 from commands import call
 from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
+from sweeps.engine import executors
 from sweeps.engine import run as runner
-from sweeps.engine import workers
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store import SweepWriter, sweep_writer
@@ -371,7 +371,7 @@ def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure,
 
 def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, small_blocks, whole):
     fill_blocks("out.h5")
-    compute_block, computed = workers.compute_block, []
+    compute_block, computed = executors.compute_block, []
 
     def stopping(*arguments, **named):
         xr.testing.assert_identical(data("out.h5"), whole)
@@ -381,7 +381,7 @@ def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, sm
         return compute_block(*arguments, **named)
 
     with monkeypatch.context() as patch:
-        patch.setattr(workers, "compute_block", stopping)
+        patch.setattr(executors, "compute_block", stopping)
         result = call("run", "sweep.yaml", "--quiet", "--overwrite")
     assert result.exit_code == 1
     assert "10 of 40 points kept in out.h5.part; to go on: " in result.stderr
