@@ -10,3 +10,5 @@ from .errors import Refused as Refused
 from .errors import StoreError as StoreError
 from .explorer import explore as explore
 from .store.file import open_sweep as open_sweep
+
+__version__: str

@@ -14,3 +14,5 @@ from .paper import paper_procedure as paper_procedure
 from .status import Status as Status
 from .trajectory import Trajectory as Trajectory
 from .trajectory import simulate as simulate
+
+__version__: str

@@ -24,6 +24,7 @@ from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, raised_at_once
 from sweeps.text import shortened
+from vibroimpact import __version__
 
 
 class _Commands(TyperGroup):
@@ -58,12 +59,7 @@ app.add_typer(cli_bench.app, name="bench")
 def _show_version(requested: bool) -> None:
     """Show the version and exit, where that is asked for."""
     if requested:
-        from importlib import metadata
-
-        try:
-            say(f"vibroimpact {metadata.version('vibroimpact')}")
-        except metadata.PackageNotFoundError:
-            say("vibroimpact, run from a checkout that was not installed")
+        say(f"vibroimpact {__version__}")
         raise typer.Exit
 
 

@@ -46,7 +46,7 @@ from vibroimpact.step.methods import MOST_STEPS, default_steps
 COMPRESSIONS = ("none", "gzip")
 
 #: The name of the JSON schema, of this shape of the configuration; nothing is fetched from there.
-_SCHEMA_ID = "https://github.com/vibroimpact/vibroimpact/sweep.schema.json"
+_SCHEMA_ID = "urn:vibroimpact:sweep-schema"
 
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000

@@ -13,6 +13,8 @@ from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
+import psutil
+
 from sweeps.errors import Refused
 from sweeps.interrupts import check, raised_at_once
 from sweeps.text import shortened
@@ -193,16 +195,21 @@ def _kill(cluster: LocalCluster) -> None:
     """Kill the workers, which have nothing that anybody needs."""
     for worker in list(cluster.workers.values()):
         worker.close_gracefully()  # it is not to be started again
-        with suppress(ProcessLookupError, TypeError):
-            os.kill(worker.pid, signal.SIGKILL)
+        with suppress(psutil.NoSuchProcess):
+            if worker.pid is not None:  # which psutil takes for this process
+                psutil.Process(worker.pid).kill()
 
 
 @contextmanager
 def _signals_kept_away() -> Iterator[None]:
     """Keep signals from the threads that are started in the block, and from their processes.
 
-    A Ctrl-C at a terminal goes to all processes at once, and is for this one to handle.
+    A Ctrl-C at a terminal goes to all processes at once, and is for this one to handle. Windows
+    has no such mask; there the workers end with this process.
     """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
     numbers = (signal.SIGINT, signal.SIGTERM)
     resource_tracker.ensure_running()  # which would let them through again, if started later
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)

@@ -22,7 +22,6 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from copy import copy
-from importlib import metadata
 from typing import TYPE_CHECKING
 
 import numba
@@ -34,6 +33,7 @@ from sweeps.engine.executors import Results, completed
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block
 from sweeps.interrupts import raised_at_once
+from vibroimpact import __version__
 from vibroimpact.jit import NUMERICS
 
 if TYPE_CHECKING:
@@ -178,10 +178,7 @@ class Cluster:
 
 def _own_numerics() -> str:
     """Name the code of this process that computes."""
-    try:
-        return f"{metadata.version('vibroimpact')} ({NUMERICS})"
-    except metadata.PackageNotFoundError:
-        return f"of a checkout ({NUMERICS})"
+    return f"{__version__} ({NUMERICS})"
 
 
 def _difference(address: str, there: str, here: str) -> str:

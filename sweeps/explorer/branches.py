@@ -19,7 +19,7 @@ from sweeps.interrupts import check
 from sweeps.plotting.style import VERMILION
 
 #: What there is to see, by the name in the legend: the dashes of a line, or a marker.
-_LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": [4, 2]}
+_LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": "dashed"}
 _MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
 Parts = Mapping[str, tuple[list[np.ndarray], list[np.ndarray]]]

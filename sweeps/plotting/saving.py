@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from functools import cache
-from importlib import metadata
 from io import BytesIO
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from sweeps.errors import Refused
 from sweeps.plotting.style import dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import shortened
+from vibroimpact import __version__
 
 #: Of each format, the fields for a title, the program and a text.
 _FIELDS = {
@@ -37,10 +37,6 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
 
     The command is that which draws it, ``""`` where it is none.
     """
-    try:
-        version = metadata.version("vibroimpact")
-    except metadata.PackageNotFoundError:
-        version = "from a checkout"
     about = {
         name.removesuffix("_version"): value
         for name, value in dataset.attrs.items()
@@ -49,7 +45,7 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
     text += f"\ncommand: {command}" if command else ""
     text += f"\nconfiguration:\n{dataset.attrs['configuration']}"
-    program = f"vibroimpact {version}, matplotlib {mpl.__version__}"
+    program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
     return str(dataset.attrs["name"]), program, text
 
 

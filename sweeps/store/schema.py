@@ -28,6 +28,7 @@ from sweeps.store.variables import (
     held_variables,
 )
 from sweeps.text import in_units
+from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -102,10 +103,10 @@ class Schema:
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
             **attributes,
-            "vibroimpact_version": _version("vibroimpact"),
-            "numba_version": _version("numba"),
+            "vibroimpact_version": __version__,
+            "numba_version": metadata.version("numba"),
             "numpy_version": np.__version__,
-            "h5py_version": _version("h5py"),
+            "h5py_version": h5py.__version__,
             "platform": platform.platform(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
@@ -248,11 +249,3 @@ def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
             chunk[i] = (chunk[i] + 1) // 2
     gzip = {"shuffle": True, "compression": "gzip", "compression_opts": 1} if compressed else {}
     return {"chunks": tuple(chunk), "fletcher32": True, "fillvalue": fill_value, **gzip}
-
-
-def _version(package: str) -> str:
-    """Return the version of an installed package."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "unknown"  # run from a checkout that was not installed

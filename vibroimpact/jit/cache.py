@@ -161,7 +161,7 @@ def _unusable(folder: Path) -> str | None:
 
 def _foreign(status: os.stat_result) -> str | None:
     """Say why another user may have made something, or may change it; None if none may."""
-    if os.name != "posix":
+    if not hasattr(os, "geteuid"):  # Windows has no owners; the folder is in the user's profile
         return None
     if status.st_uid != os.geteuid():
         return "it belongs to another user"

@@ -1,0 +1,74 @@
+"""The commands of a new user, in a new folder, with no compiled code kept from before.
+
+    python .ci/commands.py VENV
+
+Each command ends with 0 and leaves its file. The output is the digest of the quickstart's data.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import urllib.request
+from pathlib import Path
+
+DIGEST = """
+import hashlib, sys
+import sweeps
+digest = hashlib.sha256()
+with sweeps.open_sweep(sys.argv[1]) as ds:
+    for name in sorted(map(str, ds.variables)):
+        digest.update(name.encode() + ds[name].values.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def main(venv: Path) -> None:
+    """Run the commands with a virtual environment, and print the digest."""
+    scripts = venv.absolute() / ("Scripts" if os.name == "nt" else "bin")
+    python, vibroimpact = str(scripts / "python"), str(scripts / "vibroimpact")
+    with tempfile.TemporaryDirectory() as work:
+        os.chdir(work)
+        os.environ["NUMBA_CACHE_DIR"] = str(Path(work).absolute() / "cache")
+
+        def run(*arguments: str, leaves: str = "") -> None:
+            done = subprocess.run([vibroimpact, *arguments], stdout=subprocess.DEVNULL, check=True)
+            if leaves and not Path(leaves).stat().st_size:
+                sys.exit(f"{done.args} ended with 0 and left an empty {leaves}")
+
+        run("init", leaves="quickstart.yaml")
+        run("run", "quickstart.yaml", "--quiet", leaves="quickstart.h5")
+        run("plot", "quickstart.h5", leaves="quickstart.png")
+        run("plot", "quickstart.h5", "--exact", "-o", "exact.png", leaves="exact.png")
+        run("info", "quickstart.h5")
+        run("export", "quickstart.h5", "-o", "points.csv", leaves="points.csv")
+        run("zoom", "quickstart.h5", "omega=2.7:2.8", "-o", "zoom.h5", leaves="zoom.h5")
+        run("init", "basins", leaves="basins.yaml")
+        few = ("--set", "start.x0.num=20", "--set", "start.v0.num=20")
+        run("run", "basins.yaml", "--quiet", *few, "-o", "basins.h5", leaves="basins.h5")
+        run("attractors", "basins.h5", "--csv", "attractors.csv", leaves="attractors.csv")
+        run("run", "quickstart.yaml", "--quiet", "--dask", "local:2", "-o", "c.h5", leaves="c.h5")
+        explore = [vibroimpact, "explore", "--no-browser"]
+        with subprocess.Popen(explore, stdout=subprocess.PIPE, text=True) as page:
+            try:
+                assert page.stdout is not None
+                urllib.request.urlopen(page.stdout.readline().strip()).close()
+                page.send_signal(signal.SIGINT)
+                if page.wait(60) != 0:
+                    sys.exit("explore did not end with 0")
+            finally:
+                page.kill()
+        digests = {
+            subprocess.run(
+                [python, "-c", DIGEST, file], check=True, capture_output=True, text=True
+            ).stdout
+            for file in ("quickstart.h5", "c.h5")
+        }
+        if len(digests) != 1:
+            sys.exit("the workers of a cluster computed other numbers")
+        print(*digests, end="")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
