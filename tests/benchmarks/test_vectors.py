@@ -8,7 +8,7 @@ import pytest
 
 from limits import cpu_features
 from vibroimpact import Oscillator
-from vibroimpact.jit.compiling import WholeCompiler
+from vibroimpact.jit.hooks import WholeCompiler
 from vibroimpact.lanes.columns import carry_columns, mend_columns, new_columns
 from vibroimpact.lanes.exact import glide_lanes
 from vibroimpact.lanes.exact_block import force_lanes, new_memory

@@ -120,3 +120,26 @@ def test_fma_rounds_once():
     e = 2.0**-30
     assert fused(1.0 + e, 1.0 + e, -(1.0 + 2.0 * e)) == e * e
     assert (1.0 + e) * (1.0 + e) - (1.0 + 2.0 * e) == 0.0
+
+
+@pytest.mark.slow
+def test_without_the_private_parts_of_numba_the_numbers_are_the_same(tmp_path):
+    program = """
+from pathlib import Path
+from vibroimpact.jit.hooks import HOOKS
+from vibroimpact.step.trigonometry import sin_cos
+print(HOOKS, *map(float.hex, sin_cos(0.7)), sin_cos.targetoptions.get("_nrt"))
+"""
+    results = {}
+    for switch in ("0", "1"):
+        environment = os.environ | {"VIBROIMPACT_NUMBA_HOOKS": switch}
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path / switch)
+        result = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True
+        )
+        assert (result.returncode, result.stderr) == (0, "")
+        results[switch] = result.stdout.split()
+        assert list((tmp_path / switch).glob("compiled-*/**/*sin_cos*"))
+    assert results["0"][0] == "False" and results["1"][0] == "True"
+    assert results["0"][1:3] == results["1"][1:3]
+    assert results["0"][3] == "None"

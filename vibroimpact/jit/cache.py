@@ -3,33 +3,24 @@
 What lies in a cache is executed. So its folder must belong to this user alone, and every file opens
 with a checksum of the rest. A folder or a file that cannot be used costs a compilation, and one
 warning where nothing can be kept; it never ends a program.
-
-Numba's own cache writes beside the sources where its folder is unusable, and raises what a damaged
-file or a full disk raises.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import inspect
 import os
-import pickle
 import stat
 import tempfile
 import warnings
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
-from numba.core.compiler import CompileResult
-from numba.core.runtime import rtsys
-from numba.core.serialize import dumps
 
-from vibroimpact.jit.sources import name_of, syntax
+from vibroimpact.jit.sources import name_of
 
 _DIGEST = hashlib.sha256().digest_size
 
@@ -48,11 +39,11 @@ def numerics_of(package: Path) -> str:
     sources = {path.relative_to(package).as_posix(): path.read_bytes() for path in paths}
     as_given = hashlib.sha256(repr((numba.__version__, sources)).encode()).hexdigest()
     kept = _root() / "numerics" / as_given[:24]
-    if (known := _read(kept)) is not None:
+    if (known := read(kept)) is not None:
         return known.decode()
     name = name_of(sources, numba.__version__)
     with contextlib.suppress(OSError):
-        _write(kept, name.encode())
+        write(kept, name.encode())
     return name
 
 
@@ -71,69 +62,7 @@ class CacheWarning(UserWarning):
     """Compiled code cannot be kept; the text is one line for the user."""
 
 
-class CompiledCode:
-    """The compiled forms of one function, in the interface that numba's dispatchers ask for.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-    folder : Path
-        Where the files are; it is made when the first is written.
-    """
-
-    def __init__(self, function: Callable, folder: Path) -> None:
-        self.cache_path = str(folder)
-        self._function = function
-        self._folder = folder
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the form for a signature, or None if there is none that can be used.
-
-        Numba's own cache first refreshes `context`, which imports all that numba can compile, and
-        SciPy: half the time of a short run. Code on disk needs one part of that:
-        the memory of arrays.
-        """
-        key = self._key(signature, context.codegen())
-        data = _read(self._path(key))
-        if data is None:
-            return None
-        try:
-            kept_key, kept = pickle.loads(data)
-            if kept_key != key:
-                return None
-            rtsys.initialize(context)
-            return CompileResult._rebuild(context, *kept)
-        except Exception:  # of another version of Python, say
-            return None
-
-    def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep the form for a signature, or warn once that nothing can be kept."""
-        if result.library.has_dynamic_globals or any(not part.can_cache for part in result.lifted):
-            return
-        key = self._key(signature, result.library.codegen)
-        try:
-            _write(self._path(key), dumps((key, result._reduce())))
-        except OSError as error:
-            _warn(self._folder, error.strerror or type(error).__name__)
-
-    def flush(self) -> None:
-        """Do nothing: recompiled code overwrites its file."""
-
-    def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
-        """Return what the compiled form depends on, beside the package that names the folder."""
-        cells = tuple(cell.cell_contents for cell in self._function.__closure__ or ())
-        source = syntax(Path(inspect.getfile(self._function)).read_bytes()).encode()
-        parts = (source, self._function.__code__.co_code, dumps(cells) if cells else b"")
-        digests = tuple(hashlib.sha256(part).hexdigest() for part in parts)
-        return (signature, codegen.magic_tuple(), *digests)
-
-    def _path(self, key: tuple[Any, ...]) -> Path:
-        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:24]
-        return self._folder / f"{self._function.__name__}-{digest}"
-
-
-def _make(folder: Path) -> None:
+def make_folder(folder: Path) -> None:
     """Make a folder of this user alone.
 
     Raises
@@ -168,8 +97,8 @@ def _foreign(status: os.stat_result) -> str | None:
     return "other users may write to it" if status.st_mode & 0o022 else None
 
 
-def _read(path: Path) -> bytes | None:
-    """Return what `_write` wrote; None where it is not there, damaged, or of another user."""
+def read(path: Path) -> bytes | None:
+    """Return what `write` wrote; None where it is not there, damaged, or of another user."""
     if _unusable(path.parent) is not None:
         return None
     try:
@@ -184,7 +113,7 @@ def _read(path: Path) -> bytes | None:
     return data[_DIGEST:] if intact else None
 
 
-def _write(path: Path, data: bytes) -> None:
+def write(path: Path, data: bytes) -> None:
     """Put a file in its place whole, beside other processes that do the same.
 
     Raises
@@ -192,7 +121,7 @@ def _write(path: Path, data: bytes) -> None:
     OSError
         If it cannot be written, or its folder is unsafe.
     """
-    _make(path.parent)
+    make_folder(path.parent)
     descriptor, draft = tempfile.mkstemp(dir=path.parent)
     try:
         with open(descriptor, "wb") as file:
@@ -205,11 +134,11 @@ def _write(path: Path, data: bytes) -> None:
 
 
 @cache
-def _warn(folder: Path, reason: str) -> None:
+def warn_once(folder: Path, what: str, reason: str) -> None:
     """Warn, once in a process, that every process will compile anew."""
     warnings.warn(
-        f"the compiled code cannot be kept in {folder} ({reason}), so that every command compiles "
-        "it anew; set NUMBA_CACHE_DIR to a folder of your own with room",
+        f"the compiled code cannot be {what} in {folder} ({reason}), so that every command "
+        "compiles it anew; set NUMBA_CACHE_DIR to a folder of your own with room",
         CacheWarning,
         stacklevel=2,
     )

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numba
-from llvmlite.binding import Linkage
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
 
-from vibroimpact.jit.cache import CompiledCode, cache_folder
+from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
+from vibroimpact.jit.hooks import HOOKS, dispatcher
 
 _config: Any = numba.config  # its settings are made at run time, unseen by a type checker
 if _config.DISABLE_JIT:
@@ -26,61 +23,6 @@ if _config.DISABLE_JIT:
 #: Threads that a computation takes by default: one for each core of the process, or as many as
 #: the variable NUMBA_NUM_THREADS says.
 ALL_THREADS: int = _config.NUMBA_NUM_THREADS
-
-
-class _MergedLibrary(JITCodeLibrary):
-    """The code of a function for its callers, which optimise it and make machine code of it.
-
-    By default numba does both for every function together with all that it calls, so that an
-    innermost function is optimised eight times. Only a function that Python calls needs machine
-    code; without the others the first run compiles in half the time.
-    """
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalized = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        return 0  # there is none
-
-    @property
-    def codegen(self) -> Any:
-        return self
-
-    def set_env(self, name: str, environment: Any) -> None:
-        """Do nothing: only code that raises exceptions or calls Python needs an environment."""
-
-
-class _WholeLibrary(JITCodeLibrary):
-    """The code of a function that Python calls, with that of all functions that it calls.
-
-    No other library needs these. LLVM knows it if they are internal, and then passes them what
-    they use of their arguments: of an array the address, not the seven numbers that describe it.
-    """
-
-    def _optimize_final_module(self) -> None:
-        for function in self._final_module.functions:
-            if function.linkage == Linkage.linkonce_odr:
-                function.linkage = Linkage.internal
-        super()._optimize_final_module()
-
-
-class _MergingCompiler(Compiler):
-    """Compiles a function for its callers in compiled code."""
-
-    def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
-        super().__init__(typing, target, _MergedLibrary(target.codegen(), "merged"), *arguments)
-
-
-class WholeCompiler(Compiler):
-    """Compiles a function for Python."""
-
-    def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
-        whole = _WholeLibrary(target.codegen(), "whole")
-        whole.enable_object_caching()
-        super().__init__(typing, target, whole, *arguments)
 
 
 def jit(
@@ -116,21 +58,25 @@ def jit(
         "error_model": "numpy",
         "nogil": True,  # so that several threads compute, and a main thread hears signals
         "inline": "always" if inline else "never",
-        "_nrt": refcounts,
         "forceinline": forced_inline,
-        "no_cfunc_wrapper": True,
     }
-    dispatcher: Any = numba.njit(function, pipeline_class=WholeCompiler, **options)
-    dispatcher._cache = CompiledCode(function, cache_folder())
+    if HOOKS:
+        return dispatcher(function, options | {"_nrt": refcounts})
+    return _public(function, options)
 
-    @cache
-    def merged() -> Any:
-        return numba.njit(function, pipeline_class=_MergingCompiler, **merging)
 
-    merging: Any = options | {"no_cpython_wrapper": True}
-    dispatcher.get_call_template = lambda args, kws: merged().get_call_template(args, kws)
-    dispatcher.get_overload = lambda signature: merged().get_overload(signature)
-    return dispatcher
+def _public(function: Callable, options: dict[str, Any]) -> Any:
+    """Compile with public options alone, and with numba's cache in the folder of this code."""
+    folder, before = cache_folder(), _config.CACHE_DIR
+    try:
+        make_folder(folder)
+        _config.CACHE_DIR = str(folder)
+        return numba.njit(function, cache=True, **options)
+    except OSError as error:
+        warn_once(folder, "kept", error.strerror or type(error).__name__)
+        return numba.njit(function, **options)
+    finally:
+        _config.CACHE_DIR = before
 
 
 def compiled(function: Any, *arguments: Any) -> Any:

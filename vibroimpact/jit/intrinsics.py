@@ -6,6 +6,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from vibroimpact.jit.hooks import HOOKS
+
 
 @intrinsic
 def fma(context, a, b, c):
@@ -39,7 +41,8 @@ def widest_vectors(context):
 
     def generate(context, builder, signature, arguments):
         attributes = builder.function.attributes
-        set.add(attributes, '"prefer-vector-width"="512"')
+        if HOOKS:  # the set takes only attributes that llvmlite knows
+            set.add(attributes, '"prefer-vector-width"="512"')
         attributes.add("noinline")
         attributes.alignstack = 64
         return context.get_dummy_value()
