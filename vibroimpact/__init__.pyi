@@ -1,4 +1,4 @@
-from .lanes.integrate import integrate as integrate
+from .kernel.integrate import integrate as integrate
 from .orbits.branches import Branch as Branch
 from .orbits.branches import branch as branch
 from .orbits.curves import bifurcation_curve as bifurcation_curve

@@ -20,7 +20,7 @@ from sweeps.engine.compute import compute_block
 from sweeps.grid import Block
 from sweeps.interrupts import check
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.lanes.kernel import FEWEST_LANES
+from vibroimpact.kernel.run import FEWEST_LANES
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -16,8 +16,7 @@ from sweeps.grid import Grid
 from sweeps.store import bytes_per_point
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.lanes.kernel import lanes_per_block
-from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.kernel.run import lanes_per_block
 
 #: Results of one block in memory, more only for full lanes [bytes].
 _BLOCK_MEMORY = 64 * 2**20
@@ -202,8 +201,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
 
 def _lanes(config: SweepConfig) -> int:
     """Return how many points a single thread computes side by side."""
-    chains = config.grid.size // _chain(config)
-    return lanes_per_block(IMPACT_RULES[config.method.impact].code, chains, 1)
+    return lanes_per_block(config.grid.size // _chain(config), 1)
 
 
 def _side_by_side(config: SweepConfig) -> int:

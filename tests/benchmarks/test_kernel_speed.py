@@ -10,7 +10,7 @@ import pytest
 from limits import cpu_seconds
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 from vibroimpact.jit import on_threads
-from vibroimpact.lanes import kernel
+from vibroimpact.kernel import run
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.rules import IMPACT_RULES
@@ -135,7 +135,7 @@ def test_threads(race, benchmark, monkeypatch):
         shares.append(max(spent) / sum(spent))
 
     alone = integrate(POINTS, transient=40 * PERIODS, periods=1, threads=1)
-    monkeypatch.setattr(kernel, "on_threads", clocked)
+    monkeypatch.setattr(run, "on_threads", clocked)
     found = benchmark.pedantic(
         lambda: integrate(POINTS, transient=40 * PERIODS, periods=1, threads=2),
         rounds=10,

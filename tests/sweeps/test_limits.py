@@ -17,9 +17,8 @@ from sweeps.engine.plan import block_size, estimate, expected_seconds, most_widt
 from sweeps.engine.run import run_sweep
 from sweeps.errors import StoreError
 from sweeps.interrupts import Cancelled, check
-from vibroimpact.lanes.exact_block import EXACT_LANES
-from vibroimpact.lanes.kernel import lanes_per_block
-from vibroimpact.step.rules import EXACT
+from vibroimpact.kernel.run import lanes_per_block
+from vibroimpact.kernel.workspace import LANES
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}
@@ -39,7 +38,7 @@ def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
         with_memory(monkeypatch, memory)
         sizes.append(block_size(sweep))
         assert estimate(sweep).memory <= memory
-    assert sizes[0] == 2 * EXACT_LANES
+    assert sizes[0] == 2 * LANES
     assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
 
 
@@ -49,7 +48,7 @@ def test_a_block_has_points_for_every_thread(monkeypatch):
     sweep = load(CONFIG, "record.transient=1e6")
     for threads in (1, 2, 8, 16):
         size = block_size(sweep, **Local(threads).block_limits(1.0, sweep.grid.size))
-        lanes = lanes_per_block(EXACT, size, threads)
+        lanes = lanes_per_block(size, threads)
         assert size / lanes >= threads
 
 

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from vibroimpact import integrate
-from vibroimpact.lanes.tally import SUMS, list_impact
+from vibroimpact.kernel.record import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
 from vibroimpact.step.exact import steps_needed

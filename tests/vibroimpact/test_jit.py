@@ -11,17 +11,19 @@ import pytest
 import vibroimpact
 from vibroimpact.jit import fma
 
-# glide_step() is in lanes/workspace.py, the helper it calls in step/integrators.py.
+# glide_lanes() is in kernel/time_stepping.py, the helper it calls in step/integrators.py.
 PROGRAM = """\
 import numpy as np
 import vibroimpact
-from vibroimpact.lanes.workspace import LANES, LEVEL, SIZE, X, glide_step
-w = np.ones(SIZE)
-w[LEVEL : LEVEL + LANES] = np.inf
-glide_step(w, np.array([[0.0], [0.25], [0.5]]), 0)
+from vibroimpact.kernel.time_stepping import glide_lanes
+from vibroimpact.kernel.workspace import LANES, LEVEL, POSITION, new_workspace
+lanes = new_workspace(0).lanes
+lanes[:] = 1.0
+lanes[LEVEL : LEVEL + LANES] = np.inf
+glide_lanes(lanes, 1, np.array([[0.0], [0.25], [0.5]]), 0, 1)
 print(vibroimpact.__file__)
-print(w[X])
-print(sum(glide_step.stats.cache_hits.values()), sum(glide_step.stats.cache_misses.values()))
+print(lanes[POSITION])
+print(sum(glide_lanes.stats.cache_hits.values()), sum(glide_lanes.stats.cache_misses.values()))
 """
 
 
@@ -65,8 +67,8 @@ def test_compiled_code_runs_without_all_that_numba_can_compile(tmp_path):
     program = f"""{PROGRAM}
 import sys
 print("scipy.linalg" in sys.modules)
-from vibroimpact.lanes.workspace import map_of
-print(map_of(w, 0)[1])
+from vibroimpact.kernel.time_stepping import map_of
+print(map_of(lanes, 0)[1])
 print("scipy.linalg" in sys.modules)
 """
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
@@ -82,8 +84,8 @@ print("scipy.linalg" in sys.modules)
 @pytest.mark.slow
 def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
     """Both wait until the other is ready to compile; both are right, and so is what they leave."""
-    before, call = PROGRAM.split("glide_step(w", 1)
-    waiting = f"{before}print('ready', flush=True)\ninput()\nglide_step(w{call}"
+    before, call = PROGRAM.split("glide_lanes(lanes", 1)
+    waiting = f"{before}print('ready', flush=True)\ninput()\nglide_lanes(lanes{call}"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     both = [
         subprocess.Popen(

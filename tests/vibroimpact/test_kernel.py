@@ -7,8 +7,7 @@ import pytest
 
 from kernel_cases import DONE, METHODS, PERIOD, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.lanes.kernel import LANES
-from vibroimpact.lanes.workspace import SIZE, aligned
+from vibroimpact.kernel.workspace import LANES, aligned
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.scaling import SCALED
 from vibroimpact.step.integrators import INTEGRATORS
@@ -260,5 +259,5 @@ def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
 def test_the_workspace_begins_with_zeros():
     """What memory held before is computed with, and takes ten times as long where subnormal."""
     for _ in range(8):
-        np.full(SIZE + 7, 5e-324)  # its memory is free again, and likely to be taken next
-        assert not aligned(SIZE).any()
+        np.full(5007, 5e-324)  # its memory is free again, and likely to be taken next
+        assert not aligned(5000).any()

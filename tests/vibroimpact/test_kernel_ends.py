@@ -12,12 +12,12 @@ import pytest
 
 from kernel_cases import METHODS, PERIOD, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.lanes.exact_block import LANE_ROW, TANGENTS, new_memory, set_start
-from vibroimpact.lanes.kernel import LANES
+from vibroimpact.kernel.workspace import LANES, ROW, TANGENTS, new_workspace, set_start
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.flight import LONGEST_STEP
 from vibroimpact.step.log import trace, trajectories
 from vibroimpact.step.methods import default_steps, stepping
+from vibroimpact.step.rules import EXACT
 
 
 def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone():
@@ -170,9 +170,9 @@ def test_what_is_at_rest_before_the_first_section_is_not_counted():
 
 def test_lanes_without_a_point_have_no_tangent_vectors():
     """They would shrink until they are subnormal, and slow."""
-    memory = new_memory()
-    set_start(memory.w, random_points(5), 0.0)
-    rows = memory.w[TANGENTS : TANGENTS + 8 * LANE_ROW].reshape(8, LANE_ROW)
+    lanes = new_workspace(0).lanes
+    set_start(lanes, random_points(5), EXACT, 0.0)
+    rows = lanes[TANGENTS : TANGENTS + 8 * ROW].reshape(8, ROW)
     assert (rows[::2, :5].any(axis=0)).all() and not rows[:, 5:].any()
 
 
@@ -267,12 +267,12 @@ def test_what_the_exact_rule_needs_is_said():
 @METHODS
 def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator):
     """What is complete has the bits of a whole run, and the rest is pending: NaN and no count."""
-    points = random_points(6 * LANES)
+    points = random_points(3 * LANES)
     arguments = {
         "integrator": integrator,
         "impact": rule,
         "steps_per_period": steps_for(points, rule),
-        "transient": 30_000 if rule == "plain" else 3_000,
+        "transient": 15_000 if rule == "plain" else 2_000,
         "periods": 5,
     }
     whole = integrate(points, **arguments, threads=1)

@@ -243,7 +243,7 @@ def test_where_no_steps_are_asked_for_they_are_stable():
 def test_asking_for_a_limit_compiles_nothing():
     """A configuration is checked, or refused, without waiting for the compiler."""
     code = (
-        "from vibroimpact.lanes import kernel\n"
+        "from vibroimpact.kernel import run\n"
         "from vibroimpact.step import integrators, stability\n"
         "for name in integrators.INTEGRATORS:\n"
         "    stability.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"

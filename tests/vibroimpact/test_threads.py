@@ -85,7 +85,7 @@ def test_where_no_thread_can_be_started_the_caller_does_the_work(monkeypatch):
 
 def test_an_error_in_any_thread_is_raised(monkeypatch):
     """Not lost with the thread."""
-    from vibroimpact.lanes import kernel
+    from vibroimpact.kernel import run
 
     caller = threading.get_ident()
 
@@ -94,6 +94,6 @@ def test_an_error_in_any_thread_is_raised(monkeypatch):
             raise MemoryError
         time.sleep(0.1)
 
-    monkeypatch.setattr(kernel, "compiled", lambda *arguments: fail)
+    monkeypatch.setattr(run, "compiled", lambda *arguments: fail)
     with pytest.raises(MemoryError):
         integrate(points(256), transient=5, periods=5, threads=2)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact.lanes.integrate import integrate
+from vibroimpact.kernel.integrate import integrate
 from vibroimpact.oscillator import mesh
 from vibroimpact.points.following import follow
 from vibroimpact.points.period_class import period_class

@@ -110,7 +110,7 @@ def take_step(method, rows, state, phase, step, pt, scratch):
 
 @jit
 def take_exact_step(eq, flows, state, phase, end_wave, step, pt, scratch):
-    """Take a step with the rule ``exact``, as ``lanes/exact.py`` does with many side by side.
+    """Take a step with the rule ``exact``, as ``kernel/exact.py`` does with many side by side.
 
     Parameters
     ----------

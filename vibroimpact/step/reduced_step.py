@@ -167,7 +167,7 @@ def fly(method, launch, end, span, pt, coefficients):
 def single_chord_impact(x, v, x_T, v_T, theta, T, pt):
     """The impact of a step that starts off the stop, eqs (6)-(9), and whether it certainly is one.
 
-    Without a branch, for the lanes of ``lanes/reduced_step.py``. A step that is not `sure` goes
+    Without a branch, for the lanes of ``kernel/chord_impacts.py``. A step that is not `sure` goes
     through ``reduced_step``, which has the same arithmetic.
 
     Returns

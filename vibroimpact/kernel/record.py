@@ -33,7 +33,7 @@ _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
 _PENDING = int(Status.PENDING)
 
 
-class Tally(NamedTuple):
+class Record(NamedTuple):
     """What is kept of the recorded periods, one row per point.
 
     Attributes
@@ -67,16 +67,16 @@ def list_impact(ring, sums, phase, speed):
 
 
 @jit(inline=True)
-def record_step(events, n, x_T, rested, theta, pt, row, tally):
-    """Add the events of one mended step to the tally of the lane in that row."""
-    sums = tally.sums[row]
+def record_step(events, n, x_T, rested, theta, pt, row, record):
+    """Add the events of one step to the record of the lane in that row."""
+    sums = record.sums[row]
     depth = x_T - pt.clearance
     for k in range(n):
         kind = events[k, KIND]
         if kind == IMPACT:
             depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
             speed = events[k, SPEED]
-            list_impact(tally.impacts[row], sums, theta + pt.omega * events[k, TIME], speed)
+            list_impact(record.impacts[row], sums, theta + pt.omega * events[k, TIME], speed)
         elif kind == REST:  # after impacts whose speeds are a geometric series
             sums.chatters += 1
             speeds = events[k, SPEED]
@@ -87,13 +87,13 @@ def record_step(events, n, x_T, rested, theta, pt, row, tally):
 
 
 @jit(inline=True)
-def record_section(x, v, row, k, tally):
+def record_section(x, v, row, k, record):
     """Store the state of a point as section `k`; NaN if it overflowed."""
     finite = math.isfinite(x) and math.isfinite(v)
-    tally.sections[row, k, 0] = x if finite else math.nan
-    tally.sections[row, k, 1] = v if finite else math.nan
-    if not finite and tally.sums[row].status < _UNRESOLVED:
-        tally.sums[row].status = _NON_FINITE
+    record.sections[row, k, 0] = x if finite else math.nan
+    record.sections[row, k, 1] = v if finite else math.nan
+    if not finite and record.sums[row].status < _UNRESOLVED:
+        record.sums[row].status = _NON_FINITE
 
 
 @jit(refcounts=False)
@@ -119,15 +119,15 @@ def put_in_order(ring, count):
 
 
 @jit(inline=True)
-def rows_of(tally, lo, hi):
-    """Return a tally of the points from `lo` to before `hi`."""
-    return Tally(tally.sections[lo:hi], tally.impacts[lo:hi], tally.sums[lo:hi])
+def rows_of(record, lo, hi):
+    """Return a record of the points from `lo` to before `hi`."""
+    return Record(record.sections[lo:hi], record.impacts[lo:hi], record.sums[lo:hi])
 
 
 @jit(refcounts=False)
-def close_records(tally, given_up):
+def close_records(record, given_up):
     """Put the impacts of every point in order; points that were given up are ``PENDING``."""
-    for i in range(tally.sums.size):
-        put_in_order(tally.impacts[i], tally.sums[i].impacts)
+    for i in range(record.sums.size):
+        put_in_order(record.impacts[i], record.sums[i].impacts)
         if given_up:
-            tally.sums[i].status = _PENDING
+            record.sums[i].status = _PENDING

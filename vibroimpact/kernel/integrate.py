@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.lanes.kernel import Run, lanes_per_block, run_blocks
-from vibroimpact.lanes.tally import SUMS, Tally
+from vibroimpact.kernel.record import SUMS, Record
+from vibroimpact.kernel.run import KernelJob, lanes_per_block, run_blocks
 from vibroimpact.oscillator import POINT, refuse_invalid, whole
 from vibroimpact.status import Status
 from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, stepping
@@ -101,33 +101,35 @@ def integrate(
     if lyapunov and rule != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     n = points.size
-    tally = Tally(
+    record = Record(
         sections=np.empty((n, periods, 2)),
         impacts=np.empty((n, impacts, 2)),
         sums=np.zeros(n, dtype=SUMS),
     )
-    tally.sums["slowest_impact"] = np.inf
-    tally.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
+    record.sums["slowest_impact"] = np.inf
+    record.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    lanes = lanes_per_block(rule, n, threads)
+    lanes = lanes_per_block(n, threads)
     # No thread without lanes: to start one takes longer than to compute a few lanes.
     threads = min(threads, max(1, -(-n // lanes)))
     claimed = np.zeros(1, np.int64)
-    run = Run(points, steps, transient, periods, bool(lyapunov), lanes, tally, claimed, interrupt)
-    run_blocks(threads, run)
-    results = _results(points, periods, tally)
+    job = KernelJob(
+        points, steps, transient, periods, bool(lyapunov), lanes, record, claimed, interrupt
+    )
+    run_blocks(threads, job)
+    results = _results(points, periods, record)
     if not lyapunov:
         del results["lyapunov"]
     return results
 
 
-def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.ndarray]:
+def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:
     """Name the results, and withhold those of the points that failed or were given up."""
-    sums, sections = tally.sums, tally.sections
+    sums, sections = record.sums, record.sections
     pending = sums["status"] == Status.PENDING
     if pending.any():
-        sections[pending], tally.impacts[pending] = np.nan, np.nan
+        sections[pending], record.impacts[pending] = np.nan, np.nan
     sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
     no_impact, R = sums["impacts"] == 0, points["R"]
     # The energy of a finite motion may overflow, and so does the period where omega is below the
@@ -157,8 +159,8 @@ def _results(points: np.ndarray, periods: int, tally: Tally) -> dict[str, np.nda
     return {
         "poincare_x": sections[:, :, 0],
         "poincare_v": sections[:, :, 1],
-        "impact_phase": tally.impacts[:, :, 0],
-        "impact_v": tally.impacts[:, :, 1],
+        "impact_phase": record.impacts[:, :, 0],
+        "impact_v": record.impacts[:, :, 1],
         **{name: np.where(failed, np.nan, values) for name, values in numbers.items()},
         "chatters": np.where(failed, 0, sums["chatters"]),
         "near_grazes": np.where(failed, 0, sums["near_grazes"]),

@@ -1,0 +1,99 @@
+"""Impacts of the rule ``reduced-step`` side by side, each stage for many columns at once.
+
+A column is a lane that meets its stop in a stride. Nearly every one has one impact there, and a
+rebound that lasts to the end of the stride. The arithmetic is that of ``reduced_step``, without a
+branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR
+from vibroimpact.step.integrators import INTEGRATORS, Parameters, step
+from vibroimpact.step.reduced_step import single_chord_impact
+
+# Where the rows of the columns begin; row + j belongs to column j.
+(
+    # The parameters of eq. (1): vectors can be loaded from rows.
+    OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
+    # The step in which the lane meets the stop, and its two ends.
+    STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T,
+    # The impact, the time that remains of the step, and whether the impact is the only one.
+    T_R, V_TR, S_TR, C_TR, REMAINDER, SINGLE,
+    CHORD_COLUMNS,
+) = range(0, 21 * COLUMN_ROW, COLUMN_ROW)  # fmt: skip
+
+
+@jit(inline=True)
+def parameters_of(c, j):
+    """Return the parameters of column `j`."""
+    return Parameters(
+        c[OF_H + j], c[OF_R + j], c[OF_OMEGA + j], c[OF_F + j], c[OF_P + j], c[OF_CLEARANCE + j]
+    )
+
+
+@jit(refcounts=False)
+def shorten_steps(c, count, step):
+    """Take the first columns to their impacts, eqs (6)-(9)."""
+    widest_vectors()
+    for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
+        pt = parameters_of(c, j)
+        T = step / pt.omega
+        T_r, c[V_TR + j], c[S_TR + j], c[C_TR + j], sure = single_chord_impact(
+            c[X_0 + j], c[V_0 + j], c[X_T + j], c[V_T + j], c[THETA_0 + j], T, pt
+        )
+        c[T_R + j], c[REMAINDER + j], c[SINGLE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
+
+
+@jit(inline=True)
+def launch(c, j):
+    """Return what an integrator needs to take the remainder of the step of column `j`."""
+    pt = parameters_of(c, j)
+    return pt.clearance, -pt.R * c[V_TR + j], c[S_TR + j], c[C_TR + j], c[REMAINDER + j], pt
+
+
+@jit(inline=True)
+def land(c, j, end):
+    """Put the end of the step into column `j`."""
+    c[X_T + j], c[V_T + j] = end
+    c[SINGLE + j] = select(end[0] < c[OF_CLEARANCE + j], c[SINGLE + j], 0.0)
+
+
+@jit(inline=True)
+def _one_by_one(c, count, integrator):
+    for j in range(count):
+        x, v, sin, cos, T, pt = launch(c, j)
+        land(c, j, step(integrator, x, v, sin, cos, T, pt))
+
+
+def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
+    """Return a loop over the columns with the step `chosen`, if the integrator has that code."""
+
+    @jit(inline=True)
+    def loop(c, count, integrator):
+        if integrator == code:
+            for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
+                land(c, j, chosen(*launch(c, j)))
+        else:
+            otherwise(c, count, integrator)
+
+    return loop
+
+
+_chosen_loop = _one_by_one
+for _row in INTEGRATORS.values():
+    if _row.order is not None and _row.order > 1:
+        _chosen_loop = _choice(_row.code, _row.step, _chosen_loop)
+
+
+@jit(refcounts=False)
+def take_remainders(c, count, integrator):
+    """Take the first columns from their rebounds to the ends of the steps.
+
+    An integrator of second order or more has a loop of its own: one around ``step`` is not
+    vectorised, nor is the exact flow, which is a loop itself.
+    """
+    widest_vectors()
+    _chosen_loop(c, count, integrator)

@@ -1,0 +1,280 @@
+"""The loop of exact impacts: all lanes take a step, and those that met the stop are corrected.
+
+All lanes glide over a step, into their second rows. Those that may have met the stop are listed,
+and corrected in columns side by side. Where that proves nothing, the lane goes through
+``exact_step`` alone, as a single orbit does.
+"""
+
+from __future__ import annotations
+
+from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.kernel.exact_impacts import (
+    COLUMN_ROW,
+    PAIR,
+    PROVED,
+    W_I,
+    W_T,
+    Y_T,
+    U,
+    correct_side_by_side,
+    equation_in,
+)
+from vibroimpact.kernel.record import list_impact, record_step
+from vibroimpact.kernel.workspace import (
+    AT_REST,
+    CLEARANCE,
+    COLUMNS,
+    EQUATION,
+    EQUATION_SIZE,
+    FLOW,
+    FORCING,
+    GUARD,
+    KEPT,
+    LANE_E,
+    LANES,
+    LEVEL,
+    OMEGA,
+    POSITION,
+    ROW,
+    SLEPT,
+    TANGENTS,
+    VECTOR,
+    VELOCITY,
+    list_lanes,
+    pair_in,
+    put_pair,
+    set_rest,
+    sleeps_until,
+)
+from vibroimpact.step.exact import exact_step
+from vibroimpact.step.flow import Flow, Forcing, enter, equation_of, flow_of, forced, glide, leave
+from vibroimpact.step.phases import COS, SIN, THETA
+from vibroimpact.step.single_impact import ONLY
+from vibroimpact.step.tangents import carry_tangents, glide_tangents, orthonormalise
+
+# Steps between two looks at the tangent vectors.
+_STRIDE = 4
+
+
+@jit(inline=True)
+def flow_in(lanes, i):
+    """Return the ``Flow`` of lane `i`."""
+    f = FLOW + i
+    return Flow(
+        lanes[f], lanes[f + ROW], lanes[f + 2 * ROW], lanes[f + 3 * ROW], lanes[f + 4 * ROW],
+        lanes[f + 5 * ROW], lanes[f + 6 * ROW],
+    )  # fmt: skip
+
+
+@jit(refcounts=False)
+def set_flows(workspace, points, grid):
+    """Give every lane its equation, and its flow over a step of `grid`."""
+    lanes = workspace.lanes
+    for i in range(LANES):
+        k = min(i, points.size - 1)
+        if i == k:
+            eq = equation_of(points[k])
+            flow, forcing = flow_of(eq, grid.step, workspace.scratch.coefficients)
+        for q in range(7):
+            lanes[FLOW + q * ROW + i] = flow[q]
+        for q in range(6):
+            lanes[FORCING + q * ROW + i] = forcing[q]
+        for q in range(5):
+            lanes[EQUATION + EQUATION_SIZE * i + q] = eq[q]
+    if grid.size <= KEPT:
+        for n in range(grid.size):
+            force_lanes(lanes, workspace.added[n], grid.table[SIN, n], grid.table[COS, n])
+
+
+@jit(refcounts=False)
+def force_lanes(lanes, added, s, c):
+    """Set what a step from the phase with sine `s` and cosine `c` adds to each lane."""
+    widest_vectors()
+    for i in range(LANES):
+        f = FORCING + i
+        forcing = Forcing(
+            lanes[f], lanes[f + ROW], lanes[f + 2 * ROW], lanes[f + 3 * ROW], lanes[f + 4 * ROW],
+            lanes[f + 5 * ROW],
+        )  # fmt: skip
+        added[0, i], added[1, i] = forced(forcing, s, c)
+
+
+@jit(refcounts=False)
+def place_of_added(workspace, grid, n):
+    """Return the place in ``Workspace.added`` of what step `n` of `grid` adds to each lane.
+
+    Where not all steps are kept, it is computed, into the first place.
+    """
+    if grid.size <= KEPT:
+        return n
+    force_lanes(workspace.lanes, workspace.added[0], grid.table[SIN, n], grid.table[COS, n])
+    return 0
+
+
+@jit(refcounts=False)
+def glide_lanes(lanes, size, added, step, n):
+    """Take the first lanes over step `n`; GUARD is below 0 where they cannot have met the stop."""
+    widest_vectors()
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        y, w = lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i]
+        y, w, lanes[LANE_E + i], lanes[GUARD + i] = glide(
+            flow_in(lanes, i), y, w, (added[0, i], added[1, i]), step
+        )
+        lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = y, w
+
+
+@jit(refcounts=False)
+def glide_all_tangents(lanes, size, n):
+    """Take the tangent vectors of the first lanes over step `n`."""
+    widest_vectors()
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        pair = glide_tangents(flow_in(lanes, i), pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+        put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+
+
+@jit(refcounts=False)
+def scatter(block, lo, count, grid, n, recording, carrying):
+    """Take the lanes of these columns to the end of step `n`.
+
+    A lane without a proved single impact is taken there by itself.
+    """
+    (lanes, met, c, _, _), points, record = block
+    theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
+    for j in range(count):
+        i = met[lo + j] & (LANES - 1)
+        if c[PROVED + j] != ONLY:
+            if sleeps_until(lanes, i, theta + grid.step):
+                lanes[POSITION + new_row + i] = lanes[VELOCITY + new_row + i] = 0.0
+                if recording:
+                    lanes[SLEPT + i] += 1.0
+            else:
+                resolve_scalar(block, i, j, grid, n, recording, carrying)
+            continue
+        lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = c[Y_T + j], c[W_T + j]
+        if carrying:
+            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair_in(c, PAIR + j, COLUMN_ROW))
+        if recording:
+            speed = c[W_I + j] * points[i].omega
+            list_impact(record.impacts[i], record.sums[i], theta + c[U + j], speed)
+
+
+@jit(refcounts=False)
+def resolve_scalar(block, i, j, grid, n, recording, carrying):
+    """Take lane `i`, which is in column `j`, over step `n`, with every impact in it."""
+    (lanes, _, c, _, scratch), points, record = block
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
+    theta = table[THETA, n]
+    eq, was_resting = (
+        equation_in(lanes, EQUATION + EQUATION_SIZE * i, 1),
+        lanes[LEVEL + i] == AT_REST,
+    )
+    y, w, resting, n_events, rested, status, grazes = exact_step(
+        eq, pt, (lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i], was_resting),
+        (lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i], lanes[LANE_E + i]),
+        (0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
+        (theta, table[SIN, n], table[COS, n]), step, scratch,
+    )  # fmt: skip
+    lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = y, w
+    set_rest(lanes, i, resting, theta + step, pt)
+    sums.status = max(sums.status, status)
+    if recording:
+        rested /= pt.omega
+        record_step(scratch.events, n_events, pt.clearance, rested, theta, pt, i, record)
+        sums.near_grazes += grazes
+    if carrying:
+        pair = pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
+        if was_resting:
+            pair = 0.0, 0.0, 0.0, 0.0
+        pair = carry_tangents(
+            (eq, flow_in(lanes, i)), pair, scratch.events, n_events, theta, step, pt.omega
+        )
+        put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+
+
+@jit(refcounts=False)
+def stretch(pair, sums):
+    """Orthonormalise two tangent vectors, and add up their growth."""
+    pair, growth_1, growth_2 = orthonormalise(pair)
+    sums.growth_1 += growth_1
+    sums.growth_2 += growth_2
+    return pair
+
+
+@jit(refcounts=False)
+def judge_tangents(lanes, size, row):
+    """Look for tangent vectors that would soon be too short, too long or too parallel.
+
+    In the row GUARD a lane that has such vectors is not negative.
+    """
+    widest_vectors()
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        ay, aw, by, bw = pair_in(lanes, row + i, 2 * ROW)
+        size_2 = ay * ay + aw * aw + by * by + bw * bw
+        fit = (abs(ay * bw - aw * by) >= 1e-4 * size_2) & (size_2 > 1e-100) & (size_2 < 1e100)
+        lanes[GUARD + i] = select(fit, -1.0, 1.0)
+
+
+@jit(refcounts=False)
+def stretch_lanes(block, n):
+    """Orthonormalise the tangent vectors that need it, before step `n`."""
+    (lanes, met, _, _, _), points, record = block
+    row = TANGENTS + (n & 1) * ROW
+    judge_tangents(lanes, points.size, row)
+    for j in range(list_lanes(lanes, met, points.size)):
+        a = row + met[j]
+        put_pair(lanes, a, 2 * ROW, stretch(pair_in(lanes, a, 2 * ROW), record.sums[met[j]]))
+
+
+@jit(refcounts=False)
+def advance(block, grid, recording, carrying):
+    """Take a block over the steps of `grid`, step by step."""
+    workspace, points, _ = block
+    lanes, size = workspace.lanes, grid.size
+    for n in range(size):
+        added = workspace.added[place_of_added(workspace, grid, n)]
+        glide_lanes(lanes, points.size, added, grid.step, n)
+        listed = list_lanes(lanes, workspace.met, points.size)
+        if carrying:
+            glide_all_tangents(lanes, points.size, n)
+        for lo in range(0, listed, COLUMNS):
+            count = min(COLUMNS, listed - lo)
+            correct_side_by_side(workspace, lo, count, grid, n, carrying)
+            scatter(block, lo, count, grid, n, recording, carrying)
+        if carrying and ((n + 1) % _STRIDE == 0 or n + 1 == size):
+            stretch_lanes(block, n + 1)
+    if size & 1:
+        for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step is even
+            for i in range(a, a + LANES):
+                lanes[i] = lanes[i + ROW]
+
+
+@jit(refcounts=False)
+def round_states(lanes):
+    """Round the states to (x, v), and put these into the rows for odd steps."""
+    widest_vectors()
+    for i in range(LANES):
+        clearance, omega = lanes[CLEARANCE + i], lanes[OMEGA + i]
+        x, v = leave(lanes[POSITION + i], lanes[VELOCITY + i], clearance, omega)
+        lanes[POSITION + ROW + i], lanes[VELOCITY + ROW + i] = x, v
+        lanes[POSITION + i], lanes[VELOCITY + i] = enter(x, v, clearance, omega)
+
+
+@jit(refcounts=False)
+def forget_at_rest(lanes, size):
+    """Take away the tangent vectors of the first lanes where they rest: nothing is left."""
+    for i in range(size):
+        if lanes[LEVEL + i] == AT_REST:
+            put_pair(lanes, TANGENTS + i, 2 * ROW, (0.0, 0.0, 0.0, 0.0))
+
+
+@jit(refcounts=False)
+def sum_up_tangents(block):
+    """Add up the growth that is left in the tangent vectors, as of (x, v)."""
+    (lanes, _, _, _, _), points, record = block
+    for i in range(points.size):
+        ay, aw, by, bw = pair_in(lanes, TANGENTS + i, 2 * ROW)
+        omega = points[i].omega
+        stretch((ay, aw * omega, by, bw * omega), record.sums[i])

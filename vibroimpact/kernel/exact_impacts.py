@@ -1,0 +1,145 @@
+"""Exact impacts side by side: the stages of ``single_impact``, each for many columns at once.
+
+A column is a copy of a lane that may have met the stop. LLVM makes a loop over vectors of each
+stage. All stages in one loop would be a long chain of operations, each of which waits for the one
+before it; the chain of a single stage is so short that a processor computes several vectors at the
+same time.
+"""
+
+from __future__ import annotations
+
+from itertools import accumulate
+
+from vibroimpact.jit import jit, widest_vectors
+from vibroimpact.kernel.workspace import (
+    COLUMN_ROW,
+    EQUATION,
+    EQUATION_SIZE,
+    LANE_E,
+    LANES,
+    POSITION,
+    ROW,
+    TANGENTS,
+    VECTOR,
+    VELOCITY,
+    pair_in,
+    put_pair,
+)
+from vibroimpact.step.flow import Equation
+from vibroimpact.step.phases import COS, SIN
+from vibroimpact.step.single_impact import (
+    all_terms,
+    approach,
+    expand_near,
+    first_impact,
+    guess,
+    rebound,
+)
+from vibroimpact.step.tangents import tangents_through_impact
+
+# Where the rows of the columns begin; row + j belongs to column j.
+(
+    # The equation, the states at both ends of the step, its E, the tangent vectors, the impact, and
+    # what is proved of it.
+    COLUMN_EQUATION, Y_0, W_0, Y_T, W_T, E, PAIR, U, W_I, PROVED,
+    # What one stage hands to the next: the guess, the time left after the impact, the value of the
+    # series with its derivatives, and the series.
+    _LATE, _T, _R, _VALUES, _SERIES,
+    EXACT_COLUMNS,
+) = accumulate(  # from the number of rows of each
+    (0, *(COLUMN_ROW * n for n in (5, 1, 1, 1, 1, 1, 4, 1, 1, 1, 1, 1, 1, 3, 17)))
+)  # fmt: skip
+
+
+@jit(inline=True)
+def equation_in(rows, e, distance):
+    """Return the ``Equation`` whose numbers begin at `e`, and are so far apart."""
+    return Equation(
+        rows[e], rows[e + distance], rows[e + 2 * distance], rows[e + 3 * distance],
+        rows[e + 4 * distance],
+    )  # fmt: skip
+
+
+@jit(inline=True)
+def _series_in(c, j):
+    """Return the series of column `j`."""
+    k, d = _SERIES + j, COLUMN_ROW
+    return (
+        c[k], c[k + d], c[k + 2 * d], c[k + 3 * d], c[k + 4 * d], c[k + 5 * d], c[k + 6 * d],
+        c[k + 7 * d], c[k + 8 * d], c[k + 9 * d], c[k + 10 * d], c[k + 11 * d], c[k + 12 * d],
+        c[k + 13 * d], c[k + 14 * d], c[k + 15 * d], c[k + 16 * d],
+    )  # fmt: skip
+
+
+@jit(inline=True)
+def _put_series(c, j, terms):
+    """Set the series of column `j`."""
+    k, d = _SERIES + j, COLUMN_ROW
+    (
+        c[k], c[k + d], c[k + 2 * d], c[k + 3 * d], c[k + 4 * d], c[k + 5 * d], c[k + 6 * d],
+        c[k + 7 * d], c[k + 8 * d], c[k + 9 * d], c[k + 10 * d], c[k + 11 * d], c[k + 12 * d],
+        c[k + 13 * d], c[k + 14 * d], c[k + 15 * d], c[k + 16 * d],
+    ) = terms  # fmt: skip
+
+
+@jit(refcounts=False)
+def correct_columns(c, vectors, waves, step):
+    """Correct the columns of so many vectors; as ``single_impact``, stage by stage."""
+    widest_vectors()
+    count = VECTOR * vectors  # in this form LLVM sees that nothing is left over
+    for j in range(count):
+        start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
+        c[_LATE + j], c[_T + j] = guess(start, end, step)
+    for j in range(count):
+        start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
+        eq = equation_in(c, COLUMN_EQUATION + j, COLUMN_ROW)
+        _put_series(c, j, expand_near(eq, start, end, waves, c[_LATE + j]))
+    for j in range(count):
+        c[_T + j] = approach(_series_in(c, j), c[_T + j], step)
+    for j in range(count):
+        v = _VALUES + j
+        c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW] = all_terms(_series_in(c, j), c[_T + j])
+    for j in range(count):
+        v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), (c[_LATE + j], c[_T + j])
+        c[U + j], c[_R + j], c[W_I + j], c[PROVED + j] = first_impact(
+            start, c[Y_T + j], c[E + j], guessed, _series_in(c, j),
+            (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), step,
+        )  # fmt: skip
+    for j in range(count):
+        eq, free = (
+            equation_in(c, COLUMN_EQUATION + j, COLUMN_ROW),
+            (c[Y_T + j], c[W_T + j], c[E + j]),
+        )
+        c[Y_T + j], c[W_T + j], c[PROVED + j] = rebound(
+            eq, free, c[_R + j], c[W_I + j], c[PROVED + j], step
+        )
+
+
+@jit(refcounts=False)
+def carry_columns(c, vectors, wave, step):
+    """Carry the tangent vectors of the columns of so many vectors through their impacts."""
+    widest_vectors()
+    for j in range(VECTOR * vectors):
+        eq, pair = equation_in(c, COLUMN_EQUATION + j, COLUMN_ROW), pair_in(c, PAIR + j, COLUMN_ROW)
+        pair = tangents_through_impact(eq, pair, c[U + j], c[W_I + j], wave, step)
+        put_pair(c, PAIR + j, COLUMN_ROW, pair)
+
+
+@jit(refcounts=False)
+def correct_side_by_side(workspace, lo, count, grid, n, carrying):
+    """Copy `count` listed lanes, from place `lo` on, into columns, and correct step `n` there."""
+    lanes, met, c, _, _ = workspace
+    table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
+    for j in range(count):
+        i = met[lo + j] & (LANES - 1)  # so that LLVM sees that it is not negative
+        for q in range(5):
+            c[COLUMN_EQUATION + q * COLUMN_ROW + j] = lanes[EQUATION + EQUATION_SIZE * i + q]
+        c[Y_0 + j], c[W_0 + j] = lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i]
+        c[Y_T + j], c[W_T + j] = lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i]
+        c[E + j] = lanes[LANE_E + i]
+        if carrying:
+            put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+    wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
+    correct_columns(c, vectors, (*wave, table[SIN, n + 1], table[COS, n + 1]), grid.step)
+    if carrying:
+        carry_columns(c, vectors, wave, grid.step)

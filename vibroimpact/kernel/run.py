@@ -1,0 +1,154 @@
+"""The kernel's run: blocks of points over the threads, period by period.
+
+All lanes of a block take a step as if there were no stop, and those that may have met it are
+corrected. Exact impacts have their loop in ``exact.py``, the other rules in ``time_stepping.py``.
+Each thread takes block after block, and does not hold Python's lock.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.jit import claim, compiled, is_set, jit, on_threads
+from vibroimpact.kernel import exact, time_stepping
+from vibroimpact.kernel.chord_impacts import CHORD_COLUMNS
+from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
+from vibroimpact.kernel.record import Record, close_records, record_section, rows_of
+from vibroimpact.kernel.workspace import (
+    LANES,
+    POSITION,
+    ROW,
+    SLEPT,
+    VECTOR,
+    VELOCITY,
+    WAKE,
+    Block,
+    new_workspace,
+    set_start,
+)
+from vibroimpact.step.methods import Stepping
+from vibroimpact.step.phases import sine_at_start
+from vibroimpact.step.rules import EXACT, PLAIN
+
+#: The fewest points that a thread takes side by side, if there are so many: fewer take nearly as
+#: long with exact impacts.
+FEWEST_LANES = 64
+
+
+class KernelJob(NamedTuple):
+    """What the threads share.
+
+    Attributes
+    ----------
+    points : ndarray of dtype ``POINT``, shape (n,)
+    stepping : Stepping
+    transient, periods : int
+        Periods left out, and recorded.
+    lyapunov : bool
+    lanes : int
+        Points in a block.
+    record : Record
+        Receives the results.
+    claimed : ndarray of int, shape (1,)
+        Number of blocks taken by the threads.
+    interrupt : ndarray of int, shape (1,)
+        Once it is set the points are given up: ``PENDING``.
+    """
+
+    points: np.ndarray
+    stepping: Stepping
+    transient: int
+    periods: int
+    lyapunov: bool
+    lanes: int
+    record: Record
+    claimed: np.ndarray
+    interrupt: np.ndarray
+
+
+def lanes_per_block(points: int, threads: int) -> int:
+    """Return how many points to take side by side, so that threads get equal shares."""
+    share = max(1, -(-points // threads))
+    blocks = -(-share // LANES)  # as many for every thread
+    return max(FEWEST_LANES, -(-share // (blocks * VECTOR)) * VECTOR)
+
+
+@jit(refcounts=False)
+def end_period(block, k, row, step):
+    """Store the states, which lie in the first or second rows, as section `k` of the record."""
+    (lanes, _, _, _, _), points, record = block
+    for i in range(LANES):
+        lanes[WAKE + i] -= 2.0 * math.pi  # the grid's phases begin again
+    if k >= 0:
+        for i in range(points.size):
+            record_section(lanes[POSITION + row + i], lanes[VELOCITY + row + i], i, k, record)
+            if lanes[SLEPT + i] > 0.0:
+                record.sums[i].rested += lanes[SLEPT + i] * step / points[i].omega
+                lanes[SLEPT + i] = 0.0
+
+
+@jit(inline=True)
+def run_block(block, job, exactly):
+    """Run a block of at most ``LANES`` points from its start to the end of the record.
+
+    `exactly` says whether the rule is ``exact``. It is a literal, so that only one is compiled.
+    """
+    workspace, points, _ = block
+    lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.stepping
+    set_start(lanes, points, method[0], sine_at_start(lead, grid))
+    # The lead-in is the period before the transient: `advance` is called, and compiled, once.
+    for k in range(-transient - 1, job.periods):
+        if is_set(job.interrupt):
+            break
+        steps = lead if k < -transient else grid
+        if exactly:
+            if steps.size > 0 and k <= -transient:
+                exact.set_flows(workspace, points, steps)
+            if k == 0:
+                exact.forget_at_rest(lanes, points.size)
+            exact.advance(block, steps, k >= 0, k >= 0 and job.lyapunov)
+            if k >= -transient:
+                exact.round_states(lanes)
+        else:
+            if k <= -transient:
+                time_stepping.set_maps(lanes, points, method[1], steps)
+            time_stepping.advance(block, method, steps, k >= 0)
+        if k >= -transient:
+            end_period(block, k, ROW if exactly else 0, steps.step)
+    if exactly and job.lyapunov:
+        exact.sum_up_tangents(block)
+    if not exactly and method[0] == PLAIN:
+        time_stepping.sum_up_plain(block)
+
+
+@jit(inline=True)
+def take_blocks(job, exactly):
+    """Run block after block, as long as there are any that no thread has taken yet."""
+    workspace = new_workspace(EXACT_COLUMNS if exactly else CHORD_COLUMNS)
+    lo = job.lanes * claim(job.claimed)
+    while lo < job.points.size:  # ends: the counter only rises
+        points, record = job.points[lo : lo + job.lanes], rows_of(job.record, lo, lo + job.lanes)
+        run_block(Block(workspace, points, record), job, exactly)
+        close_records(record, is_set(job.interrupt))
+        lo = job.lanes * claim(job.claimed)
+
+
+@jit
+def take_exact(job):
+    """Run blocks with the rule ``exact``: the work of one thread."""
+    take_blocks(job, True)
+
+
+@jit
+def take_stepped(job):
+    """Run blocks with the other rules: the work of one thread."""
+    take_blocks(job, False)
+
+
+def run_blocks(threads: int, job: KernelJob) -> None:
+    """Run every point on so many threads."""
+    work = compiled(take_exact if job.stepping.method[0] == EXACT else take_stepped, job)
+    on_threads(threads, job.interrupt, work, job)

@@ -1,0 +1,286 @@
+"""The loop of time stepping: all lanes take a stride of steps, those that met the stop again.
+
+Every lane is taken by its affine map as if there were no stop. A lane that may meet the stop in a
+stride stays at the start of it, and is taken through the stride alone, step by step, as a single
+orbit is. With ``reduced-step`` most of these lanes are first taken side by side, see
+``chord_impacts.py``. The rule ``plain`` needs no more than selects.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.kernel.chord_impacts import (
+    C_0,
+    OF_CLEARANCE,
+    OF_F,
+    OF_H,
+    OF_OMEGA,
+    OF_P,
+    OF_R,
+    S_0,
+    SINGLE,
+    STEP,
+    T_R,
+    THETA_0,
+    V_0,
+    V_T,
+    V_TR,
+    X_0,
+    X_T,
+    shorten_steps,
+    take_remainders,
+)
+from vibroimpact.kernel.record import list_impact, record_step
+from vibroimpact.kernel.workspace import (
+    AT_REST,
+    CLEARANCE,
+    COLUMNS,
+    GREATEST,
+    GUARD,
+    LANES,
+    LEVEL,
+    MAP,
+    POSITION,
+    RESTITUTION,
+    ROW,
+    SPEEDS,
+    VECTOR,
+    VELOCITY,
+    list_lanes,
+    set_rest,
+    sleeps_until,
+)
+from vibroimpact.status import Status
+from vibroimpact.step.integrators import affine_map, apply_map
+from vibroimpact.step.one_step import take_step
+from vibroimpact.step.phases import COS, SIN, THETA
+from vibroimpact.step.rules import PLAIN, REDUCED_STEP
+
+#: Steps taken at a time, so that what a lane needs stays in registers.
+STRIDE = 4
+
+_NON_FINITE = int(Status.NON_FINITE)
+
+
+@jit(inline=True)
+def set_maps(lanes, points, integrator, grid):
+    """Give every lane the affine map of one step of `grid`."""
+    for i in range(LANES):
+        pt = points[min(i, points.size - 1)]
+        rows = affine_map(integrator, grid.step / pt.omega, pt)
+        for k in range(8):
+            lanes[MAP + k * ROW + i] = rows[k]
+
+
+@jit(refcounts=False)
+def map_of(lanes, i):
+    """Return the two rows of the affine map of lane `i`."""
+    m = MAP + i
+    return (
+        (lanes[m], lanes[m + ROW], lanes[m + 2 * ROW], lanes[m + 3 * ROW]),
+        (lanes[m + 4 * ROW], lanes[m + 5 * ROW], lanes[m + 6 * ROW], lanes[m + 7 * ROW]),
+    )
+
+
+@jit(refcounts=False)
+def glide(lanes, i, x, v, s, c):
+    """Take lane `i` from (x, v) over a step; also return whether it is below its LEVEL then."""
+    to_x, to_v = map_of(lanes, i)
+    x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
+    return x_T, v_T, x_T < lanes[LEVEL + i]  # False for a NaN
+
+
+@jit(inline=True)
+def _glide_span(lanes, size, table, n, span):
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        x, v, safe = lanes[POSITION + i], lanes[VELOCITY + i], True
+        for q in range(span):
+            x, v, below = glide(lanes, i, x, v, table[SIN, n + q], table[COS, n + q])
+            safe &= below
+        lanes[POSITION + i] = select(safe, x, lanes[POSITION + i])
+        lanes[VELOCITY + i] = select(safe, v, lanes[VELOCITY + i])
+        lanes[GUARD + i] = select(safe, -1.0, 1.0)
+
+
+@jit(refcounts=False)
+def glide_lanes(lanes, size, table, n, span):
+    """Take the first lanes over a stride from step `n`, or a single step.
+
+    A lane that may meet its stop stays where it is, and is not negative in the row GUARD.
+    """
+    widest_vectors()
+    if span == STRIDE:
+        _glide_span(lanes, size, table, n, STRIDE)
+    else:
+        _glide_span(lanes, size, table, n, 1)
+
+
+@jit(refcounts=False)
+def plain_step(lanes, i, x, v, table, n, place, recording):
+    """Take lane `i` from (x, v) over step `n` with the rule (2)-(5): selects instead of branches.
+
+    The speed of its impact goes to `place`. Unlike in ``plain``, a displacement that overflowed is
+    an impact, too, which forgets it where R = 0: see ``sum_up_plain``. A test here would cost 8 %.
+    """
+    to_x, to_v = map_of(lanes, i)
+    s, c = table[SIN, n], table[COS, n]
+    x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
+    impact = (x_T >= lanes[CLEARANCE + i]) & (v_T > 0.0)
+    if recording:
+        lanes[place] = v_T if impact else math.inf
+        lanes[GUARD + i] = 1.0 if impact else lanes[GUARD + i]
+        lanes[GREATEST + i] = x_T if x_T > lanes[GREATEST + i] else lanes[GREATEST + i]
+    return lanes[CLEARANCE + i] if impact else x_T, -lanes[RESTITUTION + i] * v_T if impact else v_T
+
+
+@jit(inline=True)
+def _plain_span(lanes, size, table, n, span, recording):
+    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+        x, v = lanes[POSITION + i], lanes[VELOCITY + i]
+        if recording:
+            lanes[GUARD + i] = -1.0
+        x, v = plain_step(lanes, i, x, v, table, n, i + SPEEDS, recording)
+        if span == STRIDE:
+            x, v = plain_step(lanes, i, x, v, table, n + 1, i + SPEEDS + ROW, recording)
+            x, v = plain_step(lanes, i, x, v, table, n + 2, i + SPEEDS + 2 * ROW, recording)
+            x, v = plain_step(lanes, i, x, v, table, n + 3, i + SPEEDS + 3 * ROW, recording)
+        lanes[POSITION + i], lanes[VELOCITY + i] = x, v
+
+
+@jit(refcounts=False)
+def plain_lanes(lanes, size, table, n, span, recording):
+    """Take the first lanes over a stride from step `n`, or a single step, with the rule ``plain``.
+
+    While recording, lanes with an impact are not negative in the row GUARD.
+    """
+    widest_vectors()
+    if span < STRIDE:
+        _plain_span(lanes, size, table, n, 1, recording)
+    elif recording:
+        _plain_span(lanes, size, table, n, STRIDE, True)
+    else:
+        _plain_span(lanes, size, table, n, STRIDE, False)
+
+
+@jit(refcounts=False)
+def list_plain_impacts(block, listed, grid, n, span):
+    """Put the impacts of a stride from step `n` into the record of the listed lanes."""
+    (lanes, met, _, _, _), _, record = block
+    for j in range(listed):
+        i = met[j]
+        for q in range(span):
+            speed = lanes[SPEEDS + q * ROW + i]
+            if speed < math.inf:
+                phase = grid.table[THETA, n + q] + grid.step
+                list_impact(record.impacts[i], record.sums[i], phase, speed)
+
+
+@jit(refcounts=False)
+def sum_up_plain(block):
+    """Put the greatest displacements into the record."""
+    (lanes, _, _, _, _), points, record = block
+    for i in range(points.size):
+        sums = record.sums[i]
+        sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
+        if not sums.max_penetration < math.inf:  # an impact may have put it back to the stop
+            sums.status = _NON_FINITE
+
+
+@jit(refcounts=False)
+def gather(block, lo, count, table, n):
+    """Fill the columns: each lane goes on from step `n` to the one that may take it to its stop."""
+    (lanes, met, columns, _, _), points, _ = block
+    for j in range(count):
+        i = met[lo + j]
+        x, v, safe, k = lanes[POSITION + i], lanes[VELOCITY + i], True, n
+        for q in range(n, n + STRIDE - 1):
+            x_T, v_T, below = glide(lanes, i, x, v, table[SIN, q], table[COS, q])
+            safe &= below
+            x, v, k = select(safe, x_T, x), select(safe, v_T, v), k + safe
+        s, c, pt = table[SIN, k], table[COS, k], points[i]
+        columns[X_T + j], columns[V_T + j], _ = glide(lanes, i, x, v, s, c)
+        columns[STEP + j], columns[THETA_0 + j] = k, table[THETA, k]
+        columns[S_0 + j], columns[C_0 + j] = s, c
+        columns[X_0 + j], columns[V_0 + j] = x, v
+        columns[OF_H + j], columns[OF_R + j], columns[OF_OMEGA + j] = pt.h, pt.R, pt.omega
+        columns[OF_F + j], columns[OF_P + j], columns[OF_CLEARANCE + j] = pt.f, pt.p, pt.clearance
+
+
+@jit(refcounts=False)
+def correct_side_by_side(block, lo, count, integrator, grid, n, recording):
+    """Take `count` listed lanes, from place `lo` on, over the stride from step `n`.
+
+    A lane for which a single impact is not certain is taken there by itself.
+    """
+    (lanes, met, c, _, _), points, record = block
+    table = grid.table
+    gather(block, lo, count, table, n)
+    shorten_steps(c, count, grid.step)
+    take_remainders(c, count, integrator)
+    for j in range(count):
+        i = met[lo + j]
+        x, v, single = c[X_T + j], c[V_T + j], c[SINGLE + j] > 0.0
+        for q in range(n + 1, n + STRIDE):
+            x_T, v_T, safe = glide(lanes, i, x, v, table[SIN, q], table[COS, q])
+            later = q > c[STEP + j]
+            x, v = select(later, x_T, x), select(later, v_T, v)
+            single &= safe | (not later)
+        if not single:
+            resolve_scalar(block, i, (REDUCED_STEP, integrator), grid, n, STRIDE, recording)
+            continue
+        lanes[POSITION + i], lanes[VELOCITY + i] = x, v
+        if recording:
+            phase = c[THETA_0 + j] + points[i].omega * c[T_R + j]
+            list_impact(record.impacts[i], record.sums[i], phase, c[V_TR + j])
+
+
+@jit(refcounts=False)
+def resolve_scalar(block, i, method, grid, n, span, recording):
+    """Take lane `i` over `span` steps from step `n`, with every impact in them."""
+    (lanes, _, _, _, scratch), points, record = block
+    pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
+    rows = map_of(lanes, i)
+    state = lanes[POSITION + i], lanes[VELOCITY + i], lanes[LEVEL + i] == AT_REST
+    for k in range(n, n + span):
+        theta = table[THETA, k]
+        if sleeps_until(lanes, i, theta + step):
+            if recording:
+                sums.rested += step / pt.omega
+            continue
+        phase = theta, table[SIN, k], table[COS, k]
+        x, v, resting, n_events, rested, status = take_step(
+            method, rows, state, phase, step, pt, scratch
+        )
+        state = x, v, resting
+        set_rest(lanes, i, resting, theta + step, pt)
+        sums.status = max(sums.status, status)
+        if recording and (n_events > 0 or rested > 0.0):
+            record_step(scratch.events, n_events, x, rested, theta, pt, i, record)
+    lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
+
+
+@jit(refcounts=False)
+def advance(block, method, grid, recording):
+    """Take a block over the steps of `grid`, stride by stride, and over the rest of them singly."""
+    (lanes, met, _, _, _), points, _ = block
+    rule, integrator = method
+    size, strides = points.size, grid.size // STRIDE
+    for k in range(strides + grid.size % STRIDE):
+        n = k + min(k, strides) * (STRIDE - 1)
+        span = STRIDE if k < strides else 1
+        if rule == PLAIN:
+            plain_lanes(lanes, size, grid.table, n, span, recording)
+            if recording:
+                list_plain_impacts(block, list_lanes(lanes, met, size), grid, n, span)
+            continue
+        glide_lanes(lanes, size, grid.table, n, span)
+        listed = list_lanes(lanes, met, size)
+        if rule == REDUCED_STEP and span == STRIDE:
+            for lo in range(0, listed, COLUMNS):
+                count = min(COLUMNS, listed - lo)
+                correct_side_by_side(block, lo, count, integrator, grid, n, recording)
+        else:
+            for j in range(listed):
+                resolve_scalar(block, met[j], method, grid, n, span, recording)

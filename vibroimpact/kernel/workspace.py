@@ -1,0 +1,166 @@
+"""The workspace of a thread: a block of points in lanes, and their impacts in columns.
+
+A lane is one parameter point; the points of a block lie side by side, so that vectors are filled.
+The steps per period are an integer, so omega t_n mod 2 pi is one table for every lane, also where
+omega is swept, and the loops hold no trigonometry.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import accumulate
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.jit import jit, lowest_bit, not_negative
+from vibroimpact.kernel.record import Record
+from vibroimpact.step.one_step import to_state
+from vibroimpact.step.rules import PLAIN
+from vibroimpact.step.stop import Scratch, new_scratch, start, time_to_release
+
+#: Points per block at the most, a power of 2; and impacts that are corrected at a time.
+LANES, COLUMNS = 128, 64
+#: Numbers in a vector of 512 bits.
+VECTOR = 8
+#: The distances of rows; not powers of two, which would put them all into few sets of the cache.
+ROW, COLUMN_ROW = LANES + 24, COLUMNS + VECTOR
+#: Up to this many steps a period, what each step adds is kept; more would not fit into the cache.
+KEPT = 64
+#: The numbers of a lane from EQUATION on: one line of the cache, of which five are used.
+EQUATION_SIZE = 8
+
+# Where the rows of the lanes begin; row + i belongs to lane i. They lie in one flat array, because
+# the compiler then knows the distances between them.
+(
+    # The state, (x, v) or with exact impacts (y, w), and the tangent vectors. They have two rows
+    # for each number: for the starts of even steps, and of odd ones. Time stepping uses the first.
+    POSITION, VELOCITY, TANGENTS,
+    # Not negative where the lane may have met its stop; the stop that it watches, or AT_REST; the
+    # phase before which a lane at rest is not released, or AWAKE.
+    GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
+    # Of exact impacts: the flow of a step, its forcing and E, and the steps slept through.
+    FLOW, FORCING, LANE_E, SLEPT,
+    # Of time stepping: the affine map, and with the rule ``plain`` R, the greatest displacement,
+    # and the speeds of the impacts of a stride.
+    MAP, RESTITUTION, GREATEST, SPEEDS,
+    # The equations are not in rows: the numbers of one lane follow each other.
+    EQUATION,
+) = accumulate(  # from the number of rows of each
+    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 1, 8, 1, 1, 4)))
+)  # fmt: skip
+_SIZE = EQUATION + EQUATION_SIZE * LANES
+
+#: The LEVEL of a lane at rest, so that it is looked at in every stride; and the WAKE of another.
+AT_REST, AWAKE = -math.inf, -math.inf
+
+
+class Workspace(NamedTuple):
+    """The memory for a block.
+
+    Attributes
+    ----------
+    lanes : ndarray
+        The rows of the lanes.
+    met : ndarray of int
+        The list of lanes that may have met the stop.
+    columns : ndarray
+        The rows of the columns, each a copy of a lane in the list.
+    added : ndarray, shape (steps, 2, ROW)
+        With exact impacts: what a step adds to y and w of each lane, see ``forced``.
+    scratch : Scratch
+    """
+
+    lanes: np.ndarray
+    met: np.ndarray
+    columns: np.ndarray
+    added: np.ndarray
+    scratch: Scratch
+
+
+class Block(NamedTuple):
+    """A block of points; the record has a row for each of them."""
+
+    workspace: Workspace
+    points: np.ndarray
+    record: Record
+
+
+@jit
+def aligned(size):
+    """Return an array of `size` zeros.
+
+    The array begins at a line of the cache: a vector of 512 bits across two lines is read twice.
+    Lanes without a point are computed, too. Memory that is not set to zero may hold subnormal
+    numbers, with which a processor takes ten times as long.
+    """
+    memory = np.zeros(size + 7)
+    skipped = -(memory.ctypes.data // 8) % 8
+    return memory[skipped : skipped + size]
+
+
+@jit
+def new_workspace(columns):
+    """Return the workspace of a thread, with so many numbers in its columns."""
+    met = np.zeros(LANES, np.int64)
+    added = aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW))
+    return Workspace(aligned(_SIZE), met, aligned(columns), added, new_scratch())
+
+
+@jit(inline=True)
+def pair_in(rows, a, distance):
+    """Return two tangent vectors, whose numbers begin at `a` and are so far apart."""
+    return rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance]
+
+
+@jit(inline=True)
+def put_pair(rows, a, distance, pair):
+    """Set two tangent vectors, as ``pair_in``."""
+    rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance] = pair
+
+
+@jit(refcounts=False)
+def set_start(lanes, points, rule, s):
+    """Put every lane at its start, at a phase with the sine `s`."""
+    for i in range(LANES):
+        pt = points[min(i, points.size - 1)]  # a short block repeats its last point
+        x, v, resting = start(pt, s)
+        lanes[POSITION + i], lanes[VELOCITY + i], _ = to_state(rule, x, v, resting, pt)
+        lanes[LEVEL + i] = AT_REST if resting and rule != PLAIN else pt.clearance
+        lanes[CLEARANCE + i], lanes[OMEGA + i], lanes[RESTITUTION + i] = (
+            pt.clearance,
+            pt.omega,
+            pt.R,
+        )
+        lanes[WAKE + i], lanes[SLEPT + i], lanes[GREATEST + i] = AWAKE, 0.0, pt.clearance
+        # Zeros where there is no point: with numbers that became subnormal all would be slow.
+        one = 1.0 if i < points.size else 0.0
+        put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one / pt.omega))
+
+
+@jit(inline=True)
+def set_rest(lanes, i, resting, theta, pt):
+    """Say whether lane `i` is at rest at the phase `theta`, and until when."""
+    lanes[LEVEL + i] = AT_REST if resting else pt.clearance
+    lanes[WAKE + i] = theta + pt.omega * time_to_release(theta, pt) if resting else AWAKE
+
+
+@jit(inline=True)
+def sleeps_until(lanes, i, theta):
+    """Whether lane `i` is at rest until the phase `theta` at least."""
+    return theta < lanes[WAKE + i] - 1e-9
+
+
+@jit(refcounts=False)
+def list_lanes(lanes, met, size):
+    """List the first lanes whose number in the row GUARD is not negative; return how many."""
+    listed = 0
+    for first in range(0, size, 64):
+        bits = not_negative(lanes, GUARD + first)
+        if first + 64 > size:
+            bits &= (1 << (size - first)) - 1
+        while bits != 0:  # ends: one bit less each time
+            met[listed] = first + lowest_bit(bits)
+            bits &= bits - 1
+            listed += 1
+    return listed
