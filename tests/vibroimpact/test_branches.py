@@ -9,7 +9,6 @@ import pytest
 from oscillators import bifurcation
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch
-from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -126,18 +125,6 @@ def test_a_branch_of_too_much_work_is_lost(monkeypatch):
     for value, speed in zip(found.values, found.speeds, strict=True):
         closed = one_impact_orbit(replace(LIGHT, omega=float(value)))
         assert speed[0] == pytest.approx(closed.v, abs=1e-13)
-
-
-@pytest.mark.parametrize(("speed", "kept"), [(-1e-3, -1e-3), (-1e-13, 0.0), (1e-13, 0.0)])
-def test_only_rounding_is_taken_for_a_speed_of_zero(speed, kept):
-    """A negative speed that is not rounding is no graze, and shows."""
-    osc = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
-    closed = one_impact_orbit(osc)
-    start = solved(osc, 1, np.array([closed.phase]), np.array([closed.v]))
-    orbits = OrbitFamily(start, (ContinuationParameter("omega", 2.0, 3.0),))
-    X = orbits.start.copy()
-    X[1] = speed
-    assert orbits.orbit(X).speeds[0] == kept * orbits.speed
 
 
 def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():

@@ -285,6 +285,24 @@ def test_the_folds_of_a_long_chatter_are_followed_from_wherever_the_slowest_impa
     ]
 
 
+def test_folds_that_grow_without_bound_leave_the_other_direction_its_work(monkeypatch):
+    """Dux: at h = 0 the folds of n/1 have V = 2 |sigma| k / (rho (1 + k^2)), rho = (1 - R) / omega.
+
+    There k^2 = (sigma / gamma)^2 - 1, gamma = 1 / (1 - omega^2): they never reach R = 1.
+    """
+    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 200_000)
+    start = one_impact(Oscillator(h=0.0, R=0.75, omega=4.15, f=1.0, clearance=-0.1), 2, slower=True)
+    ranges = ("omega", 1.0, 8.0), ("R", 0.1, 1.0)
+    edge, lost = bifurcation_curve(start, "fold", *ranges).special
+    if edge.kind == "lost":
+        edge, lost = lost, edge
+    assert (edge.kind, lost.kind, edge.value[1]) == ("edge", "lost", 0.1)
+    omega, R = lost.value
+    k = math.sqrt((0.1 * (omega**2 - 1.0)) ** 2 - 1.0)
+    grown = 0.2 * k * omega / ((1.0 - R) * (1.0 + k * k))
+    assert lost.orbit.speeds[0] == pytest.approx(grown, rel=1e-6) and grown > 1000.0
+
+
 def test_bad_requests_are_refused():
     start, f, omega = one_impact(SCENE, 2), ("f", 0.2, 0.6), ("omega", 0.7, 0.9)
     with pytest.raises(ValueError, match="kind must be one of flip, fold, graze"):

@@ -125,8 +125,8 @@ class Branch:
 def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
     """Follow a periodic orbit along a parameter, through its folds, in both directions.
 
-    The branch ends ``lost`` after ``MOST_POINTS`` points in a direction, or ``MOST_WORK`` time
-    steps of all its orbits together.
+    A direction ends ``lost`` after ``MOST_POINTS`` points, or ``MOST_WORK`` time steps of all its
+    orbits together.
 
     Parameters
     ----------
@@ -216,6 +216,7 @@ def both_directions(family: OrbitFamily, tangent: np.ndarray) -> Branch:
 
 def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
     """Continue a family in one direction."""
+    family.system.work[0] = 0.0  # a direction without an end leaves the other one its own
 
     def note(kind: str, orbit: PeriodicOrbit) -> None:
         value = np.array([getattr(orbit.oscillator, name) for name in family.names])

@@ -23,7 +23,7 @@ from vibroimpact.oscillator import Oscillator
 #: What all orbits of a family have in common: nothing, or a bifurcation.
 CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
 _NAMES = [field.name for field in fields(Oscillator)]
-#: Time steps of all evaluations of the flights, after which no further point is found.
+#: Time steps of all evaluations of the flights in a direction, after which no point is found.
 MOST_WORK = 2**24
 #: Iterations of the corrector.
 _MOST_ITERATIONS = 8
