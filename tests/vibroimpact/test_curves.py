@@ -190,6 +190,19 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
         assert places == pytest.approx(expected, abs=1e-12)
 
 
+def test_the_graze_of_the_free_oscillation_goes_on_as_an_orbit_of_three_periods():
+    """It touches the stop twice between its impacts, to rounding, which is no end."""
+    osc = Oscillator(h=0.02, R=0.8, omega=2.25, f=1.0)
+    stiffness = complex(1.0 - osc.omega**2, 2.0 * osc.h * osc.omega)
+    osc = replace(osc, clearance=1.0 / abs(stiffness))
+    touch = PeriodicOrbit(osc, 3, 0.5 * math.pi + np.angle([-stiffness]), np.zeros(1))
+    found = bifurcation_curve(touch, "graze", ("clearance", 0.01, 40.0), ("omega", 0.4, 4.7))
+    assert [p.kind for p in found.special if p.kind not in ("flip", "fold")] == ["edge", "edge"]
+    clearance, omega = found.values.T
+    product = clearance * np.hypot(1.0 - omega**2, 2.0 * osc.h * omega)
+    np.testing.assert_allclose(product, 1.0, rtol=0, atol=1e-11)
+
+
 @pytest.mark.parametrize(
     ("last", "f"),
     [(0.59, 0.960733250477590), (0.60, 0.888910272130863), (0.62, 0.776919993099989)],

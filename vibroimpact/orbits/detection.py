@@ -208,6 +208,8 @@ def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
         slopes = length * tests[1, i], length_Y * tests_Y[1, i]
         if _may_hide(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
             return True
-    if _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
+    # The free oscillation touches the stop once a period, and never crosses it.
+    free = system.condition == GRAZE and system.q == 1
+    if not free and _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         return True
     return system.condition == FOLD and _may_have_cusps(system, X, tangent, Y, tangent_Y, length)

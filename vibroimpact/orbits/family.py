@@ -29,6 +29,8 @@ MOST_WORK = 2**24
 _MOST_ITERATIONS = 8
 #: A speed smaller than this, in the unit of speed, is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
+#: A touch that is known to be one misses the stop by less than this share of the clearance.
+_TOUCHES = 1e-9
 #: A force smaller than this share of its range is zero where orbits vanish with it: their
 #: equations are singular there.
 _VANISHES = 1e-9
@@ -285,10 +287,12 @@ class OrbitFamily:
         slowest = int(np.argmin(speeds))
         if speeds[slowest] < 0.0:
             return Violation("speed", slowest), math.nan
-        flight, phase, turn = first_penetration(
-            parameters_at(self.system, X), self.m, self.speed, X, self.q
-        )
+        values = parameters_at(self.system, X)
+        flight, phase, turn = first_penetration(values, self.m, self.speed, X, self.q)
         if flight < 0:
             return None, turn
-        kind = "rest" if phase == X[2 * flight] else "penetration"
-        return Violation(kind, int(flight), float(phase)), turn
+        if phase == X[2 * flight]:
+            return Violation("rest", int(flight), float(phase)), turn
+        if self.kind == "graze" and self.q == 1 and turn < _TOUCHES * values[-1]:
+            return None, turn  # the free oscillation touches the stop once in each of m periods
+        return Violation("penetration", int(flight), float(phase)), turn
