@@ -18,7 +18,7 @@ import xarray as xr
 
 from sweeps.analysis import tables
 from sweeps.analysis.class_changes import Change, cascades, changes, labels, ratio
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, select
+from sweeps.analysis.selection import Cut, chosen_axes, config_of, oscillator_of, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
@@ -104,10 +104,11 @@ class _Orbits:
     """The periodic orbits on a line, and what becomes of them."""
 
     def __init__(self, line: xr.Dataset, axis: str) -> None:
-        self._line, self._axis, self._setting = line, axis, Setting.of(line)
-        way = line[DIRECTION].item() if DIRECTION in line.coords else ""
-        followed = way or self._setting.follow.get("direction")
-        self._down = followed == "down" and self._setting.follow.get("axis") == axis
+        self._line, self._axis, config = line, axis, config_of(line)
+        self._phase, self._down = config.record.phase, False
+        if config.follow is not None and config.follow.axis == axis:
+            way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
+            self._down = way == "down"
 
     def explain(self, change: Change) -> tuple[str, float]:
         """Return the kind of a change, and the value of the axis where it is known exactly."""
@@ -134,10 +135,10 @@ class _Orbits:
         m, q = int(point["period"]), int(point["period_impacts"])
         if m == 0 or float(point["rest_fraction"]) > 0.0:
             return None
-        osc = self._setting.oscillator(point)
+        osc = oscillator_of(point)
         x, v = (float(point[name][-1]) for name in ("poincare_x", "poincare_v"))
         try:
-            orbit = periodic_orbit(osc, min(x, osc.clearance), v, m, self._setting.phase)
+            orbit = periodic_orbit(osc, min(x, osc.clearance), v, m, self._phase)
             if (orbit.m, orbit.q) != (m, q) or not orbit.stable:
                 return None
             low, high = sorted((start, end))

@@ -32,7 +32,7 @@ from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
 from sweeps.analysis.longer_runs import EXTENSIONS, Outcomes, outcomes
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.section_distance import TOLERANCE
-from sweeps.analysis.selection import Setting
+from sweeps.analysis.selection import config_of
 from sweeps.errors import Refused
 
 #: Motions that count as an attractor; whether the others stay as they are is not known.
@@ -170,7 +170,7 @@ def _tracked(
     periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
     at = heads[periodic]
     links = None
-    if points.shape and Setting.of(dataset).method.get("impact") == "exact":
+    if points.shape and config_of(dataset).method.impact == "exact":
         axis = points.parameters[int(np.argmax(points.shape))]
         links = ExactLinks(dataset, axis, at, groups.last[at], lengths[at])
     tracked = PeriodicAttractors(points.parameter[at], lengths[at], places[at], groups.cycles)

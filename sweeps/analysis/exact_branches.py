@@ -15,7 +15,15 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.coordinates import COORDINATES, orbit_coordinates, recorded_coordinate
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, directions, listed, select
+from sweeps.analysis.selection import (
+    Cut,
+    chosen_axes,
+    config_of,
+    directions,
+    listed,
+    oscillator_of,
+    select,
+)
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.branch_set import BranchSet
@@ -68,17 +76,17 @@ class Line:
     def of(cls, dataset: xr.Dataset, axis: str) -> Line:
         """Read the points; Refused if the orbits do not depend on `axis`, or it has one value."""
         check_axis(dataset, axis, "it")
-        setting, dataset = Setting.of(dataset), dataset.sortby(axis)
+        phase, dataset = config_of(dataset).record.phase, dataset.sortby(axis)
         names = ["status", "poincare_x", "poincare_v", "impacts_per_period", "rest_fraction"]
         data = dataset[names].load()
         x, v = data["poincare_x"].values, data["poincare_v"].values
         m, q = period_class(x, v, data["impacts_per_period"].values)
         failed = np.isin(data["status"].values, [status for status in Status if status.failed])
         known = ~failed & ~(data["rest_fraction"].values > 0.0)
-        oscillator = setting.oscillator(dataset.isel({axis: 0}))
+        oscillator = oscillator_of(dataset.isel({axis: 0}))
         states = np.stack([x[:, -1], v[:, -1]], axis=1)
         return cls(
-            dataset, axis, data[axis].values, oscillator, setting.phase, states,
+            dataset, axis, data[axis].values, oscillator, phase, states,
             np.where(known, m, 0), np.where(known, q, 0),
         )  # fmt: skip
 

@@ -20,7 +20,14 @@ import xarray as xr
 
 from sweeps.analysis.exact_branches import check_axis, dataset_of
 from sweeps.analysis.motion import Motion, classify
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select
+from sweeps.analysis.selection import (
+    Cut,
+    chosen_axes,
+    config_of,
+    listed,
+    oscillator_of,
+    select,
+)
 from sweeps.errors import Refused
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
@@ -122,9 +129,8 @@ class _Search:
     def __init__(self, cut: xr.Dataset, axes: tuple[str, str]) -> None:
         self._axes = axes
         self._values = [cut[axis].values for axis in axes]
-        setting = Setting.of(cut)
-        self._first = setting.oscillator(cut.isel(dict.fromkeys(axes, 0)))
-        self._phase = setting.phase
+        self._first = oscillator_of(cut.isel(dict.fromkeys(axes, 0)))
+        self._phase = config_of(cut).record.phase
         last = [cut[name].isel(section=-1).values for name in ("poincare_x", "poincare_v")]
         self._states = np.stack(last, axis=2)
         periodic = classify(cut) == Motion.PERIODIC

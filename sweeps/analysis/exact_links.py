@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import parameter_at_points
-from sweeps.analysis.selection import Setting
+from sweeps.analysis.selection import config_of
 from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
@@ -35,7 +35,7 @@ class ExactLinks:
         self, dataset: xr.Dataset, axis: str, at: np.ndarray, states: np.ndarray, m: np.ndarray
     ) -> None:
         self._axis, self._states, self._m = axis, states, m
-        self._phase = Setting.of(dataset).phase
+        self._phase = config_of(dataset).record.phase
         self._values = {
             field.name: parameter_at_points(dataset, field.name)[at] for field in fields(Oscillator)
         }

@@ -12,7 +12,6 @@ import xarray as xr
 
 from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.analysis.section_distance import Cycles, representatives, shortest_turn
-from sweeps.analysis.selection import Setting
 from sweeps.grid import Block, Grid
 from sweeps.store import DIRECTION
 
@@ -78,8 +77,7 @@ class PointNumbers:
 
 def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
     """Return a parameter, swept or not, at every point of an opened sweep, in C order."""
-    values = dataset[name] if name in dataset.coords else float(Setting.of(dataset).fixed[name])
-    whole = xr.zeros_like(dataset["status"], float) + values
+    whole = xr.zeros_like(dataset["status"], float) + dataset[name]
     return whole.transpose(*dataset["status"].dims).values.ravel()
 
 

@@ -31,7 +31,7 @@ import xarray as xr
 from sweeps.analysis.grouping import PointNumbers, parameter_at_points
 from sweeps.analysis.motion import Motion, classify, kinds
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
-from sweeps.analysis.selection import Setting
+from sweeps.analysis.selection import config_of
 from vibroimpact import integrate
 from vibroimpact.oscillator import POINT, Oscillator
 from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
@@ -103,8 +103,8 @@ class _Extension:
 
     def __init__(self, dataset: xr.Dataset, points: PointNumbers, result: Outcomes) -> None:
         self._dataset, self._points, self._outcomes = dataset, points, result
-        self._setting = Setting.of(dataset)
-        self._exact = self._setting.method["impact"] == "exact"
+        self._config = config_of(dataset)
+        self._exact = self._config.method.impact == "exact"
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
         self._length = first - 1 + dataset.sizes["section"]
         share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
@@ -164,10 +164,10 @@ class _Extension:
         """Follow motions over a record, and count their rests."""
         results = integrate(
             self._states[at],
-            **self._setting.scheme,
+            **self._config.scheme,
             transient=0,
             periods=periods,
-            phase=self._setting.phase,
+            phase=self._config.record.phase,
             at_section=True,
             impacts=0,
             lyapunov=lyapunov,
@@ -213,11 +213,11 @@ class _Extension:
                 return
             state = self._states[i]
             values = {field.name: float(state[field.name]) for field in fields(Oscillator)}
-            orbit = nearby_orbit(Oscillator(**values), record, self._setting.phase)
+            orbit = nearby_orbit(Oscillator(**values), record, self._config.record.phase)
             if orbit is None:
                 failures[parameter] += 1
                 return
-            class_and_cycle = orbit.m, orbit.q, orbit.sections(self._setting.phase)
+            class_and_cycle = orbit.m, orbit.q, orbit.sections(self._config.record.phase)
             orbits.append(class_and_cycle)
         self._outcomes.motion[i] = Motion.PERIODIC
         m, q, cycle = class_and_cycle
@@ -246,16 +246,16 @@ def orbit_speeds(
     m, q : ndarray of int, shape (n,)
         Forcing periods and impacts per repetition; q speeds are returned per motion, increasing.
     """
-    setting = Setting.of(dataset)
+    config = config_of(dataset)
     points = _at_states(dataset, at, *states.T)
     speeds = []
     for i in range(len(at)):
         results = integrate(
             points[i : i + 1],
-            **setting.scheme,
+            **config.scheme,
             transient=0,
             periods=int(m[i]),
-            phase=setting.phase,
+            phase=config.record.phase,
             at_section=True,
             impacts=int(q[i]),
         )

@@ -23,7 +23,6 @@ from enum import IntEnum
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Setting
 from vibroimpact.status import Status
 
 
@@ -63,8 +62,7 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
     results = {
         name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset
     }
-    omega = dataset["omega"] if "omega" in dataset.coords else Setting.of(dataset).fixed["omega"]
-    whole = xr.zeros_like(dataset["status"], float) + omega
+    whole = xr.zeros_like(dataset["status"], float) + dataset["omega"]
     return kinds(results, whole.transpose(*axes).values, dataset.sizes["section"])
 
 

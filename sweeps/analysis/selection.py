@@ -1,86 +1,71 @@
-"""Select what a picture or a table shows of an opened sweep: a cut through its grid, its values."""
+"""What a picture or a table shows of a sweep: its configuration, a cut through it, its values."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import lru_cache
-from typing import Any, Self
 
 import numpy as np
 import xarray as xr
-import yaml
 
+from sweeps.config.loading import parse_config
+from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store import DIRECTION
+from sweeps.store import DIRECTION, VARIABLES
 from sweeps.text import nearest, suggestion
-from vibroimpact.oscillator import PARAMETERS, Oscillator
+from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 
 #: Where a picture cuts: values of swept axes, and of ``direction`` a name.
 Cut = Mapping[str, float | str]
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What the configuration of a sweep says of all its points.
+def dataset_of(
+    config: SweepConfig, axes: Mapping[str, np.ndarray], results: Mapping[str, np.ndarray]
+) -> xr.Dataset:
+    """Return results in memory in the form of an opened file, so that all analyses can read them.
 
-    Attributes
+    Parameters
     ----------
-    name : str
-    fixed : mapping of str to object
-        The parameters, of which those that were not swept are numbers.
-    method : mapping of str to object
-    phase : float
-        Of the section [rad].
-    record : mapping of str to object
-        What was recorded, and after how many periods.
-    follow : mapping of str to str
-        The axis that was followed and the direction; empty if none was.
-    units : mapping of str to str
-        The names of the units of length and time, where there are any.
+    config : SweepConfig
+    axes : mapping of str to ndarray
+        The swept parameters and their values at these points, slowest first.
+    results : mapping of str to ndarray
+        The variables of the file, arrays of shape (points, ...), in C order over the axes.
     """
+    shape = tuple(map(len, axes.values()))
+    variables = {}
+    for name, values in results.items():
+        record = VARIABLES[name].record
+        dimensions = (*axes, record) if record else tuple(axes)
+        variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
+    section = config.record.transient + 1 + np.arange(config.record.periods)
+    coordinates = {**config.grid.fixed, **axes, "section": section}
+    return xr.Dataset(variables, coordinates, {"configuration": config})
 
-    name: str
-    fixed: Mapping[str, Any]
-    method: Mapping[str, Any]
-    phase: float
-    record: Mapping[str, Any]
-    follow: Mapping[str, str]
-    units: Mapping[str, str]
 
-    @classmethod
-    def of(cls, dataset: xr.Dataset) -> Self:
-        """Read the configuration of an opened sweep."""
-        configuration = _parsed(dataset.attrs["configuration"])
-        defaults = {key: parameter.default for key, parameter in PARAMETERS.items()}
-        fixed = {**defaults, **configuration["oscillator"], **(configuration.get("start") or {})}
-        record = configuration["record"]
-        phase = float(record.get("phase", 0.0))
-        follow = configuration.get("follow") or {}
-        name = str(dataset.attrs["name"])
-        units = configuration.get("units") or {}
-        return cls(name, fixed, configuration["method"], phase, record, follow, units)
+def config_of(dataset: xr.Dataset) -> SweepConfig:
+    """Return the configuration of an opened sweep, or of one in memory.
 
-    def value(self, name: str, point: xr.Dataset) -> float:
-        """Return a parameter's value at a point of the sweep."""
-        return float(point[name] if name in point.coords else self.fixed[name])
-
-    def oscillator(self, point: xr.Dataset) -> Oscillator:
-        """Return the oscillator of a point of the sweep."""
-        return Oscillator(**{key.name: self.value(key.name, point) for key in fields(Oscillator)})
-
-    @property
-    def scheme(self) -> dict[str, Any]:
-        """The integrator, the impact rule and the steps per period."""
-        return {key: self.method[key] for key in ("integrator", "impact", "steps_per_period")}
+    Raises
+    ------
+    ConfigError
+        If the file has one that is not valid, as one of another version may be.
+    """
+    configuration = dataset.attrs["configuration"]
+    return configuration if isinstance(configuration, SweepConfig) else _parsed(configuration)
 
 
 @lru_cache(maxsize=8)
-def _parsed(configuration: str) -> Mapping[str, Any]:
-    """Read a configuration, once for all parts of a picture."""
-    parsed: Mapping[str, Any] = yaml.safe_load(configuration)
-    return parsed
+def _parsed(configuration: str) -> SweepConfig:
+    """Read the configuration of a file, once for all parts of a picture."""
+    return parse_config(configuration, "its configuration", "sweep")
+
+
+def oscillator_of(point: xr.Dataset) -> Oscillator:
+    """Return the oscillator of a point of a sweep."""
+    return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
 
 
 def listed(names: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Cut, Setting, recorded
+from sweeps.analysis.selection import Cut, config_of, oscillator_of, recorded
 from sweeps.errors import Refused
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
@@ -45,7 +45,7 @@ class PointMotion:
 
     def flow(self, per_period: int) -> np.ndarray:
         """Return the rows; of the integrator ``exact``, with so many samples a period between."""
-        if Setting.of(self.point).method["integrator"] != "exact":
+        if config_of(self.point).method.integrator != "exact":
             return self.rows
         t, x, v = self.rows
         return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
@@ -60,7 +60,7 @@ def recorded_motion(dataset: xr.Dataset, at: Cut | None) -> PointMotion:
         If none was recorded there.
     """
     point, rows = recorded(dataset, RECORDED, at)
-    return PointMotion(point, Setting.of(point).oscillator(point), np.stack(rows))
+    return PointMotion(point, oscillator_of(point), np.stack(rows))
 
 
 def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> PointMotion:
@@ -75,8 +75,8 @@ def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> Point
         If there is no such state, or no motion from it.
     """
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
-    setting = Setting.of(dataset)
-    oscillator = setting.oscillator(point)
+    config = config_of(dataset)
+    oscillator = oscillator_of(point)
     allowed = np.flatnonzero(x <= oscillator.clearance)
     if not len(allowed):
         raise Refused("every recorded state of the section is beyond the stop at this point")
@@ -85,14 +85,14 @@ def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> Point
         motion = simulate(
             oscillator,
             periods,
-            **setting.scheme,
+            **config.scheme,
             x0=float(x[last]),
             v0=float(v[last]),
-            phase=setting.phase,
+            phase=config.record.phase,
         )
     except ValueError as error:
         raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = setting.record.get("transient", 0) + last + 1
+    turns = config.record.transient + last + 1
     return PointMotion(point, oscillator, np.stack([motion.t, motion.x, motion.v]), turns)

@@ -212,6 +212,13 @@ class SweepConfig(Group):
         """Steps per forcing period, the same all over the grid."""
         return _steps(self.oscillator, self.method)
 
+    @property
+    def scheme(self) -> dict[str, Any]:
+        """Integrator, impact rule and steps per period, as `vibroimpact.integrate` takes them."""
+        method = self.method
+        names = {"integrator": method.integrator, "impact": method.impact}
+        return {**names, "steps_per_period": self.steps}
+
     @cached_property
     def widths(self) -> dict[str, int]:
         """The width of each record of a point; that of ``sample`` without the impacts."""

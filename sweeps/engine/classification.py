@@ -16,8 +16,8 @@ import numpy as np
 from sweeps.analysis.class_changes import Label, labels
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.nearby_orbit import nearby_orbit
+from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.as_dataset import as_dataset
 from sweeps.engine.compute import compute
 from vibroimpact.oscillator import Oscillator, mesh
 
@@ -98,7 +98,7 @@ class Classifier:
             In the order of `values`.
         """
         rows = [{name: array[i] for name, array in results.items()} for i in range(len(values))]
-        shown = labels(as_dataset(self._config, {self._axis: values}, results))
+        shown = labels(dataset_of(self._config, {self._axis: values}, results))
         return [
             self._classify(ClassifiedPoint(float(value), label, row))
             for value, label, row in zip(values, shown, rows, strict=True)

@@ -26,7 +26,6 @@ SOURCES = (
     "analysis/motion.py",
     "analysis/nearby_orbit.py",
     "analysis/section_distance.py",
-    "engine/as_dataset.py",
     "analysis/selection.py",
 )
 

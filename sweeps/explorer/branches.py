@@ -11,7 +11,7 @@ import xarray as xr
 from bokeh.models import ColumnDataSource, LegendItem
 
 from sweeps.analysis.exact_branches import branches
-from sweeps.engine.as_dataset import as_dataset
+from sweeps.analysis.selection import dataset_of
 from sweeps.explorer.diagram import Diagram
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
@@ -74,7 +74,7 @@ class Branches:
         assert shown is not None
         key = shown.view.axis, shown.config
         if self._found is None or self._found[0] != key:
-            dataset = as_dataset(shown.config, shown.config.grid.axes, shown.results)
+            dataset = dataset_of(shown.config, shown.config.grid.axes, shown.results)
             self._found = key, branches(dataset, shown.view.axis, check=check)
         parts: Parts = {name: ([], []) for name in self.sources}
         for name, x, y, _ in parts_of(self._found[1], shown.view.ordinate):

@@ -12,8 +12,8 @@ import numpy as np
 from bokeh.layouts import column
 from bokeh.models import Div, Range1d
 
+from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.as_dataset import as_dataset
 from sweeps.explorer.diagram import numbers
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
 from sweeps.explorer.view import BASINS, View, bounds
@@ -53,7 +53,7 @@ def _tiles(config: SweepConfig, x: str, y: str, tab: int) -> Tiles:
     begin = perf_counter()
     results = numbers(config)
     seconds = perf_counter() - begin
-    cut = as_dataset(config, config.grid.axes, results).transpose(y, x, ...)
+    cut = dataset_of(config, config.grid.axes, results).transpose(y, x, ...)
     cells = basin_cells(cut, extensions=0) if tab == BASINS else period_cells(cut)
     pixels = np.zeros(cut["status"].shape, np.uint8)
     kinds = []

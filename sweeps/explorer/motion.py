@@ -14,9 +14,8 @@ from bokeh.plotting import figure
 
 from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.nearby_orbit import nearby_orbit
-from sweeps.analysis.selection import Setting
+from sweeps.analysis.selection import config_of, dataset_of, oscillator_of
 from sweeps.analysis.trajectories import continued_motion
-from sweeps.engine.as_dataset import as_dataset
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers
 from sweeps.explorer.view import View
@@ -52,7 +51,7 @@ class Drawn:
 def motion_at(view: View) -> Drawn:
     """Compute the motion at the mark, and the periods that follow its last section."""
     config = view.point()
-    point = as_dataset(config, {}, numbers(config))
+    point = dataset_of(config, {}, numbers(config))
     clearance, empty = view.values["clearance"], np.empty((3, 0))
     status = Status(int(point["status"]))
     if status.failed:
@@ -69,12 +68,12 @@ def motion_at(view: View) -> Drawn:
 
 def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
     """Return the forcing periods of a repetition, 0 for none, and what is known of the motion."""
-    motion, setting = Motion(int(classify(point))), Setting.of(point)
+    motion, phase = Motion(int(classify(point))), config_of(point).record.phase
     m, q = int(point["period"]), int(point["period_impacts"])
     orbit = None
     if motion in (Motion.PERIODIC, Motion.NEUTRAL, Motion.UNDECIDED):
         record = np.stack([point["poincare_x"], point["poincare_v"]], axis=1)
-        orbit = nearby_orbit(setting.oscillator(point), record, setting.phase, m or None)
+        orbit = nearby_orbit(oscillator_of(point), record, phase, m or None)
     if orbit is not None:
         first, second = orbit.multipliers.astype(complex)
         shown = f"{first.real:.4g} and {second.real:.4g}"

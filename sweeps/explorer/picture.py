@@ -9,8 +9,8 @@ from bokeh.palettes import interp_palette
 
 from sweeps.analysis.coordinates import recorded_coordinate
 from sweeps.analysis.motion import has_result
+from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.as_dataset import as_dataset
 from sweeps.explorer.view import Window
 from sweeps.plotting.lines import count_pixels, widened
 from sweeps.plotting.style import DENSITY, LEAST_SHARE
@@ -26,7 +26,7 @@ def ramp() -> list[str]:
 
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
     """Return what a diagram shows of each point, shape (n, width); NaN where nothing."""
-    values = recorded_coordinate(as_dataset(config, config.grid.axes, results), ordinate).values
+    values = recorded_coordinate(dataset_of(config, config.grid.axes, results), ordinate).values
     return np.where(has_result(results["status"])[:, None], values, np.nan)
 
 

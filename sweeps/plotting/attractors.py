@@ -14,7 +14,7 @@ from sweeps.analysis.distinct_attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
-from sweeps.analysis.selection import Cut, Setting, chosen_axes, listed, select, swept_axes
+from sweeps.analysis.selection import Cut, chosen_axes, config_of, listed, select, swept_axes
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -91,7 +91,7 @@ def attractor_diagram(
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)
     label_axis(panel.xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, Setting.of(dataset).units))
+    label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
     _draw_rows(panel, line, table, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.analysis.motion import has_result
-from sweeps.analysis.selection import Cut, Setting, listed
+from sweeps.analysis.selection import Cut, config_of, listed
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -95,7 +95,7 @@ def bifurcation(
         refuse_empty(line, coordinate)
     panel, *lower = _new_panels(ax, page, len(below))
     label_axis(panel.xaxis, line[axis])
-    label_axis(panel.yaxis, as_variable(coordinate, Setting.of(dataset).units))
+    label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
     dense = sum(record.computed.sum() * record.width for record in records) > DENSITY_FROM
     if dense:
         panel.update_datalim([(values.min(), low), (values.max(), high)])

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.coordinates import COORDINATES
-from sweeps.analysis.selection import Setting
+from sweeps.analysis.selection import config_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -63,25 +63,27 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
 
     By default the record is the phase if it is not 0, the transient and the periods.
     """
-    setting = Setting.of(drawn)
-    values = {name: setting.value(name, drawn) for name in PARAMETERS if name not in drawn.dims}
+    config = config_of(drawn)
+    values = {name: float(drawn[name]) for name in PARAMETERS if name not in drawn.dims}
     parts = [
         f"${PARAMETERS[name].symbol}={mathtext(value)}$"
         for name, value in values.items()
         if value != PARAMETERS[name].default
     ]
-    if setting.follow:
-        ways = drawn[DIRECTION] if DIRECTION in drawn.coords else setting.follow[DIRECTION]
-        symbol = PARAMETERS[setting.follow["axis"]].symbol
+    if config.follow is not None:
+        ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
+        symbol = PARAMETERS[config.follow.axis].symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
     if record is None:
-        transient, periods = (setting.record.get(name, 0) for name in ("transient", "periods"))
-        parts += [f"phase{_JOINT}{setting.phase:.6g}{_JOINT}rad"] if setting.phase else []
-        record = f"transient{_JOINT}{transient:,}, record{_JOINT}{periods:,}{_JOINT}periods"
+        kept = config.record
+        parts += [f"phase{_JOINT}{kept.phase:.6g}{_JOINT}rad"] if kept.phase else []
+        record = (
+            f"transient{_JOINT}{kept.transient:,}, record{_JOINT}{kept.periods:,}{_JOINT}periods"
+        )
     parts.append(record)
     if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
         parts.append(status.meaning)
-    name = setting.name.replace("$", r"\$")
+    name = config.name.replace("$", r"\$")
     return f"{name}\n{', '.join(parts)}"
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import Cut, Setting, recorded
+from sweeps.analysis.selection import Cut, config_of, recorded
 from sweeps.analysis.trajectories import (
     RECORDED,
     PointMotion,
@@ -34,7 +34,7 @@ def section(
 ) -> Figure:
     """Draw the Poincaré section at one point: velocity over displacement, and the stop."""
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
-    clearance = Setting.of(dataset).value("clearance", point)
+    clearance = float(point["clearance"])
     panel = canvas.new_panel(ax, page)
     canvas.draw_points(panel, x, v)
     canvas.draw_stop(panel.axvline, clearance)
@@ -91,7 +91,7 @@ def trajectory(
         motion = continued_motion(dataset, at, PERIODS if periods is None else periods)
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
     _draw(panels, motion)
-    units = Setting.of(dataset).units
+    units = dict(config_of(dataset).units.items())
     time, x, v = (as_variable(name, units) for name in RECORDED)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):

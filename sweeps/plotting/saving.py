@@ -12,7 +12,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import listed
+from sweeps.analysis.selection import config_of, listed
 from sweeps.errors import Refused
 from sweeps.plotting.style import dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
@@ -44,9 +44,10 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     }
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
     text += f"\ncommand: {command}" if command else ""
-    text += f"\nconfiguration:\n{dataset.attrs['configuration']}"
+    config = config_of(dataset)
+    text += f"\nconfiguration:\n{config.to_yaml()}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
-    return str(dataset.attrs["name"]), program, text
+    return config.name, program, text
 
 
 def check_picture(output: Path, data: str | Path = "") -> None:

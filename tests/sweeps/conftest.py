@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from local_cluster import WORKERS
 from random_sweeps import FIXED, SAMPLES, results
@@ -44,9 +43,11 @@ def random_sweep(tmp_path):
     ):
         fixed = {key: value for key, value in fixed.items() if key not in axes}
         grid = Grid({key: np.asarray(values, float) for key, values in axes.items()}, fixed)
+        values = {**fixed, **axes}
         configuration = {
-            "oscillator": {k: v for k, v in fixed.items() if k not in ("x0", "v0")},
-            "start": {k: v for k, v in fixed.items() if k in ("x0", "v0")},
+            "name": name,
+            "start": {key: values.pop(key) for key in ("x0", "v0")},
+            "oscillator": values,
             "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
             "record": {"transient": 1000, "periods": 7, "phase": 0.5},
         }
@@ -57,7 +58,7 @@ def random_sweep(tmp_path):
             grid.blocks(grid.size),
             attributes={
                 "name": name,
-                "configuration": yaml.safe_dump(configuration),
+                "configuration": load_config(configuration).to_yaml(),
                 "numerics": "",
             },
             widths=widths,

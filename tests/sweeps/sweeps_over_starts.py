@@ -2,8 +2,8 @@
 
 import numpy as np
 import xarray as xr
-import yaml
 
+from sweeps import load_config
 from vibroimpact.status import Status
 
 CONFIG = """\
@@ -18,10 +18,12 @@ def hand_made(sections, periods, axes=("x0",), **changed):
     sections = np.asarray(sections, float)
     shape = sections.shape[: len(axes)]
     periods = np.broadcast_to(periods, shape)
-    configuration = {
-        "oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0}, "record": {},
-        "method": {"integrator": "rk4", "impact": "cubic"},
-    }  # fmt: skip
+    config = load_config(
+        {
+            "oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0},
+            "method": {"integrator": "rk4", "impact": "cubic"},
+        }
+    )
     values = {"status": np.full(shape, Status.CERTIFIED), "rest_fraction": np.zeros(shape)}
     values["chatters"] = np.zeros(shape, int)
     values |= {"period": periods, "period_impacts": periods, **changed}
@@ -29,7 +31,7 @@ def hand_made(sections, periods, axes=("x0",), **changed):
     for i, name in enumerate(("poincare_x", "poincare_v")):
         data[name] = ((*axes, "section"), sections[..., i])
     coords = {name: np.arange(n) / 10.0 for name, n in zip(axes, shape, strict=True)}
-    return xr.Dataset(data, coords, {"name": "a", "configuration": yaml.safe_dump(configuration)})
+    return xr.Dataset(data, {**config.grid.fixed, **coords}, {"configuration": config})
 
 
 def partition(labels):

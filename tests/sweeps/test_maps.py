@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-import yaml
 from matplotlib.colors import to_hex
 
 from sweeps import load_config, open_sweep, run_sweep
@@ -17,6 +16,7 @@ R = np.array([0.3, 0.5, 0.9])
 OMEGA = np.array([1.0, 2.0, 3.0, 4.0])
 PERIODS = 50
 CONFIGURATION = {
+    "name": "by hand",
     "oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "clearance": 0.25},
     "method": {"integrator": "exact", "impact": "exact", "steps_per_period": 16},
     "record": {"transient": 10, "periods": 50, "phase": 0.0},
@@ -41,10 +41,8 @@ def hand_made(omit=(), axes=None, **changed):
     """Return plain points over (R, omega), some of them changed: {name: {(row, column): value}}."""
     axes = {"R": R, "omega": OMEGA} if axes is None else axes
     shape = tuple(len(values) for values in axes.values())
-    data = xr.Dataset(
-        coords={name: (name, values) for name, values in axes.items()},
-        attrs={"name": "by hand", "configuration": yaml.safe_dump(CONFIGURATION)},
-    )
+    config = load_config(CONFIGURATION)
+    data = xr.Dataset(coords={**config.grid.fixed, **axes}, attrs={"configuration": config})
     for name, value in PLAIN.items():
         if name not in omit:
             values = np.full(shape, value, np.dtype(VARIABLES[name].dtype))

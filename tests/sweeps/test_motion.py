@@ -2,7 +2,6 @@ import naive
 import numpy as np
 import pytest
 import xarray as xr
-import yaml
 
 from sweeps.analysis.motion import Motion, classify, frequent_periods
 from vibroimpact import integrate
@@ -14,9 +13,6 @@ from vibroimpact.status import Status
 PERIODS = 100
 OMEGA = 2.0
 DURATION = PERIODS * 2 * np.pi / OMEGA
-CONFIGURATION = yaml.safe_dump(
-    {"oscillator": {"omega": OMEGA}, "method": {}, "record": {"phase": 0.0}}
-)
 
 
 def hand_made(status, period, rest=0.0, growth=None):
@@ -28,8 +24,7 @@ def hand_made(status, period, rest=0.0, growth=None):
     if growth is not None:
         exponents = np.stack([np.asarray(growth) / DURATION, np.full(n, -5.0)], axis=1)
         values["lyapunov"] = (("R", "exponent"), exponents)
-    attrs = {"name": "by hand", "configuration": CONFIGURATION}
-    return xr.Dataset(values, {"R": np.linspace(0, 1, n)}, attrs)
+    return xr.Dataset(values, {"R": np.linspace(0, 1, n), "omega": OMEGA})
 
 
 def test_the_status_decides_first():
@@ -67,7 +62,7 @@ def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
 def test_the_shape_is_that_of_the_grid_in_any_order():
     omega = np.array([1.0, 2.0, 4.0])
     one = hand_made([1, 1], 0, growth=[0.0, 0.0]).drop_vars("lyapunov")
-    both = one.expand_dims(omega=omega).transpose("R", "omega", ...)
+    both = one.drop_vars("omega").expand_dims(omega=omega).transpose("R", "omega", ...)
     # The same exponent is a growth that falls with omega: 2 pi k / omega of time.
     rate = np.full((2, 3, 2), 1.5 * np.log(PERIODS) / DURATION)
     both["lyapunov"] = (("R", "omega", "exponent"), rate)
@@ -90,10 +85,7 @@ def computed(h, R, omega, **start):
     values = {
         name: (("R", records.get(name))[: results[name].ndim], results[name]) for name in wanted
     }
-    configuration = yaml.safe_dump(
-        {"oscillator": {"omega": omega}, "method": {}, "record": {"phase": 0.0}}
-    )
-    return xr.Dataset(values, {"R": [R]}, {"name": "computed", "configuration": configuration})
+    return xr.Dataset(values, {"R": [R], "omega": omega})
 
 
 def beside(h, R, omega):

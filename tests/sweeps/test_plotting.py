@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from random_sweeps import OMEGA, SAMPLES, R, results
-from sweeps.analysis import selection
+from random_sweeps import FIXED, OMEGA, SAMPLES, R, results
+from sweeps import ConfigError
 from sweeps.plotting import (
-    KINDS,
     Page,
     bifurcation,
     diagram,
@@ -65,7 +64,7 @@ def test_an_axis_has_a_unit_only_where_it_has_a_name(units, shown):
 def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkeypatch):
     """Drawn as points, and read in parts as for a density; clearance is the second axis."""
     clearance = np.array([-0.5, 0.25, 2.0])
-    dataset = random_sweep({"omega": OMEGA, "clearance": clearance})
+    dataset = random_sweep({"omega": OMEGA, "clearance": clearance}, fixed=FIXED | {"x0": -1.0})
     height = clearance[:, None] - dataset["poincare_x"].values[1]
     cut = {"at": {"omega": OMEGA[1]}, "axes": ["clearance"], "coordinate": "poincare_height"}
     panel = bifurcation(dataset, **cut).axes[0]
@@ -281,13 +280,8 @@ def test_a_title_says_more_only_where_there_is_more_to_say(random_sweep, status)
     assert (status.meaning in title.replace("\n", " ")) != plain
 
 
-@pytest.mark.slow
-def test_the_configuration_is_read_once_per_picture(random_sweep, tmp_path, monkeypatch):
-    dataset = random_sweep({"x0": R - 2.0, "v0": R, "omega": OMEGA}, diagnostics=["period"])
-    read, calls = selection.yaml.safe_load, []
-    monkeypatch.setattr(selection.yaml, "safe_load", lambda text: calls.append(1) or read(text))
-    for kind in KINDS:
-        calls.clear()
-        selection._parsed.cache_clear()
-        plot(dataset, tmp_path / "a.png", kind)
-        assert len(calls) == 1
+def test_a_configuration_of_another_version_is_refused_by_its_key(random_sweep):
+    dataset = random_sweep({})
+    old = dataset.attrs["configuration"].replace("steps_per_period: 64", "accuracy: 1e-6")
+    with pytest.raises(ConfigError, match=r"its configuration, line \d+: method.accuracy: is not"):
+        section(dataset.assign_attrs(configuration=old))
