@@ -13,9 +13,9 @@ import xarray as xr
 
 from sweeps.analysis import tables
 from sweeps.analysis.grouping import STARTS, PointNumbers, records
-from sweeps.analysis.longer_runs import orbit_speeds
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, listed, select, swept_axes
+from sweeps.analysis.settle import orbit_speeds
 from sweeps.errors import Refused
 from sweeps.text import shown_count, shown_range, table
 

@@ -14,7 +14,7 @@ attractors, according to its kind of motion (`sweeps.analysis.motion`):
 - chaotic motions are one attractor, and unbounded ones. Whether two chaotic motions are on one
   attractor cannot be seen in a finite record, so the number of attractors is a lower bound;
 - motions that have not settled in their record, and chaos, which may be a transient, are followed
-  on (`sweeps.analysis.longer_runs`); those that still have not settled are listed as unsettled, and
+  on (`sweeps.analysis.settle`); those that still have not settled are listed as unsettled, and
   are not attractors;
 - failed points and those not computed yet are on none.
 """
@@ -29,10 +29,10 @@ import xarray as xr
 from sweeps.analysis.attractor_numbers import PeriodicAttractors, track
 from sweeps.analysis.exact_links import ExactLinks
 from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
-from sweeps.analysis.longer_runs import EXTENSIONS, Outcomes, outcomes
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import config_of
+from sweeps.analysis.settle import EXTENSIONS, Outcomes, outcomes
 from sweeps.errors import Refused
 
 #: Motions that count as an attractor; whether the others stay as they are is not known.

@@ -63,8 +63,8 @@ def _parsed(configuration: str) -> SweepConfig:
     return parse_config(configuration, "its configuration", "sweep")
 
 
-def oscillator_of(point: xr.Dataset) -> Oscillator:
-    """Return the oscillator of a point of a sweep."""
+def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:
+    """Return the oscillator of a point of a sweep, or of its parameters by name."""
     return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
 
 

@@ -28,8 +28,8 @@ import numba
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import compute_block
-from sweeps.engine.executors import Results, completed
+from sweeps.engine.compute import Results, compute_block
+from sweeps.engine.executors import completed
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block
 from sweeps.interrupts import raised_at_once

@@ -6,7 +6,7 @@ the numbers of a file, and names itself in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,12 @@ from sweeps.interrupts import check, this_flag
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.points import Computation, compute_box, compute_points, scales_with_f
 
+#: The variables of the file by name, of shape (points, ...).
+Results = Mapping[str, np.ndarray]
+
 #: The sources, of this package, that decide which points there are and what is said of them.
 SOURCES = (
     "engine/refine.py",
-    "engine/classification.py",
     "analysis/class_changes.py",
     "analysis/grouping.py",
     "analysis/motion.py",

@@ -16,7 +16,7 @@ from numba.core import event
 
 from sweeps import interrupts
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import compute_block
+from sweeps.engine.compute import Results, compute_block
 from sweeps.grid import Block
 from sweeps.interrupts import check
 from vibroimpact.jit import ALL_THREADS
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sweeps.engine.cluster import Cluster
 
 T = TypeVar("T")
-Results = dict[str, np.ndarray]
-
 #: How often the main thread looks up [s]: a signal that another thread took does not wake it.
 _WAIT = 0.1
 

@@ -1,26 +1,124 @@
 """Insert points where the class of the motion changes along an axis, to bracket the change.
 
 The interval between two neighbours of different classes is halved, again and again, and the half
-goes on whose ends still differ; both do where the class in the middle is a third one. The
-class beside a bifurcation is found in ``classification.py``. An interval in whose middle it is not
-known is left as it is. Where there are points of no known class between two values, their middle
-may be one of them, which is then followed longer.
+goes on whose ends still differ; both do where the class in the middle is a third one.
+
+The class of a motion that neither rests nor is chaotic is that of the stable periodic orbit it goes
+to (`sweeps.analysis.nearby_orbit`), whatever its record shows. A motion for which there is no such
+orbit is computed again, four times as long, up to ``MOST_EXTENSIONS`` times over. An interval in
+whose middle the class is not known even then is left as it is. Where there are points of no known
+class between two values, their middle may be one of them, which is then computed longer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.class_changes import Label, changes, labels
+from sweeps.analysis.motion import Motion
+from sweeps.analysis.nearby_orbit import nearby_orbit
+from sweeps.analysis.selection import dataset_of, oscillator_of
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.classification import ClassifiedPoint, Classifier, Results
+from sweeps.engine.compute import Results, compute
 from sweeps.store import VARIABLES
+from vibroimpact.oscillator import mesh
 
 #: Intervals that are halved at the same time, at most: a chaotic range has windows everywhere.
 MOST_INTERVALS = 1000
+#: How often a motion that does not show its class is computed again, four times as long.
+MOST_EXTENSIONS = 3
+
+
+@dataclass(frozen=True)
+class ClassifiedPoint:
+    """A value of the swept axis with the class of its motion, None if unknown, and its results."""
+
+    value: float
+    label: Label | None
+    results: Results
+
+    @property
+    def state(self) -> tuple[float, float]:
+        """x and v at the last section."""
+        return float(self.results["poincare_x"][-1]), float(self.results["poincare_v"][-1])
+
+
+class Classifier:
+    """Computes points of a sweep along its only axis, and finds the classes of their motions."""
+
+    def __init__(self, config: SweepConfig, threads: int | None = None) -> None:
+        self._config, self._threads = config, threads
+        (self._axis,) = config.grid.axes
+
+    def compute(
+        self, values: np.ndarray, starts: np.ndarray | None = None
+    ) -> list[ClassifiedPoint]:
+        """Compute points, for as long as it takes to know their classes.
+
+        They start from `starts`, x and v at the section, shape (n, 2); by default at t = 0 as in
+        the sweep.
+        """
+        points = [ClassifiedPoint(float(value), None, {}) for value in values]
+        remaining, record = np.arange(len(values)), self._config.record
+        for extension in range(MOST_EXTENSIONS + 1):
+            if not remaining.size:
+                break
+            from_states = None if starts is None else starts[remaining]
+            transient = 4**extension * (record.transient + record.periods) - record.periods
+            results = self._run(values[remaining], from_states, transient)
+            classified = self.classify(values[remaining], results)
+            for i, point in zip(remaining.tolist(), classified, strict=True):
+                points[i] = point
+            remaining = np.array([i for i in remaining.tolist() if points[i].label is None], int)
+        return points
+
+    def classify(self, values: np.ndarray, results: Results) -> list[ClassifiedPoint]:
+        """Find the class behind each record; of a periodic orbit, record the orbit itself."""
+        rows = [{name: array[i] for name, array in results.items()} for i in range(len(values))]
+        shown = labels(dataset_of(self._config, {self._axis: values}, results))
+        return [
+            self._classify(ClassifiedPoint(float(value), label, row))
+            for value, label, row in zip(values, shown, rows, strict=True)
+        ]
+
+    def _classify(self, point: ClassifiedPoint) -> ClassifiedPoint:
+        """Return a point with the class behind its record, and with the record of its orbit."""
+        shown = point.label
+        if shown is not None and shown.motion is not Motion.PERIODIC:
+            return point
+        record = np.stack([point.results["poincare_x"], point.results["poincare_v"]], axis=1)
+        if not np.isfinite(record).all():
+            return point
+        m = None if shown is None else shown.m
+        oscillator = oscillator_of({**self._config.grid.fixed, self._axis: point.value})
+        orbit = nearby_orbit(oscillator, record, self._config.record.phase, m)
+        if orbit is None:
+            return ClassifiedPoint(point.value, None, point.results)
+        label = Label(Motion.PERIODIC, orbit.m, orbit.q)
+        results = self._run(
+            np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0
+        )
+        # A record may be too short to show m; it shows q only if it is of whole repetitions.
+        results["period"][:], results["period_impacts"][:] = label.m, label.q
+        row = {name: array[0] for name, array in results.items()}
+        return ClassifiedPoint(point.value, label, row)
+
+    def _run(
+        self, values: np.ndarray, starts: np.ndarray | None, transient: int
+    ) -> dict[str, np.ndarray]:
+        """Compute points from states at the section, or by default from the start of the sweep."""
+        record = self._config.record.model_copy(update={"transient": transient})
+        config = self._config.model_copy(update={"record": record})
+        points = mesh({self._axis: values}, self._config.grid.fixed)
+        if starts is not None:
+            points["x0"], points["v0"] = starts.T
+            points["x0"] = np.minimum(points["x0"], points["clearance"])  # as in a followed sweep
+        return compute(config, points, self._threads, at_section=starts is not None)
+
 
 Interval = tuple[ClassifiedPoint, ClassifiedPoint]
 
@@ -28,14 +126,7 @@ Interval = tuple[ClassifiedPoint, ClassifiedPoint]
 class Refinement:
     """The refinement of a sweep whose grid is computed; iterating over it halves the intervals.
 
-    Parameters
-    ----------
-    config : SweepConfig
-        With ``refine``. Where the axis is followed, a new point starts from the neighbour that
-        comes before it.
-    line : Dataset
-        The computed sweep.
-    threads : int, optional
+    Where the axis is followed, a new point starts from the neighbour that comes before it.
 
     Attributes
     ----------

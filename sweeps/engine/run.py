@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import computation, numerics
+from sweeps.engine.compute import Results, computation, numerics
 from sweeps.engine.executors import Local, LocalExecutor, computer_for, in_thread, waited
 from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.reports import plan
@@ -33,7 +33,6 @@ from sweeps.text import printable
 if TYPE_CHECKING:
     from distributed import Client
 
-    from sweeps.engine.classification import Results
     from sweeps.engine.cluster import Cluster
 
 

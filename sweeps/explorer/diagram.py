@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -20,7 +20,7 @@ from bokeh.models import (
 )
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import compute
+from sweeps.engine.compute import Results, compute
 from sweeps.explorer import picture
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explorer.view import View, Window, bounds
@@ -37,8 +37,6 @@ _PAINTED = (
     "const number = cb_obj.data.number[0];"
     "requestAnimationFrame(() => requestAnimationFrame(() => {to.value = number}))"
 )
-
-Results = Mapping[str, np.ndarray]
 
 
 def numbers(config: SweepConfig) -> Results:

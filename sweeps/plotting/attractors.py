@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.distinct_attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
-from sweeps.analysis.longer_runs import EXTENSIONS
 from sweeps.analysis.motion import Motion
 from sweeps.analysis.selection import Cut, chosen_axes, config_of, listed, select, swept_axes
+from sweeps.analysis.settle import EXTENSIONS
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture

@@ -154,7 +154,7 @@ def test_no_other_source_takes_part_in_a_refinement():
     passing_on = {"engine/compute.py", "interrupts.py", "errors.py", "text.py"}
     others = {path.as_posix() for path in used if path.parts[0] not in ("config", "store")}
     assert set(SOURCES) >= others - passing_on
-    assert {"engine/refine.py", "engine/classification.py"} <= others
+    assert {"engine/refine.py", "analysis/nearby_orbit.py"} <= others
 
 
 @pytest.mark.slow

@@ -13,9 +13,8 @@ from oscillators import bifurcation
 from refined_sweeps import CONFIG, flip, found, refined, refined_config
 from sweeps import open_sweep
 from sweeps.analysis.class_changes import cascades, labels, ratio
-from sweeps.engine.classification import Classifier
 from sweeps.engine.compute import compute
-from sweeps.engine.refine import Refinement
+from sweeps.engine.refine import Classifier, Refinement
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator, mesh
 from vibroimpact.trajectory import simulate

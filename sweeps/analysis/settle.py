@@ -1,4 +1,4 @@
-"""Follow motions whose record does not show their attractor, until it is known.
+"""Follow motions whose record does not show their attractor until they settle.
 
 A motion is followed on if it has not settled in its record: it neither repeats nor rests twice.
 Each extension makes the motion four times as long, from the last section on and with the method of
@@ -31,7 +31,7 @@ import xarray as xr
 from sweeps.analysis.grouping import PointNumbers, parameter_at_points
 from sweeps.analysis.motion import Motion, classify, kinds
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.selection import config_of, oscillator_of
 from vibroimpact import integrate
 from vibroimpact.oscillator import POINT, Oscillator
 from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
@@ -211,9 +211,7 @@ class _Extension:
         if class_and_cycle is None:
             if failures[parameter] >= _MOST_FAILURES:
                 return
-            state = self._states[i]
-            values = {field.name: float(state[field.name]) for field in fields(Oscillator)}
-            orbit = nearby_orbit(Oscillator(**values), record, self._config.record.phase)
+            orbit = nearby_orbit(oscillator_of(self._states[i]), record, self._config.record.phase)
             if orbit is None:
                 failures[parameter] += 1
                 return
