@@ -162,10 +162,15 @@ def describe(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
     """
     if not bifurcations:
         return f"the class of the motion does not change along {axis}"
-    lines = [_row(axis, item) for item in bifurcations]
-    if len(lines) > _MOST_ROWS and bifurcations[0].at:
+    if is_summary(bifurcations):
         return _summary(axis, bifurcations)
+    lines = [_row(axis, item) for item in bifurcations]
     return "\n".join([table(lines), *_cascades(axis, bifurcations)])
+
+
+def is_summary(bifurcations: Sequence[Bifurcation]) -> bool:
+    """Whether there are too many of them to be described one by one."""
+    return len(bifurcations) > _MOST_ROWS and bool(bifurcations[0].at)
 
 
 def _row(axis: str, item: Bifurcation) -> list[str]:
@@ -207,11 +212,7 @@ def _summary(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
     lines = [table([head, *rows])]
     if len(ordered) > _MOST_ROWS:
         lines.append(f"and {len(ordered) - _MOST_ROWS:,} rarer pairs of classes")
-    name, value = next(iter(bifurcations[0].at.items()))
-    lines.append(
-        f"{len(bifurcations):,} changes along {axis}; one by one: --at {name}={_shown(value)}, "
-        "or --csv FILE"
-    )
+    lines.append(f"{len(bifurcations):,} changes along {axis}")
     return "\n".join(lines)
 
 

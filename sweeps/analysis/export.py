@@ -28,10 +28,12 @@ def check_table(path: Path) -> None:
         If its ending is not one of ``ENDINGS``, no file can be there, or a package is missing.
     """
     if path.suffix not in ENDINGS:
-        raise Refused(f"-o {path} is not allowed; expected: a .csv or .parquet file")
+        raise Refused(f"the table {path} is not allowed; expected: a .csv or .parquet file")
     check_target(path, "table")
     if path.suffix == ".parquet" and not find_spec("pyarrow"):
-        raise Refused(f"-o {path} needs the package pyarrow; install it, or write a .csv file")
+        raise Refused(
+            f"the table {path} needs the package pyarrow; install it, or write a .csv file"
+        )
 
 
 def write_points(dataset: xr.Dataset, path: Path) -> int:

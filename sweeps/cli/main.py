@@ -20,6 +20,7 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
+from sweeps.cli.options import in_options
 from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, raised_at_once
@@ -37,9 +38,9 @@ class _Commands(TyperGroup):
         except (Cancelled, KeyboardInterrupt):  # the second where another program handles signals
             error, code = "interrupted", 1
         except Failed as failure:
-            error, code = str(failure), 1
+            error, code = in_options(str(failure)), 1
         except Refused as refusal:
-            error, code = str(refusal), 2
+            error, code = in_options(str(refusal)), 2
         say(f"vibroimpact: error: {error}", error=True)
         raise typer.Exit(code)
 

@@ -131,13 +131,20 @@ def cuts_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     return cuts
 
 
+def in_options(text: str) -> str:
+    """Write the arguments that a message speaks of as the options of the commands."""
+    text = re.sub(r"\b(overwrite|resume)=True", r"--\1", text)
+    text = re.sub(r"\b(below|coordinate)=\[?'(\w+)'\]?", r"--\1 \2", text)
+    return text.replace("another output", "-o another file").replace("an output", "-o a file")
+
+
 @contextmanager
-def named(file: Path) -> Iterator[None]:
-    """Name the file in a refusal of the block, which knows its data only."""
+def named(source: object) -> Iterator[None]:
+    """Name the file or the option that a refusal of the block is about."""
     try:
         yield
     except Refused as error:
-        raise Refused(f"{file}: {error}") from error
+        raise Refused(f"{source}: {error}") from error
 
 
 def say_moved(requested: Cut, cut: Cut, verb: str) -> None:

@@ -102,7 +102,12 @@ def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Pa
 
     along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
     say_moved(cuts, on_grid(dataset, cuts), "listed")
-    say(bifurcations.describe(along, items))
+    text = bifurcations.describe(along, items)
+    if bifurcations.is_summary(items):
+        name, value = next(iter(items[0].at.items()))
+        shown = value if isinstance(value, str) else f"{value:.6g}"
+        text += f"; one by one: --at {name}={shown}, or --csv FILE"
+    say(text)
     if text := tables.describe(dataset, along, cuts):
         say(text)
     if csv is not None:

@@ -19,6 +19,7 @@ from sweeps.cli.options import (
     Threads,
     check_threads,
     existing_output,
+    named,
     targets,
 )
 from sweeps.cli.terminal import say
@@ -117,7 +118,8 @@ def _check_cluster(address: str | None, threads: int | None) -> None:
         return
     from sweeps.engine.client import check_address
 
-    check_address(address)
+    with named(f"--dask {address}"):
+        check_address(address)
     if threads is not None:
         raise Refused(
             f"--threads {threads} is not allowed with --dask, whose workers use the threads that "

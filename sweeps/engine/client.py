@@ -36,8 +36,8 @@ def check_address(address: str) -> None:
         number = address.removeprefix("local:")
         if not (number.isascii() and number.isdecimal() and 1 <= int(number) <= cores):
             raise Refused(
-                f"--dask {address} is not allowed; expected: local:N with an integer N from 1 to "
-                f"{cores}"
+                f"the address {address} is not allowed; expected: local:N with an integer N from "
+                f"1 to {cores}"
             )
         return
     match = _SCHEDULER.fullmatch(address)
@@ -45,7 +45,7 @@ def check_address(address: str) -> None:
         meant = (
             f"; did you mean tcp://{address}?" if _SCHEDULER.fullmatch("tcp://" + address) else ""
         )
-        raise Refused(f"--dask {address} is not allowed; expected: {_ALLOWED}{meant}")
+        raise Refused(f"the address {address!r} is not allowed; expected: {_ALLOWED}{meant}")
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def connected(address: str) -> Iterator[Client]:
         import distributed
     except ImportError:
         raise Refused(
-            "--dask needs Dask, which is not installed; install it with pip install "
+            "a cluster needs Dask, which is not installed; install it with pip install "
             "'vibroimpact[distributed]', or in a clone pip install '.[distributed]'"
         ) from None
     with _quiet():
@@ -165,7 +165,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
         security = Security.temporary()
     except ImportError:
         raise Refused(
-            "--dask local:N makes a certificate with the package cryptography, which is not "
+            "local:N makes a certificate with the package cryptography, which is not "
             "installed; install it with pip install 'vibroimpact[distributed]'"
         ) from None
     settings = {

@@ -157,7 +157,7 @@ class Cluster:
                 raise
             raise Failed(
                 f"the scheduler {self._address} was lost, or dropped the work (the run can go on "
-                "with another one, or without --dask)"
+                "with another one, or without a cluster)"
             ) from error
 
     def _refuse_others(self) -> None:

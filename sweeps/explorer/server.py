@@ -126,7 +126,7 @@ class Explorer:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise Refused(
-                f"--port {port} cannot be used ({reason}); expected: a free port, or none for any"
+                f"the port {port} cannot be used ({reason}); expected: a free port, or none for any"
             ) from None
         self._socket.setblocking(False)
         self._port, self.pages = self._socket.getsockname()[1], list[Page]()

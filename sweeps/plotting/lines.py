@@ -39,7 +39,7 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
     if coordinate not in dataset:
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
     if coordinate in scalars(dataset):
-        choice += f"; --below {coordinate} draws it in a panel below the diagram"
+        choice += f"; below={[coordinate]} draws it in a panel below the diagram"
     raise Refused(f"{coordinate} is no coordinate of the motion; {choice}")
 
 
@@ -58,7 +58,7 @@ def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
     if has_result(status).any():
         raise Refused(
             f"there is nothing to draw: no impact was recorded, so no point has {coordinate}; "
-            "--coordinate poincare_x shows the motion"
+            "coordinate='poincare_x' shows the motion"
         )
     reasons = [
         f"{Status(outcome).meaning} ({count:,})"

@@ -66,7 +66,7 @@ def check_picture(output: Path, data: str | Path = "") -> None:
         or matplotlib cannot draw with the settings of the user.
     """
     if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
-        raise Refused(f"the picture {output} would replace the data; give -o another file")
+        raise Refused(f"the picture {output} would replace the data; give another output")
     if output.suffix.lower().lstrip(".") not in FORMATS:
         raise Refused(f"{output} must end in one of {listed('.' + f for f in FORMATS)}")
     check_target(output, "picture")

@@ -163,7 +163,7 @@ def check_file(path: Path, *, verify: bool = True) -> None:
     if not rows or _REST in damaged:
         raise StoreError(
             f"{path} is damaged outside its results, truncated, or changed by another program: "
-            "what is in it cannot be trusted; run its configuration again with --overwrite"
+            "what is in it cannot be trusted; run its configuration again with overwrite=True"
         )
     if damaged:
         raise StoreError(

@@ -150,11 +150,13 @@ def check_output(
     for file, found in existing.items():
         if not (overwrite or resume):
             raise StoreError(
-                f"{file} exists; give --resume to go on with it, --overwrite to replace it, or "
-                "-o for another file"
+                f"{file} exists; give resume=True to go on with it, overwrite=True to replace it, "
+                "or another output"
             )
         if found not in (Content.NOTHING, *ours[file]):
-            raise StoreError(f"{file} is {found.value} and will not be replaced; give -o another")
+            raise StoreError(
+                f"{file} is {found.value} and will not be replaced; give another output"
+            )
     if resume and existing:  # the journal has a part of the room, and a complete file all of it
         size = size - journal.stat().st_size if journal in existing else 0
     free = shutil.disk_usage(journal.parent).free
@@ -162,7 +164,7 @@ def check_output(
         also = ", delete the old file first" if existing else ""
         raise StoreError(
             f"the sweep takes about {shown_bytes(size)} while it is written, and the disk of "
-            f"{path} has only {shown_bytes(free)} left; record less{also}, or give -o a file "
+            f"{path} has only {shown_bytes(free)} left; record less{also}, or give an output "
             "elsewhere"
         )
 
@@ -189,7 +191,7 @@ def only_writer(path: Path) -> Iterator[None]:
         holder = number[0].decode() if number else "of an unknown number"
         raise StoreError(
             f"{path} is being written by process {holder}; wait for it, stop it with Ctrl-C or "
-            "kill, or give -o another file"
+            "kill, or give another output"
         ) from None
     except FileNotFoundError:
         raise StoreError(
@@ -220,6 +222,6 @@ def _lock_text(name: Path) -> bytes:
     if not _LOCK_TEXT.fullmatch(text):
         raise StoreError(
             f"{name} is needed as a lock, and there is something else of that name; move it, or "
-            "give -o another file"
+            "give another output"
         )
     return text

@@ -220,8 +220,8 @@ def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
         differing.append("the axes have other values or another order")
     if differing:
         raise StoreError(
-            f"{path} cannot be resumed: {'; '.join(differing)}; give --overwrite to replace "
-            "it, or -o for another file"
+            f"{path} cannot be resumed: {'; '.join(differing)}; give overwrite=True to "
+            "replace it, or another output"
         )
 
 

@@ -93,6 +93,7 @@ def test_a_file_that_is_not_a_sweep(command):
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
         (["-o", "link.png"], ["link.png", "replace the data"]),
         (["-o", "folder/../small.h5"], ["small.h5", "replace the data"]),
+        (["--coordinate", "impulse"], ["poincare_x", "; --below impulse draws it in a panel"]),
         (["--axis", "h"], ["h is not a swept axis", "omega"]),
         (["--coordinate", "poincare_y"], ["poincare_y", "poincare_x"]),
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),

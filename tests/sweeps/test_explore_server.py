@@ -168,7 +168,7 @@ def test_a_notebook_shows_the_page_itself(explorer):
 
 def test_a_port_in_use_is_refused(explorer):
     port = urlsplit(explorer.address).port
-    with pytest.raises(Refused, match=f"--port {port} cannot be used .*in use"):
+    with pytest.raises(Refused, match=f"the port {port} cannot be used .*in use"):
         sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)
 
 

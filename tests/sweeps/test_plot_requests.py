@@ -31,7 +31,7 @@ def test_the_data_are_never_replaced(random_sweep, tmp_path, link):
     else:
         (tmp_path / "folder").mkdir()
         picture = tmp_path / "folder" / ".." / "0.h5"
-    with pytest.raises(Refused, match="would replace the data; give -o another file"):
+    with pytest.raises(Refused, match="would replace the data; give another output"):
         plot(dataset, picture)
     assert data.read_bytes() == before
 
@@ -146,7 +146,7 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         (
             {"coordinate": "max_penetration"},
             "max_penetration is no coordinate of the motion; choose from: poincare_x, poincare_v, "
-            "poincare_height; --below max_penetration draws it",
+            "poincare_height; below=\\['max_penetration'\\] draws it",
         ),
         (
             {"below": ("status",)},

@@ -41,7 +41,7 @@ def test_an_existing_sweep_is_kept_unless_told(blocks):
     fill_blocks("out.h5", blocks)
     (name,) = (path.name for path in Path().iterdir() if path.name.startswith("out"))
     before = Path(name).read_bytes()
-    message = rf"{name} exists; give --resume to go on with it, --overwrite to replace it, or -o"
+    message = rf"{name} exists; give resume=True to go on with it, overwrite=True to replace"
     with pytest.raises(StoreError, match=message), sweep_writer("out.h5", schema()):
         pass
     assert Path(name).read_bytes() == before
