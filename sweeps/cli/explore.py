@@ -83,7 +83,7 @@ def _left_out(config: SweepConfig) -> list[str]:
 def _redirection(address: str, private: Path) -> str:
     """Write a page that leads to an address; return its own address.
 
-    Every user of the machine sees the arguments of a browser, and must not see the signed address.
+    Every user of the machine sees the arguments of a browser, and must not see that one.
     """
     from html import escape
 

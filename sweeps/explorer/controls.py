@@ -97,7 +97,7 @@ class Controls:
         """Return the symbol, the field and the slider of a parameter."""
         parameter, value = PARAMETERS[name], view.values[name]
         tip = f"{parameter.meaning}: {parameter.allowed}"
-        low, high = window_around(name, value)
+        low, high = window_around(name, view.values)
         field = NumericInput(mode="float", name=name, width=74, height=24, margin=(0, 2, 0, 0))
         field.update(stylesheets=[_COMPACT], format=PrintfTickFormatter(format="%.7g"))
         slider = Slider(
@@ -132,7 +132,7 @@ class Controls:
         for name, value in view.values.items():
             slider = self.sliders[name]
             if not slider.start <= value <= slider.end:
-                low, high = window_around(name, value)
+                low, high = window_around(name, view.values)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
             slider.value = self.fields[name].value = value
         for name in _RECORD:

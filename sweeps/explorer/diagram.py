@@ -24,11 +24,15 @@ from sweeps.engine.compute import Results, compute
 from sweeps.explorer import picture
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explorer.view import View, Window, bounds
+from sweeps.explorer.words import axis_label
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import STATUS_COLOURS, VERMILION
 
 #: The coarse picture has so many times fewer columns.
 COARSER = 4
+#: The window of the ordinate before the first picture, which nobody else asks for. The browser goes
+#: back to it where the first zoom is undone, and then it stands for one that holds all points.
+UNSEEN = (-0.123456789, 0.123456789)
 #: A canvas has no fewer columns and rows, and no more are computed.
 _LEAST, _MOST = 16, 4096
 
@@ -89,7 +93,7 @@ class Diagram(PixelFigure):
         #: The last picture that was computed.
         self.kept: Shown | None = None
         #: The window of the ordinate that holds all points, as it was set last.
-        self.fitted: Window = (0.0, 1.0)
+        self.fitted: Window = UNSEEN
         #: The ordinate of the view and its window, None for that of the points.
         self._ordinate: tuple[str, Window | None] = ("", None)
         #: Columns and rows of the canvas; 0 as long as the browser has not said.
@@ -127,9 +131,10 @@ class Diagram(PixelFigure):
         """Set the window, the labels and the mark."""
         self._ordinate = view.ordinate, view.ylim
         allowed = bounds(view.axis, view.values)
-        self.set_axis("x", view.axis, view.xlim, view.axis in view.log, allowed)
+        x, y = (axis_label(name, view.units) for name in (view.axis, view.ordinate))
+        self.set_axis("x", x, view.xlim, view.axis in view.log, allowed)
         ylim = self.fitted if view.ylim is None else view.ylim
-        self.set_axis("y", view.ordinate, ylim, log=False, allowed=None)
+        self.set_axis("y", y, ylim, log=False, allowed=None)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def steps(self, view: View) -> list[Step]:

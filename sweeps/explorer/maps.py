@@ -17,7 +17,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.diagram import numbers
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
 from sweeps.explorer.view import BASINS, View, bounds
-from sweeps.explorer.words import plain
+from sweeps.explorer.words import axis_label, plain
 from sweeps.explorer.worker import Step
 
 #: Columns and rows of the pictures, from coarse to fine.
@@ -96,7 +96,8 @@ class Map(PixelFigure):
     def show(self, view: View) -> None:
         """Set the axes."""
         for side, (name, window) in zip("xy", view.plane(self._tab), strict=True):
-            self.set_axis(side, name, window, name in view.log, bounds(name, view.values))
+            text = axis_label(name, view.units)
+            self.set_axis(side, text, window, name in view.log, bounds(name, view.values))
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view from coarse to fine."""

@@ -104,26 +104,29 @@ class MotionPanel:
             Span(dimension=way, location=0.0, line_dash="dashed", line_color="black")
             for way in ("width", "height")
         ]
-        panels = []
+        self._panels = []
         for (x, y), stop in zip((("t", "x"), ("x", "v")), self._stops, strict=True):
             panel = figure(
                 tools="pan,wheel_zoom,box_zoom,reset,save", height=180, min_height=120,
                 sizing_mode="stretch_width", toolbar_location=None,
-                x_axis_label=axis_label(f"trajectory_{x}").replace("time t", "time t − t₀"),
-                y_axis_label=axis_label(f"trajectory_{y}"), name=f"{y} over {x}",
+                name=f"{y} over {x}",
             )  # fmt: skip
             panel.line(x, y, source=self.line, color=BLUE, line_width=1.2)
             panel.scatter(x, y, source=self.impacts, color=ORANGE, size=5)
             panel.add_layout(stop)
-            panels.append(panel)
+            self._panels.append(panel)
         self.layout = column(
-            self.text, row(*panels, sizing_mode="stretch_width"), visible=False,
+            self.text, row(*self._panels, sizing_mode="stretch_width"), visible=False,
             sizing_mode="stretch_width", name="motion panel",
         )  # fmt: skip
 
     def show(self, view: View) -> None:
-        """Show the panel if a point is marked."""
+        """Show the panel if a point is marked, with the units of the view."""
         self.layout.visible = view.marked
+        t, x, v = (axis_label(f"trajectory_{name}", view.units) for name in "txv")
+        t = t.replace("time t", "time t − t₀")
+        for panel, names in zip(self._panels, ((t, x), (x, v)), strict=True):
+            panel.xaxis.axis_label, panel.yaxis.axis_label = names
 
     def steps(self, view: View) -> list[Step]:
         """Return the step that computes the motion, if a point is marked."""

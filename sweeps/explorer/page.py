@@ -19,7 +19,7 @@ from sweeps.engine.plan import check_memory
 from sweeps.errors import ConfigError, StoreError, SweepError
 from sweeps.explorer.branches import Branches
 from sweeps.explorer.controls import Controls, meaning
-from sweeps.explorer.diagram import Diagram, Shown
+from sweeps.explorer.diagram import UNSEEN, Diagram, Shown
 from sweeps.explorer.maps import Map
 from sweeps.explorer.motion import MotionPanel
 from sweeps.explorer.saving import write_yaml
@@ -31,6 +31,8 @@ _ENDED = (
     "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
     "it is. Start it again in a terminal."
 )
+#: The name in the address of what lets a browser in.
+SECRET = "token"
 #: Time in which the four ends of a window arrive [ms].
 _GATHER = 8
 
@@ -111,8 +113,8 @@ class Page:
         self._address.on_change("value", self._address_read)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
         write = (
-            "const id = new URLSearchParams(location.search).get('bokeh-session-id');"
-            "history.replaceState(null, '', '?' + from.title + '&bokeh-session-id=' + id)"
+            f"const secret = new URLSearchParams(location.search).get('{SECRET}');"
+            f"history.replaceState(null, '', '?' + from.title + '&{SECRET}=' + secret)"
         )
         document.js_on_event(DocumentReady, read)
         self._address.js_on_change("title", CustomJS(args={"from": self._address}, code=write))
@@ -191,7 +193,7 @@ class Page:
     def _as_zoomed(self, view: View) -> View:
         """Return a view with the window that the figure has."""
         xlim, ylim = self.diagram.windows
-        fits = view.ylim is None and ylim == self.diagram.fitted
+        fits = ylim == UNSEEN or (view.ylim is None and ylim == self.diagram.fitted)
         (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
         view = replace(view, xlim=xlim, ylim=None if fits else ylim)
         return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
@@ -201,7 +203,11 @@ class Page:
         home = self.home
         if view.tab == BASINS:
             return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
-        xlim = home.xlim if view.axis == home.axis else view.around(view.axis)
+        xlim = (
+            home.xlim
+            if view.axis == home.axis
+            else view.around(view.axis, (view.across, view.maplim))
+        )
         if view.tab == DIAGRAM:
             return replace(view, xlim=xlim, ylim=None)
         unchanged = (view.axis, view.across) == (home.axis, home.across)

@@ -20,7 +20,6 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from sweeps.explorer.view import Window
-from sweeps.explorer.words import axis_label
 from sweeps.plotting.lines import cell_edges
 
 _CLEAR = "#00000000"
@@ -54,10 +53,10 @@ class PixelFigure:
         x, y = self.figure.x_range, self.figure.y_range
         return (x.start, x.end), (y.start, y.end)
 
-    def set_axis(self, side: str, name: str, window: Window, log: bool, allowed: Any) -> None:
+    def set_axis(self, side: str, label: str, window: Window, log: bool, allowed: Any) -> None:
         """Set the label, the window, the scale, and what the window may hold, of axis x or y."""
         axis = getattr(self.figure, f"{side}axis")
-        axis.axis_label = axis_label(name)
+        axis.axis_label = label
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())

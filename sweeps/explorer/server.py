@@ -1,4 +1,4 @@
-"""The server of the page: on this machine alone, for whoever has the signed address."""
+"""The server of the page: on this machine alone, for whoever has the address with its secret."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bokeh.resources import Resources
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.views.static_handler import StaticHandler
-from bokeh.util.token import check_token_signature, generate_session_id
+from bokeh.util.token import check_token_signature
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop
@@ -29,7 +29,7 @@ from tornado.web import ErrorHandler, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.explorer.page import Page
+from sweeps.explorer.page import SECRET, Page
 from sweeps.explorer.view import View
 
 HOST = "127.0.0.1"
@@ -66,7 +66,11 @@ class _Policy(OutputTransform):
 
 
 class _Application(BokehTornado):
-    """The pages, for requests to this machine from its own pages alone."""
+    """The pages, for who has the address, and for requests of these pages to this machine."""
+
+    def __init__(self, *arguments: Any, secret: str, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._secret = secret
 
     def resources(self, absolute_url: str | bool | None = None) -> Resources:
         """Return the scripts that a page needs, from here whatever Bokeh is set to."""
@@ -81,12 +85,17 @@ class _Application(BokehTornado):
         return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
 
     def _is_own(self, request: HTTPServerRequest) -> bool:
-        """Whether a request is to this machine, from no other page, and has no false token."""
+        """Whether a request is to this machine, from no other page, and has the right secret."""
         own = f"http://{request.host}"
         if request.host_name not in _OWN_NAMES or request.headers.get("Origin", own) != own:
             return False
+        if request.path.startswith("/static/"):
+            return True
+        if request.path == "/":
+            (secret, *others) = request.query_arguments.get(SECRET, [b""])
+            return not others and secrets.compare_digest(secret, self._secret.encode())
         if request.path != "/ws":
-            return "bokeh-token" not in request.arguments  # the pages send none there
+            return False  # nothing else is of use for a page
         token = request.headers.get("Sec-WebSocket-Protocol", "").rpartition(",")[2].strip()
         try:
             return check_token_signature(token, self.secret_key, signed=True)
@@ -108,7 +117,7 @@ class Explorer:
     Attributes
     ----------
     address : str
-        Of the page, with the signed session.
+        Of the page, with a secret. Every time that it is opened it shows a page of its own.
     pages : list of Page
         Those that were opened.
 
@@ -130,18 +139,13 @@ class Explorer:
             ) from None
         self._socket.setblocking(False)
         self._port, self.pages = self._socket.getsockname()[1], list[Page]()
-        self._key = secrets.token_bytes(32)
-        self.address = self.new_address()
+        self._secret = secrets.token_urlsafe(32)
+        self.address = f"http://{HOST}:{self._port}/?{SECRET}={self._secret}"
         self._loop: IOLoop | None = None
         started = threading.Event()
         self._thread = threading.Thread(target=self._serve, args=(started,), daemon=True)
         self._thread.start()
         started.wait()
-
-    def new_address(self) -> str:
-        """Return an address with a session of its own: windows of one session show the same."""
-        session = generate_session_id(self._key, signed=True)
-        return f"http://{HOST}:{self._port}/?bokeh-session-id={session}"
 
     def _serve(self, started: threading.Event) -> None:
         """Run the server until its loop is stopped."""
@@ -153,9 +157,9 @@ class Explorer:
             self._open,
             transforms=[partial(_Policy, hosts)],
             extra_websocket_origins=hosts,
-            secret_key=self._key,
+            secret=self._secret,
+            secret_key=secrets.token_bytes(32),
             sign_sessions=True,
-            generate_session_ids=False,
             session_token_expiration=_FOREVER,
             unused_session_lifetime_milliseconds=5000,
             check_unused_sessions_milliseconds=2000,

@@ -30,13 +30,31 @@ _NAMES = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
 
 
-def window_around(name: str, value: float) -> Window:
-    """Return values of a parameter to look at, `value` among them."""
-    low, high = 0.5 * value, 2.0 * value
+def window_around(name: str, values: Mapping[str, float]) -> Window:
+    """Return values of a parameter to look at, that of the point `values` among them."""
+    value, (length, rate) = values[name], _scales(values)
+    if name in ("omega", "p"):
+        return 0.5 * value, 2.0 * value
     if PARAMETERS[name].low == 0.0:
-        low, high = (low, high) if name in ("omega", "p") else (0.0, max(0.5, high))
-        return low, min(high, PARAMETERS[name].high)
-    return value - max(2.0, abs(value)), value + max(2.0, abs(value))
+        least = {"h": 0.5 * rate, "f": 0.5 * length * rate * rate}.get(name, 0.5)
+        return 0.0, min(max(least, 2.0 * value), PARAMETERS[name].high)
+    if name == "x0":
+        return min(value, values["clearance"] - 3.0 * length), values["clearance"]
+    around = max(abs(value), 2.0 * length * (rate if name == "v0" else 1.0))
+    low = max(value - around, values["x0"]) if name == "clearance" else value - around
+    return low, value + around
+
+
+def _scales(values: Mapping[str, float]) -> tuple[float, float]:
+    """Return a length and a rate that motions at a point have.
+
+    The rate is p or, where the force is much faster, of the order of omega. The length is the
+    deflection by the force at that rate, or the clearance where it is larger or the force is 0.
+    """
+    rate = max(values["p"], values["omega"] / math.sqrt(6.0))
+    deflection, clearance = values["f"] / (rate * rate), abs(values["clearance"])
+    near = clearance < 10.0 * deflection or not deflection
+    return (max(deflection, clearance) if near else deflection) or 1.0, rate
 
 
 def log_window_around(name: str, value: float) -> Window:
@@ -61,6 +79,8 @@ class View:
         The abscissa, and the ordinate of the map.
     xlim, maplim, x0lim, v0lim : (float, float)
         The windows along these and over the starts.
+    units : mapping of str to str
+        Names of the units of length and time.
     ordinate : str
         One of ``COORDINATES``.
     ylim : (float, float) or None
@@ -82,7 +102,8 @@ class View:
     xlim: Window
     maplim: Window
     x0lim: Window
-    v0lim: Window = (-2.0, 2.0)
+    v0lim: Window
+    units: Mapping[str, str]
     ordinate: str = "poincare_x"
     ylim: Window | None = None
     marked: bool = False
@@ -104,9 +125,7 @@ class View:
         def window(name: str) -> Window:
             """Return what an axis covers, or what to look at where there is none."""
             low, high = min(extremes(entries[name])), max(extremes(entries[name]))
-            if name == "x0" and sizes[name] == 1:
-                return values["clearance"] - 3.0, values["clearance"]
-            return (low, high) if low < high else window_around(name, low)
+            return (low, high) if low < high else window_around(name, values)
 
         method: dict[str, Any] = {
             "integrator": config.method.integrator,
@@ -126,6 +145,7 @@ class View:
             window(across),
             window("x0"),
             window("v0"),
+            dict(config.units),
             log=tuple(
                 name
                 for name, value in entries.items()
@@ -144,19 +164,23 @@ class View:
         if name == self.across:
             view = replace(self, xlim=self.maplim, across=self.axis, maplim=self.xlim)
         else:
-            view = replace(self, xlim=self.around(name))
+            view = replace(self, xlim=self.around(name, (self.across, self.maplim)))
         return replace(view, axis=name, ylim=None)
 
     def with_across(self, name: str) -> Self:
         """Return this view with another ordinate of the map."""
         if name == self.axis:
             return self.with_axis(self.across)
-        return replace(self, across=name, maplim=self.around(name))
+        window = self.around(name, (self.axis, self.xlim))
+        return replace(self, across=name, maplim=window)
 
-    def around(self, name: str) -> Window:
-        """Return values of a parameter to look at, that of the view among them."""
-        window = log_window_around if name in self.log else window_around
-        return window(name, self.values[name])
+    def around(self, name: str, other: tuple[str, Window]) -> Window:
+        """Return values of a parameter to look at, beside the other axis of the map."""
+        if name in self.log:
+            return log_window_around(name, self.values[name])
+        axis, (low, high) = other  # every start is to be before every stop
+        ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
+        return window_around(name, {**self.values, **ends})
 
     def diagram(self, columns: int) -> SweepConfig:
         """Return the sweep of the diagram, with so many values of the axis."""
@@ -197,6 +221,7 @@ class View:
             "start": entries,
             "method": dict(self.method),
             "record": {**self.record, "diagnostics": diagnostics},
+            "units": dict(self.units),
         }
         return load_config(data)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from sweeps.plotting.labels import as_variable, label
 
 #: The page has no formulas: they would need a typesetter of a megabyte.
@@ -24,6 +26,6 @@ def symbol(name: str) -> str:
     return plain(as_variable(name).attrs["symbol"])
 
 
-def axis_label(name: str) -> str:
+def axis_label(name: str, units: Mapping[str, str]) -> str:
     """Return the meaning, the symbol and the unit of a parameter or of a variable of the file."""
-    return plain(label(as_variable(name)))
+    return plain(label(as_variable(name, units)))

@@ -48,7 +48,7 @@ class Window:
         From `chromium`.
     explorer : Explorer
     address : str, optional
-        By default one with a session of its own.
+        By default that of the explorer.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Window:
         self.tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.tab.goto(address or explorer.new_address())
+        self.tab.goto(address or explorer.address)
         self.page: Page = explorer.pages[-1]
         self.settle(lambda: self.page.shown is not None)
 

@@ -20,6 +20,7 @@ from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.motion import motion_at
 from sweeps.explorer.page import Page
 from sweeps.explorer.view import MAP, View
+from sweeps.explorer.words import axis_label
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
 from vibroimpact.orbits.one_impact import one_impact_orbit
@@ -74,6 +75,24 @@ def test_the_motion_at_a_stop_that_presses(view):
 def test_every_scene_can_be_looked_at():
     for path in sorted(CONFIGS.glob("*.yaml")):
         View.of(load_config(path)).check()
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_parameter_can_be_an_axis_of_every_scene(path):
+    view = View.of(load_config(path))
+    for name in PARAMETERS:
+        view.with_axis(name).check()
+        if name != view.axis:
+            replace(view.with_across(name), tab=MAP).check()
+
+
+def test_the_windows_are_of_the_size_of_the_motion():
+    """The gap is half a millimetre, and the deflection by the force one; p is 126 per second."""
+    view = View.of(load_config(CONFIGS / "joint-clearance.yaml"))
+    assert view.x0lim[0] == pytest.approx(0.0005 - 0.003) and view.x0lim[1] == 0.0005
+    assert view.v0lim == pytest.approx((-0.253, 0.253), abs=1e-3)
+    assert view.with_axis("clearance").xlim == pytest.approx((0.0, 0.0025))
+    assert "[m]" in axis_label("poincare_x", view.units)
 
 
 @pytest.mark.parametrize("axis", PARAMETERS)

@@ -73,18 +73,19 @@ def answer(address, path, **headers):
     return status, text
 
 
-def test_only_the_signed_address_and_this_host_are_served(explorer):
+def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
     parts = urlsplit(explorer.address)
-    signed = f"/?{parts.query}"
-    status, text = answer(explorer.address, signed)
+    path = f"/?{parts.query}"
+    status, text = answer(explorer.address, path)
     assert status == 200
     assert "cdn" not in text.lower() and "http://" not in text and "https://" not in text
     assert answer(explorer.address, "/")[0] == 403
-    assert answer(explorer.address, signed[:-5] + "aaaaa")[0] == 403
+    for other in (path[:-5] + "aaaaa", path + "&token=x", "/?token=", "/?bokeh-session-id=x"):
+        assert answer(explorer.address, other)[0] == 403
     for host in ("evil.example", f"evil.example:{parts.port}", "127.0.0.1.evil.example"):
-        assert answer(explorer.address, signed, Host=host)[0] == 403
+        assert answer(explorer.address, path, Host=host)[0] == 403
         assert answer(explorer.address, "/static/js/bokeh.min.js", Host=host)[0] == 403
-    assert answer(explorer.address, signed, Host=f"localhost:{parts.port}")[0] == 200
+    assert answer(explorer.address, path, Host=f"localhost:{parts.port}")[0] == 200
     sockets = psutil.Process().net_connections("tcp")
     bound = {s.laddr.ip for s in sockets if s.status == "LISTEN" and s.laddr.port == parts.port}
     assert bound == {"127.0.0.1"}
