@@ -91,10 +91,11 @@ def end_period(block, k, row, step):
 
 
 @jit(inline=True)
-def run_block(block, job, exactly):
+def run_block(block, job, exactly, plain):
     """Run a block of at most ``LANES`` points from its start to the end of the record.
 
-    `exactly` says whether the rule is ``exact``. It is a literal, so that only one is compiled.
+    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so that
+    only the loop of the rule is compiled.
     """
     workspace, points, _ = block
     lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.stepping
@@ -115,23 +116,23 @@ def run_block(block, job, exactly):
         else:
             if k <= -transient:
                 time_stepping.set_maps(lanes, points, method[1], steps)
-            time_stepping.advance(block, method, steps, k >= 0)
+            time_stepping.advance(block, method, plain, steps, k >= 0)
         if k >= -transient:
             end_period(block, k, ROW if exactly else 0, steps.step)
     if exactly and job.lyapunov:
         exact.sum_up_tangents(block)
-    if not exactly and method[0] == PLAIN:
+    if plain:
         time_stepping.sum_up_plain(block)
 
 
 @jit(inline=True)
-def take_blocks(job, exactly):
+def take_blocks(job, exactly, plain):
     """Run block after block, as long as there are any that no thread has taken yet."""
     workspace = new_workspace(EXACT_COLUMNS if exactly else CHORD_COLUMNS)
     lo = job.lanes * claim(job.claimed)
     while lo < job.points.size:  # ends: the counter only rises
         points, record = job.points[lo : lo + job.lanes], rows_of(job.record, lo, lo + job.lanes)
-        run_block(Block(workspace, points, record), job, exactly)
+        run_block(Block(workspace, points, record), job, exactly, plain)
         close_records(record, is_set(job.interrupt))
         lo = job.lanes * claim(job.claimed)
 
@@ -139,16 +140,23 @@ def take_blocks(job, exactly):
 @jit
 def take_exact(job):
     """Run blocks with the rule ``exact``: the work of one thread."""
-    take_blocks(job, True)
+    take_blocks(job, True, False)
 
 
 @jit
-def take_stepped(job):
-    """Run blocks with the other rules: the work of one thread."""
-    take_blocks(job, False)
+def take_plain(job):
+    """Run blocks with the rule ``plain``: the work of one thread."""
+    take_blocks(job, False, True)
+
+
+@jit
+def take_shortened(job):
+    """Run blocks with the rules ``reduced-step`` and ``cubic``: the work of one thread."""
+    take_blocks(job, False, False)
 
 
 def run_blocks(threads: int, job: KernelJob) -> None:
     """Run every point on so many threads."""
-    work = compiled(take_exact if job.stepping.method[0] == EXACT else take_stepped, job)
+    loops = {PLAIN: take_plain, EXACT: take_exact}
+    work = compiled(loops.get(job.stepping.method[0], take_shortened), job)
     on_threads(threads, job.interrupt, work, job)

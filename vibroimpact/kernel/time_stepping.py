@@ -56,7 +56,7 @@ from vibroimpact.status import Status
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.one_step import take_step
 from vibroimpact.step.phases import COS, SIN, THETA
-from vibroimpact.step.rules import PLAIN, REDUCED_STEP
+from vibroimpact.step.rules import REDUCED_STEP
 
 #: Steps taken at a time, so that what a lane needs stays in registers.
 STRIDE = 4
@@ -209,10 +209,11 @@ def gather(block, lo, count, table, n):
 
 
 @jit(refcounts=False)
-def correct_side_by_side(block, lo, count, integrator, grid, n, recording):
+def correct_side_by_side(block, lo, count, left, integrator, grid, n, recording):
     """Take `count` listed lanes, from place `lo` on, over the stride from step `n`.
 
-    A lane for which a single impact is not certain is taken there by itself.
+    A lane for which a single impact is not certain is not moved, and listed after `left` such
+    lanes; returns how many there are then.
     """
     (lanes, met, c, _, _), points, record = block
     table = grid.table
@@ -228,12 +229,14 @@ def correct_side_by_side(block, lo, count, integrator, grid, n, recording):
             x, v = select(later, x_T, x), select(later, v_T, v)
             single &= safe | (not later)
         if not single:
-            resolve_scalar(block, i, (REDUCED_STEP, integrator), grid, n, STRIDE, recording)
+            met[left] = i
+            left += 1
             continue
         lanes[POSITION + i], lanes[VELOCITY + i] = x, v
         if recording:
             phase = c[THETA_0 + j] + points[i].omega * c[T_R + j]
             list_impact(record.impacts[i], record.sums[i], phase, c[V_TR + j])
+    return left
 
 
 @jit(refcounts=False)
@@ -261,16 +264,19 @@ def resolve_scalar(block, i, method, grid, n, span, recording):
     lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
 
 
-@jit(refcounts=False)
-def advance(block, method, grid, recording):
-    """Take a block over the steps of `grid`, stride by stride, and over the rest of them singly."""
+@jit(inline=True)
+def advance(block, method, plain, grid, recording):
+    """Take a block over the steps of `grid`, stride by stride, and over the rest of them singly.
+
+    `plain` says whether the rule is ``plain``, as a literal: only its loop is compiled then.
+    """
     (lanes, met, _, _, _), points, _ = block
     rule, integrator = method
     size, strides = points.size, grid.size // STRIDE
     for k in range(strides + grid.size % STRIDE):
         n = k + min(k, strides) * (STRIDE - 1)
         span = STRIDE if k < strides else 1
-        if rule == PLAIN:
+        if plain:
             plain_lanes(lanes, size, grid.table, n, span, recording)
             if recording:
                 list_plain_impacts(block, list_lanes(lanes, met, size), grid, n, span)
@@ -278,9 +284,10 @@ def advance(block, method, grid, recording):
         glide_lanes(lanes, size, grid.table, n, span)
         listed = list_lanes(lanes, met, size)
         if rule == REDUCED_STEP and span == STRIDE:
+            left = 0
             for lo in range(0, listed, COLUMNS):
                 count = min(COLUMNS, listed - lo)
-                correct_side_by_side(block, lo, count, integrator, grid, n, recording)
-        else:
-            for j in range(listed):
-                resolve_scalar(block, met[j], method, grid, n, span, recording)
+                left = correct_side_by_side(block, lo, count, left, integrator, grid, n, recording)
+            listed = left
+        for j in range(listed):
+            resolve_scalar(block, met[j], method, grid, n, span, recording)
