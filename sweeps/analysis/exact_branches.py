@@ -43,34 +43,16 @@ MOST_PERIODS, MOST_BRANCHES = 8, 60
 
 @dataclass(frozen=True)
 class Line:
-    """The computed points along one axis, in the order of its values.
+    """The computed points along one axis, in the order of its values."""
 
-    Attributes
-    ----------
-    dataset : Dataset
-        A cut through an opened sweep, with `axis` as its only swept axis.
-    axis : str
-        A parameter of the oscillator.
-    values : ndarray, shape (n,)
-        Of the axis, increasing.
-    oscillator : Oscillator
-        At one of them.
-    phase : float
-        Of the section [rad].
-    states : ndarray, shape (n, 2)
-        x and v at the last section.
-    m, q : ndarray of int, shape (n,)
-        Forcing periods and impacts per repetition; 0 where the motion does not repeat, or rests.
-    """
-
-    dataset: xr.Dataset
+    dataset: xr.Dataset  # a cut through an opened sweep, with `axis` as its only swept axis
     axis: str
-    values: np.ndarray
-    oscillator: Oscillator
-    phase: float
-    states: np.ndarray
-    m: np.ndarray
-    q: np.ndarray
+    values: np.ndarray  # of the axis, increasing, (n,)
+    oscillator: Oscillator  # at one of them
+    phase: float  # of the section [rad]
+    states: np.ndarray  # x and v at the last section, (n, 2)
+    m: np.ndarray  # forcing periods per repetition, (n,); 0 where it does not repeat, or rests
+    q: np.ndarray  # impacts per repetition, (n,); 0 there
 
     @classmethod
     def of(cls, dataset: xr.Dataset, axis: str) -> Line:

@@ -33,31 +33,16 @@ _FOLLOW = {"": branch, "flip": doubled_branch, "graze": grazing_branch}
 
 @dataclass
 class BranchSet:
-    """Branches over a range of a parameter, none of them twice.
-
-    Attributes
-    ----------
-    parameter : str
-    low, high : float
-    most_branches : int
-        No more are followed.
-    most_periods : int
-        Orbits of more forcing periods are not followed.
-    check : callable
-        Is called before each branch; what it raises ends the work.
-    branches : list of Branch
-    given_up : Counter
-        What was not followed, in words, and how often.
-    """
+    """Branches over a range of a parameter, none of them twice."""
 
     parameter: str
     low: float
     high: float
     most_branches: int = 100
-    most_periods: int = 64
-    check: Callable[[], object] = lambda: None
+    most_periods: int = 64  # of the orbits that are followed
+    check: Callable[[], object] = lambda: None  # is called before each branch; may raise
     branches: list[Branch] = field(default_factory=list)
-    given_up: Counter[str] = field(default_factory=Counter)
+    given_up: Counter[str] = field(default_factory=Counter)  # in words, and how often
 
     def grow(self, orbit: PeriodicOrbit) -> None:
         """Add the branch of an orbit and all that it leads to, shorter orbits first."""

@@ -183,7 +183,7 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     tangent = family.tangent(family.start)
     for along in (tangent, -tangent):
         X = family.corrected(family.start + NEARBY_DISTANCE * along, along[None, :])
-        if X is not None and family.violation(X) is None:
+        if X is not None and family.violation(X)[0] is None:
             return _as_branch(family, _path(family, family.start, along))
     raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")
 

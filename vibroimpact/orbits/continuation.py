@@ -34,31 +34,16 @@ _PATIENT = 60
 
 @dataclass(frozen=True)
 class PathStep:
-    """A step along a path of orbits.
-
-    Attributes
-    ----------
-    family : OrbitFamily
-    begin, end : Point
-    length : float
-        Along the tangent at the begin; 0 where the path ends without a further step.
-    last, closed : bool
-        Whether the path ends with it, and whether that is where it began.
-    violation : Violation or None
-        Of the last step: why there is no orbit just beyond it. None also if Newton's method fails,
-        or the path has too many points.
-    margin : float
-        What is zero where the violation begins; if Newton's method fails, the slowest speed.
-    """
+    """A step along a path of orbits."""
 
     family: OrbitFamily
     begin: Point
     end: Point
-    length: float
-    last: bool = False
-    closed: bool = False
-    violation: Violation | None = None
-    margin: float = math.nan
+    length: float  # along the tangent at the begin; 0 where a path ends without a further step
+    last: bool = False  # whether the path ends with it
+    closed: bool = False  # whether that is where the path began
+    violation: Violation | None = None  # just beyond the end of the last step, where there is one
+    margin: float = math.nan  # is zero where that begins; if Newton fails, the slowest speed
 
     def place(self, X: np.ndarray) -> float:
         """Return how far along the tangent a point is, as a share of the step."""

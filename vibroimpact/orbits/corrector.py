@@ -53,35 +53,17 @@ _HALVINGS, _SHORTEST = 8, 0.1
 
 
 class System(NamedTuple):
-    """What does not change in an iteration.
+    """What does not change in an iteration."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (6,)
-        Parameters of the oscillator; those of `free` are taken from X.
-    free : ndarray of int, shape (k,)
-        Which are free, k <= 2.
-    spans : ndarray, shape (k,)
-        Their units in X.
-    m, q : int
-        Forcing periods and impacts.
-    speed : float
-        Unit of speeds.
-    condition, graze : int
-        The bifurcation to move onto, and the impact that grazes.
-    work : ndarray, shape (1,)
-        Receives the number of time steps that were taken.
-    """
-
-    values: np.ndarray
-    free: np.ndarray
-    spans: np.ndarray
-    m: int
-    q: int
-    speed: float
-    condition: int
-    graze: int
-    work: np.ndarray
+    values: np.ndarray  # parameters of the oscillator, (6,); those of `free` are taken from X
+    free: np.ndarray  # which are free, (k,), k <= 2
+    spans: np.ndarray  # their units in X, (k,)
+    m: int  # forcing periods
+    q: int  # impacts
+    speed: float  # unit of speeds
+    condition: int  # the bifurcation to move onto
+    graze: int  # the impact that grazes
+    work: np.ndarray  # receives the number of time steps that were taken, (1,)
 
 
 @jit

@@ -74,39 +74,22 @@ class ContinuationParameter:
 class Violation:
     """Why a point is no orbit within the ranges.
 
-    Attributes
-    ----------
-    kind : str
-        ``edge``, ``speed`` (an impact has left the stop), ``penetration`` (a flight meets the stop
-        before its end), ``rest`` (the mass cannot leave the stop).
-    at : int
-        Number of the parameter, the impact or the flight.
-    where : float
-        The edge's value; the phase where a flight meets the stop.
+    Of the kind ``edge``, ``speed`` (an impact has left the stop), ``penetration`` (a flight meets
+    the stop before its end) or ``rest`` (the mass cannot leave the stop).
     """
 
     kind: str
-    at: int
-    where: float = math.nan
+    at: int  # number of the parameter, the impact or the flight
+    where: float = math.nan  # the edge's value; the phase where a flight meets the stop
 
 
 class Point(NamedTuple):
-    """A point of a path: its unknowns, the direction of the path, and what is known of it.
+    """A point of a path, and what is known of it."""
 
-    Attributes
-    ----------
-    X, tangent : ndarray, shape (2 q + k,)
-    tests : ndarray, shape (2, n)
-        The test functions and their slopes along the tangent (``detection.py``).
-    turn : float
-        How high a flight turns that comes near the stop (``flights.first_penetration``).
-    violation : Violation or None
-    """
-
-    X: np.ndarray
-    tangent: np.ndarray
-    tests: np.ndarray
-    turn: float
+    X: np.ndarray  # the unknowns, (2 q + k,)
+    tangent: np.ndarray  # the direction of the path, (2 q + k,)
+    tests: np.ndarray  # the test functions and their slopes along it (``detection.py``), (2, n)
+    turn: float  # how high a flight turns that comes near the stop (``first_penetration``)
     violation: Violation | None
 
 
@@ -243,7 +226,7 @@ class OrbitFamily:
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return a point of a path in the direction of a tangent."""
         tests = test_functions(self.system, X, tangent, self.bounds)
-        violation, turn = self._violation(X)
+        violation, turn = self.violation(X)
         return Point(X, tangent, tests, turn, violation)
 
     def test(self, number: int, X: np.ndarray) -> float:
@@ -272,12 +255,8 @@ class OrbitFamily:
             speeds = np.delete(speeds, self.system.graze)
         return float(speeds.min(initial=math.inf))
 
-    def violation(self, X: np.ndarray) -> Violation | None:
-        """Say why a point is no orbit within the ranges; None if it is one."""
-        return self._violation(X)[0]
-
-    def _violation(self, X: np.ndarray) -> tuple[Violation | None, float]:
-        """Return the violation at a point, and how high a flight turns that comes near the stop."""
+    def violation(self, X: np.ndarray) -> tuple[Violation | None, float]:
+        """Say why a point is no orbit, and how high a flight turns that comes near the stop."""
         for j, (axis, value) in enumerate(
             zip(self.parameters, self.values(X).tolist(), strict=True)
         ):
