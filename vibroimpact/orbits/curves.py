@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.orbits.branches import Branch, both_directions, branch, without_touch
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
-from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of
+from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of, unit_of_speed
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.oscillator import refuse_other
 
@@ -21,6 +21,8 @@ KINDS = tuple(filter(None, CONDITIONS))
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
 _BESIDE = 0.2
+#: Where no impact is faster than this, in the unit of speed, all of them are the free oscillation.
+_STILL = 1e-6
 
 
 def bifurcation_curve(
@@ -64,7 +66,7 @@ def bifurcation_curve(
     if axes[0].name == axes[1].name:
         raise ValueError(f"a curve needs two parameters, not {axes[0].name} twice")
     start = _bifurcation(orbit, kind, axes)
-    start = _least_graze(start) if kind == "graze" else start
+    start = _least_graze(start, axes) if kind == "graze" else start
     for axis in axes:
         value = getattr(start.oscillator, axis.name)
         if not axis.holds(value):
@@ -104,10 +106,14 @@ def _bifurcation(
     raise OrbitError(f"no {kind} is found on the branches of the orbit")
 
 
-def _least_graze(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Return the graze of a shorter orbit that an orbit repeats, at which it is singular."""
+def _least_graze(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
+    """Return the graze of an orbit of fewer impacts that an orbit is, at which it is singular."""
+    osc = orbit.oscillator
+    if orbit.q > 1 and not orbit.speeds.max() > _STILL * unit_of_speed(osc, orbit.speeds):
+        touch = PeriodicOrbit(osc, orbit.m, orbit.phases[:1], np.zeros(1))
+        return _bifurcation(touch, "graze", axes)
     shorter = without_touch(orbit)
     if shorter.q == 0 or shorter.m == orbit.m:
         return orbit
     phases = np.append(shorter.phases, orbit.phases[np.argmin(orbit.speeds)])
-    return orbit_of(orbit.oscillator, shorter.m, phases, np.append(shorter.speeds, 0.0))
+    return orbit_of(osc, shorter.m, phases, np.append(shorter.speeds, 0.0))
