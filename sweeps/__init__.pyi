@@ -1,4 +1,4 @@
-from .analysis.distinct_attractors import attractors as attractors
+from .analysis.attractors import attractors as attractors
 from .analysis.exact_branches import branches as branches
 from .analysis.exact_curves import curves as curves
 from .config.loading import ConfigError as ConfigError

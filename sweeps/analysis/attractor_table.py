@@ -12,15 +12,15 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis import tables
-from sweeps.analysis.grouping import STARTS, PointNumbers, records
-from sweeps.analysis.motion import Motion
-from sweeps.analysis.selection import Cut, listed, select, swept_axes
+from sweeps.analysis.grouping import STARTS, GridIndex, records
+from sweeps.analysis.regimes import Regime
+from sweeps.analysis.selection import Selection, listed, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
 from sweeps.errors import Refused
 from sweeps.text import shown_count, shown_range, table
 
 #: Kinds of motion that are listed but are not attractors.
-_UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
+_UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 #: Up to this number, all impact speeds are written out; beyond it, the slowest and the fastest.
 _MOST_SPEEDS = 4
 
@@ -33,7 +33,7 @@ class Row(NamedTuple):
     parameters : mapping of str to float
         Of the parameter point.
     number, m, q, motion, fraction
-        As in the dataset of `sweeps.analysis.distinct_attractors.attractors`.
+        As in the dataset of `sweeps.analysis.attractors.attractors`.
     speeds : ndarray, shape (q,)
         Before each impact of a repetition, increasing [length/time]; empty where not recorded.
     point : int
@@ -42,7 +42,7 @@ class Row(NamedTuple):
 
     parameters: Mapping[str, float]
     number: int
-    motion: Motion
+    motion: Regime
     m: int
     q: int
     fraction: float
@@ -67,7 +67,7 @@ def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(name for name in swept_axes(dataset) if name not in STARTS)
 
 
-def cut(dataset: xr.Dataset, at: Cut) -> xr.Dataset:
+def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
     """Fix parameters at the grid values nearest to `at`, and leave all starts.
 
     Raises
@@ -91,14 +91,14 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     dataset : Dataset
         An opened sweep, or a cut through one.
     result : Dataset
-        From `sweeps.analysis.distinct_attractors.attractors` of it.
+        From `sweeps.analysis.attractors.attractors` of it.
     """
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
     is_there = frame["number"].values >= 0
     frame = frame[is_there]
-    points = PointNumbers.of(dataset)
+    points = GridIndex.of(dataset)
     file = np.empty((points.count, len(points.start) // points.count), np.int64)
     file[points.parameter, points.start] = np.arange(len(points.start))
     parameter = np.flatnonzero(is_there) // result.sizes["coexisting"]
@@ -114,7 +114,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
         Row(
             dict(zip(axes, row.Index[:-1] if axes else (), strict=True)),
             row.number,
-            Motion(row.motion),
+            Regime(row.motion),
             row.m,
             row.q,
             row.fraction,

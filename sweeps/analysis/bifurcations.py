@@ -17,8 +17,8 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis import tables
-from sweeps.analysis.class_changes import Change, cascades, changes, labels, ratio
-from sweeps.analysis.selection import Cut, chosen_axes, config_of, oscillator_of, select
+from sweeps.analysis.regimes import Change, cascades, changes, labels, ratio
+from sweeps.analysis.selection import Selection, chosen_axes, config_of, oscillator_of, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
@@ -57,7 +57,7 @@ class Bifurcation:
 
 
 def find_bifurcations(
-    dataset: xr.Dataset, axis: str | None = None, at: Cut | None = None
+    dataset: xr.Dataset, axis: str | None = None, at: Selection | None = None
 ) -> tuple[str, list[Bifurcation]]:
     """Find the bifurcations along an axis, on every line of the grid.
 

@@ -14,14 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.coordinates import COORDINATES, orbit_coordinates, recorded_coordinate
 from sweeps.analysis.selection import (
-    Cut,
+    COORDINATES,
+    Selection,
     chosen_axes,
     config_of,
     directions,
     listed,
+    orbit_coordinates,
     oscillator_of,
+    recorded_coordinate,
     select,
 )
 from sweeps.errors import Refused
@@ -92,7 +94,7 @@ class Line:
 def branches(
     dataset: xr.Dataset,
     axis: str | None = None,
-    at: Cut | None = None,
+    at: Selection | None = None,
     check: Callable[[], object] = lambda: None,
 ) -> xr.Dataset:
     """Follow the orbits of all periodic motions of a sweep along one axis.
@@ -222,7 +224,7 @@ def _summary(found: BranchSet) -> list[str]:
 
 
 def compare(
-    dataset: xr.Dataset, axis: str, at: Cut | None = None, coordinate: str = "poincare_x"
+    dataset: xr.Dataset, axis: str, at: Selection | None = None, coordinate: str = "poincare_x"
 ) -> list[str]:
     """Say in lines, for each direction and class, how far points are from their exact orbits."""
     texts = []
@@ -302,7 +304,7 @@ def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
         )
 
 
-def lines_of(dataset: xr.Dataset, axis: str, at: Cut | None = None) -> list[Line]:
+def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[Line]:
     """Return a line of a sweep, once for each direction in which it was followed."""
     line = select(dataset, at, free=[axis, DIRECTION])
     ways = [line.sel({DIRECTION: way}) for way in directions(line)] or [line]

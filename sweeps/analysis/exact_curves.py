@@ -19,9 +19,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_branches import check_axis, dataset_of
-from sweeps.analysis.motion import Motion, classify
+from sweeps.analysis.regimes import Regime, classify
 from sweeps.analysis.selection import (
-    Cut,
+    Selection,
     chosen_axes,
     config_of,
     listed,
@@ -46,7 +46,9 @@ _CELLS, _ON = 0.5, 0.2
 _EXAMPLES = 3
 
 
-def curves(dataset: xr.Dataset, axes: Sequence[str] = (), at: Cut | None = None) -> xr.Dataset:
+def curves(
+    dataset: xr.Dataset, axes: Sequence[str] = (), at: Selection | None = None
+) -> xr.Dataset:
     """Follow the bifurcations between the periodic motions of a map.
 
     Parameters
@@ -133,7 +135,7 @@ class _Search:
         self._phase = config_of(cut).record.phase
         last = [cut[name].isel(section=-1).values for name in ("poincare_x", "poincare_v")]
         self._states = np.stack(last, axis=2)
-        periodic = classify(cut) == Motion.PERIODIC
+        periodic = classify(cut) == Regime.PERIODIC
         m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
         self._classes = np.stack([m, q], axis=2).astype(int)
         self._cells = np.array(list(self._changes()), int).reshape(-1, 2, 2)

@@ -10,8 +10,8 @@ from typing import Self
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
 from sweeps.analysis.section_distance import Cycles, representatives, shortest_turn
+from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.grid import Block, Grid
 from sweeps.store import DIRECTION
 
@@ -22,7 +22,7 @@ _PART = 4_000_000
 
 
 @dataclass(frozen=True)
-class PointNumbers:
+class GridIndex:
     """The points of a file in C order: the parameter point and the start of each.
 
     Attributes
@@ -105,7 +105,7 @@ class Groups:
 
 def group_periodic(
     dataset: xr.Dataset,
-    points: PointNumbers,
+    points: GridIndex,
     period: np.ndarray,
     cycles: Mapping[int, np.ndarray],
     tolerance: float,
@@ -116,7 +116,7 @@ def group_periodic(
     ----------
     dataset : Dataset
         An opened sweep.
-    points : PointNumbers
+    points : GridIndex
     period : ndarray of int, shape (n,)
         Forcing periods of each point's motion; 0 where it is not periodic.
     cycles : mapping of int to ndarray, shape (m, 2)
@@ -166,7 +166,7 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray,
 def _represent(
     at: np.ndarray,
     states: np.ndarray,
-    points: PointNumbers,
+    points: GridIndex,
     representative: np.ndarray,
     tolerance: float,
 ) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -12,13 +13,16 @@ import xarray as xr
 from sweeps.config.loading import parse_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store import DIRECTION, VARIABLES
+from sweeps.store.variables import DIRECTION, VARIABLES, Variable
 from sweeps.text import nearest, suggestion
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 
+if TYPE_CHECKING:
+    from vibroimpact.orbits.orbit import PeriodicOrbit
+
 #: Where a picture cuts: values of swept axes, and of ``direction`` a name.
-Cut = Mapping[str, float | str]
+Selection = Mapping[str, float | str]
 
 
 def dataset_of(
@@ -83,7 +87,7 @@ def directions(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(dataset[DIRECTION].values) if DIRECTION in dataset["status"].dims else ()
 
 
-def on_grid(dataset: xr.Dataset, at: Cut) -> dict[str, float | str]:
+def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
     """Replace values by the nearest of the grid where they differ by more than rounding.
 
     Raises
@@ -124,7 +128,7 @@ def _direction(dataset: xr.Dataset, name: str) -> str:
     return name
 
 
-def select(dataset: xr.Dataset, at: Cut | None, free: Collection[str] = ()) -> xr.Dataset:
+def select(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()) -> xr.Dataset:
     """Fix every swept axis but those `free` at the grid value nearest to `at`, or at its first.
 
     Of two directions the first is taken, too, unless ``direction`` is `free` and not in `at`.
@@ -173,7 +177,7 @@ def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind:
 
 
 def recorded(
-    dataset: xr.Dataset, names: tuple[str, ...], at: Cut | None
+    dataset: xr.Dataset, names: tuple[str, ...], at: Selection | None
 ) -> tuple[xr.Dataset, list[np.ndarray]]:
     """Read variables at one point, without the padding."""
     missing = [name for name in names if name not in dataset]
@@ -186,3 +190,31 @@ def recorded(
         outcome = Status(int(point["status"])).meaning
         raise Refused(f"there is nothing to draw at this point: {outcome}")
     return point, list(columns)
+
+
+#: The coordinates by name; the height is not in a file, but follows from x and the clearance.
+COORDINATES: Mapping[str, Variable] = {
+    "poincare_x": VARIABLES["poincare_x"],
+    "poincare_v": VARIABLES["poincare_v"],
+    "poincare_height": Variable("section", "length", "height above the stop", r"\sigma - x"),
+    "impact_v": VARIABLES["impact_v"],
+    "impact_phase": VARIABLES["impact_phase"],
+}
+
+
+def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
+    """Return a coordinate at the points of a sweep, as read from the file or computed from x."""
+    if coordinate != "poincare_height":
+        return dataset[coordinate]
+    x = dataset["poincare_x"]
+    return (dataset["clearance"] - x).transpose(*x.dims)
+
+
+def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:
+    """Return the coordinates of an orbit by name, in time order, shapes (m,) and (q,).
+
+    The phases of the impacts increase; `phase` is that of the section [rad].
+    """
+    x, v = orbit.sections(phase).T
+    values = (x, v, orbit.oscillator.clearance - x, orbit.speeds, orbit.phases)
+    return dict(zip(COORDINATES, values, strict=True))

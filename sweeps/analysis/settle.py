@@ -28,9 +28,9 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import PointNumbers, parameter_at_points
-from sweeps.analysis.motion import Motion, classify, kinds
+from sweeps.analysis.grouping import GridIndex, parameter_at_points
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
+from sweeps.analysis.regimes import Regime, classify, kinds
 from sweeps.analysis.selection import config_of, oscillator_of
 from vibroimpact import integrate
 from vibroimpact.oscillator import POINT, Oscillator
@@ -47,7 +47,7 @@ MOST_PERIODS = 300_000_000
 #: After this many motions of a parameter point lead to no orbit, no more are tried.
 _MOST_FAILURES = 5
 #: Motions that show no attractor.
-_UNSETTLED = (Motion.UNDECIDED, Motion.NEUTRAL)
+_UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 #: Points that are followed in one call.
 _PART = 4_000
 
@@ -59,7 +59,7 @@ class Outcomes:
     Attributes
     ----------
     motion, period, impacts : ndarray of int, shape (n,)
-        The `Motion` at each point, and m and q of a periodic motion, otherwise 0.
+        The `Regime` at each point, and m and q of a periodic motion, otherwise 0.
     followed : ndarray of bool, shape (n,)
         Whether the motion was followed on: then these values come from the longer run, not from
         its record.
@@ -74,21 +74,21 @@ class Outcomes:
     cycles: dict[int, np.ndarray]
 
 
-def outcomes(dataset: xr.Dataset, points: PointNumbers, extensions: int = EXTENSIONS) -> Outcomes:
+def outcomes(dataset: xr.Dataset, points: GridIndex, extensions: int = EXTENSIONS) -> Outcomes:
     """Find what the motions of a sweep are in the long run.
 
     Parameters
     ----------
     dataset : Dataset
         An opened sweep, or a cut through one, with ``period`` and the section.
-    points : PointNumbers
+    points : GridIndex
         The points of `dataset`.
     extensions : int
         How often a motion that has not settled is followed four times as long; with 0 the
         records alone decide.
     """
     motion = classify(dataset).ravel()
-    periodic = motion == Motion.PERIODIC
+    periodic = motion == Regime.PERIODIC
     period, impacts = (
         np.where(periodic, dataset[name].values.ravel(), 0) for name in ("period", "period_impacts")
     )
@@ -101,7 +101,7 @@ def outcomes(dataset: xr.Dataset, points: PointNumbers, extensions: int = EXTENS
 class _Extension:
     """Follows motions on, and stores the result."""
 
-    def __init__(self, dataset: xr.Dataset, points: PointNumbers, result: Outcomes) -> None:
+    def __init__(self, dataset: xr.Dataset, points: GridIndex, result: Outcomes) -> None:
         self._dataset, self._points, self._outcomes = dataset, points, result
         self._config = config_of(dataset)
         self._exact = self._config.method.impact == "exact"
@@ -119,7 +119,7 @@ class _Extension:
         for extension in range(1, extensions + 1):
             length = (4**extension - 4 ** (extension - 1)) * self._length
             chaotic = self._chaotic()
-            once = (motion == Motion.REST) & (self._rests == 1)
+            once = (motion == Regime.REST) & (self._rests == 1)
             open_chaos = chaotic & (chaos_ends[parameter] | ~before)
             at = np.flatnonzero(np.isin(motion, _UNSETTLED) | once | open_chaos)
             left -= length * at.size
@@ -138,16 +138,16 @@ class _Extension:
     def _chaotic(self) -> np.ndarray:
         """Return which motions are chaotic, or rest where a rest leads to chaos."""
         motion = self._outcomes.motion
-        chaotic = motion == Motion.CHAOTIC
+        chaotic = motion == Regime.CHAOTIC
         leads_to_chaos = self._at_points(chaotic & (self._rests > 0))
-        return chaotic | ((motion == Motion.REST) & leads_to_chaos[self._points.parameter])
+        return chaotic | ((motion == Regime.REST) & leads_to_chaos[self._points.parameter])
 
     def _conclude(self, chaos_ends: np.ndarray) -> None:
         """Give the chaotic motions of a parameter point one kind."""
         motion, parameter, chaotic = self._outcomes.motion, self._points.parameter, self._chaotic()
         rests_again = self._at_points(chaotic & (self._rests > 1))[parameter]
-        motion[chaotic] = np.where(rests_again[chaotic], Motion.REST, Motion.CHAOTIC)
-        motion[chaotic & chaos_ends[parameter]] = Motion.UNDECIDED
+        motion[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
+        motion[chaotic & chaos_ends[parameter]] = Regime.UNDECIDED
 
     @cached_property
     def _states(self) -> np.ndarray:
@@ -192,13 +192,13 @@ class _Extension:
         motion = kinds(results, self._states["omega"][at], grown)
         self._outcomes.followed[at] = True
         self._outcomes.motion[at] = motion
-        self._outcomes.period[at] = np.where(motion == Motion.PERIODIC, period, 0)
-        self._outcomes.impacts[at] = np.where(motion == Motion.PERIODIC, impacts, 0)
-        beside_chaos = self._at_points(self._outcomes.motion == Motion.CHAOTIC)
+        self._outcomes.period[at] = np.where(motion == Regime.PERIODIC, period, 0)
+        self._outcomes.impacts[at] = np.where(motion == Regime.PERIODIC, impacts, 0)
+        beside_chaos = self._at_points(self._outcomes.motion == Regime.CHAOTIC)
         slow = np.isin(motion, _UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
         failures: Counter[int] = Counter()
         for k, (i, record) in enumerate(zip(at.tolist(), np.stack([x, v], axis=2), strict=True)):
-            if motion[k] == Motion.PERIODIC:
+            if motion[k] == Regime.PERIODIC:
                 self._outcomes.cycles[i] = record[-period[k] :].copy()
             elif self._exact and slow[k]:
                 self._store_orbit(i, record, failures)
@@ -217,7 +217,7 @@ class _Extension:
                 return
             class_and_cycle = orbit.m, orbit.q, orbit.sections(self._config.record.phase)
             orbits.append(class_and_cycle)
-        self._outcomes.motion[i] = Motion.PERIODIC
+        self._outcomes.motion[i] = Regime.PERIODIC
         m, q, cycle = class_and_cycle
         self._outcomes.period[i], self._outcomes.impacts[i] = m, q
         self._outcomes.cycles[i] = cycle

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Cut, config_of, oscillator_of, recorded
+from sweeps.analysis.selection import Selection, config_of, oscillator_of, recorded
 from sweeps.errors import Refused
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
@@ -51,7 +51,7 @@ class PointMotion:
         return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
 
 
-def recorded_motion(dataset: xr.Dataset, at: Cut | None) -> PointMotion:
+def recorded_motion(dataset: xr.Dataset, at: Selection | None) -> PointMotion:
     """Return the trajectory of the file at a point.
 
     Raises
@@ -63,7 +63,7 @@ def recorded_motion(dataset: xr.Dataset, at: Cut | None) -> PointMotion:
     return PointMotion(point, oscillator_of(point), np.stack(rows))
 
 
-def continued_motion(dataset: xr.Dataset, at: Cut | None, periods: int) -> PointMotion:
+def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) -> PointMotion:
     """Compute the motion that follows the last state of the section at a point.
 
     With an impact rule that lets the mass pass the stop, a state beyond it starts no motion: the

@@ -16,7 +16,7 @@ from sweeps.cli.terminal import say
 from sweeps.errors import Refused
 
 if TYPE_CHECKING:
-    from sweeps.analysis.selection import Cut
+    from sweeps.analysis.selection import Selection
 
 Threads = Annotated[
     int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
@@ -114,7 +114,7 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
     return targets
 
 
-def cuts_of(texts: Sequence[str] | None) -> dict[str, float | str]:
+def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     """Read the values of ``--at``, each of another axis."""
     cuts: dict[str, float | str] = {}
     for text in texts or ():
@@ -147,7 +147,7 @@ def named(source: object) -> Iterator[None]:
         raise Refused(f"{source}: {error}") from error
 
 
-def say_moved(requested: Cut, cut: Cut, verb: str) -> None:
+def say_moved(requested: Selection, cut: Selection, verb: str) -> None:
     """Name each requested value that is not on the grid, and the value taken instead."""
     for name, value in requested.items():
         if value != cut[name]:

@@ -15,11 +15,11 @@ import typer
 
 from sweeps.cli.options import (
     check_csv,
-    cuts_of,
     inches,
     limits,
     named,
     say_moved,
+    selection_of,
     targets,
 )
 from sweeps.cli.terminal import say
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from sweeps.analysis.selection import Cut
+    from sweeps.analysis.selection import Selection
 
 
 Files = Annotated[list[Path], typer.Argument(metavar="OUT.h5...", help="The file of each sweep.")]
@@ -140,7 +140,7 @@ def plot(
     from sweeps.plotting.saving import check_picture
     from sweeps.store import open_sweep
 
-    cuts = cuts_of(at)
+    cuts = selection_of(at)
     check_csv(csv)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
@@ -173,7 +173,7 @@ def draw(
     dataset: xr.Dataset,
     figure: Path,
     kind: str | None,
-    cuts: Cut,
+    cuts: Selection,
     page: Mapping[str, Any],
     csv: Path | None = None,
     **options: Any,
@@ -207,7 +207,7 @@ def draw(
 
 
 def _exact(
-    dataset: xr.Dataset, kind: str, cut: Cut, options: Mapping[str, Any]
+    dataset: xr.Dataset, kind: str, cut: Selection, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, what to say, and a table."""
     from sweeps.analysis import tables

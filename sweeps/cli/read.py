@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import SweepFile, check_csv, cuts_of, named, say_moved
+from sweeps.cli.options import SweepFile, check_csv, named, say_moved, selection_of
 from sweeps.cli.terminal import say
 from sweeps.errors import Refused
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sweeps.analysis.selection import Cut
+    from sweeps.analysis.selection import Selection
 
 
 def attractors(
@@ -32,12 +32,12 @@ def attractors(
     ] = None,
 ) -> None:
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
-    from sweeps.analysis import attractors, rows
-    from sweeps.analysis.attractor_table import cut, describe, write_csv
+    from sweeps.analysis.attractor_table import cut, describe, rows, write_csv
+    from sweeps.analysis.attractors import attractors
     from sweeps.analysis.selection import on_grid
     from sweeps.store import open_sweep
 
-    cuts = cuts_of(at)
+    cuts = selection_of(at)
     check_csv(csv)
     with open_sweep(file) as dataset, named(file):
         shown = cut(dataset, cuts)
@@ -83,7 +83,7 @@ def info(
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     check_csv(csv)
-    cuts = cuts_of(at)
+    cuts = selection_of(at)
     with open_sweep(file) as dataset, named(file):
         if bifurcations:
             _show_bifurcations(dataset, axis, cuts, csv)
@@ -95,7 +95,9 @@ def info(
             say(reports.contents(dataset), end=False)
 
 
-def _show_bifurcations(dataset: xr.Dataset, axis: str | None, cuts: Cut, csv: Path | None) -> None:
+def _show_bifurcations(
+    dataset: xr.Dataset, axis: str | None, cuts: Selection, csv: Path | None
+) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file."""
     from sweeps.analysis import bifurcations, tables
     from sweeps.analysis.selection import on_grid
@@ -123,7 +125,7 @@ def export(
     ],
 ) -> None:
     """Write a row for every point: its parameters, and every result that is a single number."""
-    from sweeps.analysis.export import check_table, write_points
+    from sweeps.analysis.tables import check_table, write_points
     from sweeps.store import open_sweep
 
     check_table(output)

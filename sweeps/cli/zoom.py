@@ -53,7 +53,7 @@ def zoom(
     overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with as many points along its axes, and draw it."""
-    from sweeps.analysis.coordinates import COORDINATES
+    from sweeps.analysis.selection import COORDINATES
     from sweeps.engine.configurations import read_config, zoomed
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output, open_sweep

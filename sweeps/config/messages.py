@@ -8,7 +8,7 @@ from typing import Any, get_args
 from pydantic_core import ErrorDetails
 
 from sweeps.config.names import meant
-from sweeps.config.schema import RecordConfig, Trajectory, key_list
+from sweeps.config.schema import RecordConfig, TrajectoryConfig, key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.text import shortened, suggestion
@@ -69,7 +69,7 @@ def _located(loc: Key) -> tuple[Key, type[Group], str]:
             key.append(part)
         elif inner is None:
             # Not a key: below a value of several forms, pydantic names the form (see `form`).
-            inner = Trajectory if group is RecordConfig else Range
+            inner = TrajectoryConfig if group is RecordConfig else Range
         else:
             key.append(part)
             group = inner

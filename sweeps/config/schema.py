@@ -162,7 +162,7 @@ class MethodConfig(Group):
         return self
 
 
-class Trajectory(Group):
+class TrajectoryConfig(Group):
     """Which samples of the motion are kept."""
 
     every: Whole = integer("time steps from one sample to the next", 1, MOST_PERIODS)
@@ -189,7 +189,7 @@ class RecordConfig(Group):
     impacts: Whole = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
         Annotated[Literal[False], BeforeValidator(_false), Tag("<scalar>")]
-        | Annotated[Trajectory, Tag("<mapping>")],
+        | Annotated[TrajectoryConfig, Tag("<mapping>")],
         Discriminator(form),
     ] = Field(
         False,

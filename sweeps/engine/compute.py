@@ -23,9 +23,8 @@ Results = Mapping[str, np.ndarray]
 #: The sources, of this package, that decide which points there are and what is said of them.
 SOURCES = (
     "engine/refine.py",
-    "analysis/class_changes.py",
     "analysis/grouping.py",
-    "analysis/motion.py",
+    "analysis/regimes.py",
     "analysis/nearby_orbit.py",
     "analysis/section_distance.py",
     "analysis/selection.py",

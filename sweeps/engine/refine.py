@@ -18,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.class_changes import Label, changes, labels
-from sweeps.analysis.motion import Motion
 from sweeps.analysis.nearby_orbit import nearby_orbit
+from sweeps.analysis.regimes import Label, Regime, changes, labels
 from sweeps.analysis.selection import dataset_of, oscillator_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
@@ -88,7 +87,7 @@ class Classifier:
     def _classify(self, point: ClassifiedPoint) -> ClassifiedPoint:
         """Return a point with the class behind its record, and with the record of its orbit."""
         shown = point.label
-        if shown is not None and shown.motion is not Motion.PERIODIC:
+        if shown is not None and shown.motion is not Regime.PERIODIC:
             return point
         record = np.stack([point.results["poincare_x"], point.results["poincare_v"]], axis=1)
         if not np.isfinite(record).all():
@@ -98,7 +97,7 @@ class Classifier:
         orbit = nearby_orbit(oscillator, record, self._config.record.phase, m)
         if orbit is None:
             return ClassifiedPoint(point.value, None, point.results)
-        label = Label(Motion.PERIODIC, orbit.m, orbit.q)
+        label = Label(Regime.PERIODIC, orbit.m, orbit.q)
         results = self._run(
             np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0
         )

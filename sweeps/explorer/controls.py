@@ -20,7 +20,7 @@ from bokeh.models import (
     Slider,
 )
 
-from sweeps.analysis.coordinates import COORDINATES
+from sweeps.analysis.selection import COORDINATES
 from sweeps.explorer.view import View, window_around
 from sweeps.explorer.words import symbol
 from sweeps.plotting.labels import as_variable

@@ -12,8 +12,8 @@ from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource, Div, Span
 from bokeh.plotting import figure
 
-from sweeps.analysis.motion import Motion, classify
 from sweeps.analysis.nearby_orbit import nearby_orbit
+from sweeps.analysis.regimes import Regime, classify
 from sweeps.analysis.selection import config_of, dataset_of, oscillator_of
 from sweeps.analysis.trajectories import continued_motion
 from sweeps.errors import Refused
@@ -21,7 +21,7 @@ from sweeps.explorer.diagram import numbers
 from sweeps.explorer.view import View
 from sweeps.explorer.words import axis_label, symbol
 from sweeps.explorer.worker import Step
-from sweeps.plotting.style import BLUE, MOTIONS, ORANGE
+from sweeps.plotting.style import BLUE, ORANGE, REGIMES
 from vibroimpact.status import Status
 
 #: Forcing periods that are drawn: of a periodic motion two repetitions, within these limits.
@@ -68,10 +68,10 @@ def motion_at(view: View) -> Drawn:
 
 def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
     """Return the forcing periods of a repetition, 0 for none, and what is known of the motion."""
-    motion, phase = Motion(int(classify(point))), config_of(point).record.phase
+    motion, phase = Regime(int(classify(point))), config_of(point).record.phase
     m, q = int(point["period"]), int(point["period_impacts"])
     orbit = None
-    if motion in (Motion.PERIODIC, Motion.NEUTRAL, Motion.UNDECIDED):
+    if motion in (Regime.PERIODIC, Regime.NEUTRAL, Regime.UNDECIDED):
         record = np.stack([point["poincare_x"], point["poincare_v"]], axis=1)
         orbit = nearby_orbit(oscillator_of(point), record, phase, m or None)
     if orbit is not None:
@@ -81,16 +81,16 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
             shown = f"{first.real:.4g} ± {abs(first.imag):.4g} i"
         text = f"periodic, class {orbit.m}/{orbit.q}; Floquet multipliers {shown}"
         return orbit.m, text
-    if motion is Motion.PERIODIC:
+    if motion is Regime.PERIODIC:
         text = f"periodic, class {m}/{q}"
     else:
-        text = MOTIONS[motion][0].split(",")[0]
-    if motion is Motion.REST:
+        text = REGIMES[motion][0].split(",")[0]
+    if motion is Regime.REST:
         text += f", {100.0 * float(point['rest_fraction']):.3g} % of the time"
     elif "lyapunov" in point:
         first, second = point["lyapunov"].values
         text += f"; Lyapunov exponents {first:.4g} and {second:.4g} per unit time"
-    return m if motion is Motion.PERIODIC else 0, text
+    return m if motion is Regime.PERIODIC else 0, text
 
 
 class MotionPanel:

@@ -37,7 +37,7 @@ SECRET = "token"
 _GATHER = 8
 
 
-class Page:
+class LivePage:
     """One open page.
 
     Parameters

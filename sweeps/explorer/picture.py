@@ -7,9 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from bokeh.palettes import interp_palette
 
-from sweeps.analysis.coordinates import recorded_coordinate
-from sweeps.analysis.motion import has_result
-from sweeps.analysis.selection import dataset_of
+from sweeps.analysis.regimes import has_result
+from sweeps.analysis.selection import dataset_of, recorded_coordinate
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import Window
 from sweeps.plotting.lines import count_pixels, widened

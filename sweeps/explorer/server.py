@@ -29,7 +29,7 @@ from tornado.web import ErrorHandler, OutputTransform
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.explorer.page import SECRET, Page
+from sweeps.explorer.page import SECRET, LivePage
 from sweeps.explorer.view import View
 
 HOST = "127.0.0.1"
@@ -118,7 +118,7 @@ class Explorer:
     ----------
     address : str
         Of the page, with a secret. Every time that it is opened it shows a page of its own.
-    pages : list of Page
+    pages : list of LivePage
         Those that were opened.
 
     Raises
@@ -138,7 +138,7 @@ class Explorer:
                 f"the port {port} cannot be used ({reason}); expected: a free port, or none for any"
             ) from None
         self._socket.setblocking(False)
-        self._port, self.pages = self._socket.getsockname()[1], list[Page]()
+        self._port, self.pages = self._socket.getsockname()[1], list[LivePage]()
         self._secret = secrets.token_urlsafe(32)
         self.address = f"http://{HOST}:{self._port}/?{SECRET}={self._secret}"
         self._loop: IOLoop | None = None
@@ -184,7 +184,7 @@ class Explorer:
             loop.default_exception_handler(context)
 
     def _open(self, document: Document) -> None:
-        self.pages.append(Page(document, self._home, self._folder))
+        self.pages.append(LivePage(document, self._home, self._folder))
 
     def close(self) -> None:
         """End the server; open pages say so."""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.attractor_table import parameter_axes
 from sweeps.analysis.grouping import STARTS
-from sweeps.analysis.selection import Cut, listed, swept_axes
+from sweeps.analysis.selection import Selection, listed, swept_axes
 from sweeps.errors import Refused
 from sweeps.plotting.attractors import attractor_diagram, basins
 from sweeps.plotting.canvas import PAGE, Page
@@ -54,7 +54,7 @@ def plot(
     dataset: xr.Dataset,
     output: str | Path,
     kind: str | None = None,
-    at: Cut | None = None,
+    at: Selection | None = None,
     *,
     page: Page = PAGE,
     command: str = "",
@@ -111,7 +111,7 @@ def plot(
     return output
 
 
-def default_kind(dataset: xr.Dataset, at: Cut | None = None, **options: Any) -> str:
+def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: Any) -> str:
     """Return the kind of picture that shows most of a sweep; arguments as for `plot`.
 
     ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, if x0 or v0
@@ -139,7 +139,7 @@ def default_kind(dataset: xr.Dataset, at: Cut | None = None, **options: Any) -> 
 
 
 def silent_cuts(
-    dataset: xr.Dataset, kind: str, at: Cut | None = None, axes: Sequence[str] = ()
+    dataset: xr.Dataset, kind: str, at: Selection | None = None, axes: Sequence[str] = ()
 ) -> dict[str, float | str]:
     """Return where a picture cuts swept axes that a request does not fix: at their first value."""
     fixed = {*KINDS[kind].whole, *(at or {}), *axes}

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, shown_speeds
-from sweeps.analysis.distinct_attractors import attractors
+from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
-from sweeps.analysis.motion import Motion
-from sweeps.analysis.selection import Cut, chosen_axes, config_of, listed, select, swept_axes
+from sweeps.analysis.regimes import Regime
+from sweeps.analysis.selection import Selection, chosen_axes, config_of, listed, select, swept_axes
 from sweeps.analysis.settle import EXTENSIONS
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -21,13 +21,13 @@ from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.labels import CLASSES_TITLE, as_variable, label_axis
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.maps import Cells, draw_cells
-from sweeps.plotting.style import ATTRACTORS, MOTIONS, OTHER_ATTRACTORS
+from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, REGIMES
 from sweeps.text import shown_count
 
 
 @picture
 def basins(
-    dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
+    dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
     """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
 
@@ -58,7 +58,7 @@ def attractor_diagram(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Cut | None = None,
+    at: Selection | None = None,
     coordinate: str | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
@@ -116,7 +116,7 @@ def _draw_rows(
     abscissa = np.array([row.parameters[axis] for row in table])
     series: dict[tuple[bool, int, str], list[int]] = {}
     for i, row in enumerate(table):
-        periodic = row.motion is Motion.PERIODIC
+        periodic = row.motion is Regime.PERIODIC
         rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.motion)
         series.setdefault((not periodic, rank, _colour(row)), []).append(i)
     for (scattered, _, colour), places in sorted(series.items()):
@@ -132,16 +132,16 @@ def _draw_rows(
 
 def _colour(row: Row) -> str:
     """Return the colour of an attractor, or of its kind of motion."""
-    if row.motion is not Motion.PERIODIC:
-        return MOTIONS[row.motion][1]
+    if row.motion is not Regime.PERIODIC:
+        return REGIMES[row.motion][1]
     return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS
 
 
 def _class_names(attractor: Sequence[Row]) -> str:
     """Name the classes, or the kind of motion, of one attractor over several parameter points."""
     motion = attractor[0].motion
-    if motion is not Motion.PERIODIC:
-        return MOTIONS[motion][0]
+    if motion is not Regime.PERIODIC:
+        return REGIMES[motion][0]
     return classes(attractor) + ("" if any(row.q for row in attractor) else ", no impact")
 
 

@@ -12,9 +12,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from sweeps.analysis.coordinates import COORDINATES, recorded_coordinate
-from sweeps.analysis.motion import has_result
-from sweeps.analysis.selection import Cut, config_of, listed
+from sweeps.analysis.regimes import has_result
+from sweeps.analysis.selection import COORDINATES, Selection, config_of, listed, recorded_coordinate
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -62,7 +61,7 @@ def bifurcation(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Cut | None = None,
+    at: Selection | None = None,
     coordinate: str | None = None,
     exact: xr.Dataset | None = None,
     below: Sequence[str] = (),
@@ -78,7 +77,7 @@ def bifurcation(
     axes : sequence of str, optional
         The swept axis, by default the longest.
     coordinate : str, optional
-        One of ``sweeps.analysis.coordinates.COORDINATES``, by default the first that the file has.
+        One of ``sweeps.analysis.selection.COORDINATES``, by default the first that the file has.
     exact : Dataset, optional
         From `sweeps.branches` of this axis: exact branches to draw over the points.
     below : sequence of str, optional

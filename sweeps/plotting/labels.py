@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.coordinates import COORDINATES
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.selection import COORDINATES, config_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter

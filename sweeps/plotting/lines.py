@@ -8,9 +8,15 @@ from typing import NoReturn
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.coordinates import COORDINATES
-from sweeps.analysis.motion import has_result
-from sweeps.analysis.selection import Cut, chosen_axes, directions, listed, select
+from sweeps.analysis.regimes import has_result
+from sweeps.analysis.selection import (
+    COORDINATES,
+    Selection,
+    chosen_axes,
+    directions,
+    listed,
+    select,
+)
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION, VARIABLES
 from vibroimpact.status import Status
@@ -19,7 +25,7 @@ from vibroimpact.status import Status
 def select_line(
     dataset: xr.Dataset,
     axes: Sequence[str] = (),
-    at: Cut | None = None,
+    at: Selection | None = None,
     coordinate: str | None = None,
 ) -> tuple[xr.Dataset, str, str]:
     """Return the line that a `sweeps.plotting.bifurcation` shows, its axis and its coordinate."""

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sweeps.analysis.exact_curves import map_axes
-from sweeps.analysis.motion import Motion, classify, frequent_periods, has_result
-from sweeps.analysis.selection import Cut, listed, select
+from sweeps.analysis.regimes import Regime, classify, frequent_periods, has_result
+from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -33,9 +33,9 @@ from sweeps.plotting.labels import (
 from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.style import (
     BLUE,
-    MOTIONS,
     OTHER_PERIODIC,
     PERIODIC,
+    REGIMES,
     REST,
     RESULTS,
     STATUS_COLOURS,
@@ -78,7 +78,7 @@ def period_cells(cut: xr.Dataset) -> list[Cells]:
             "the file has no period: run the sweep again with record.diagnostics: [period]"
         )
     motion, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
-    periodic = motion == Motion.PERIODIC
+    periodic = motion == Regime.PERIODIC
     kinds = []
     frequent = frequent_periods(m[periodic], q[periodic], len(PERIODIC))
     for colour, (periods, impacts) in zip(PERIODIC, frequent, strict=False):
@@ -87,8 +87,8 @@ def period_cells(cut: xr.Dataset) -> list[Cells]:
         kinds.append(Cells(text, colour, where))
         periodic = periodic & ~where
     kinds.append(Cells("other m/q", OTHER_PERIODIC, periodic))
-    for kind, (text, colour) in MOTIONS.items():
-        if kind is Motion.UNDECIDED and "lyapunov" not in cut:
+    for kind, (text, colour) in REGIMES.items():
+        if kind is Regime.UNDECIDED and "lyapunov" not in cut:
             text = "no repetition found"
         kinds.append(Cells(text, colour, motion == kind))
     return kinds
@@ -167,7 +167,7 @@ def parameter_map(
     dataset: xr.Dataset,
     *,
     axes: Sequence[str] = (),
-    at: Cut | None = None,
+    at: Selection | None = None,
     quantity: str | None = None,
     exact: xr.Dataset | None = None,
     page: Page = PAGE,

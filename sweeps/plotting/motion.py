@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.selection import Cut, config_of, recorded
+from sweeps.analysis.selection import Selection, config_of, recorded
 from sweeps.analysis.trajectories import (
     RECORDED,
     PointMotion,
@@ -30,7 +30,7 @@ _NARROW = 4.5
 
 @picture
 def section(
-    dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
+    dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
     """Draw the Poincaré section at one point: velocity over displacement, and the stop."""
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
@@ -48,7 +48,7 @@ def section(
 
 @picture
 def impacts(
-    dataset: xr.Dataset, *, at: Cut | None = None, page: Page = PAGE, ax: Axes | None = None
+    dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
     """Draw the impact section at one point: speed before the impact over the forcing phase."""
     point, (phase, v) = recorded(dataset, ("impact_phase", "impact_v"), at)
@@ -68,7 +68,7 @@ def impacts(
 def trajectory(
     dataset: xr.Dataset,
     *,
-    at: Cut | None = None,
+    at: Selection | None = None,
     periods: int | None = None,
     page: Page = PAGE,
     ax: Sequence[Axes] | None = None,

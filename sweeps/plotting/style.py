@@ -8,7 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 
-from sweeps.analysis.motion import Motion
+from sweeps.analysis.regimes import Regime
 from vibroimpact.status import Status
 
 # From Okabe and Ito's palette.
@@ -26,12 +26,12 @@ PERIODIC = (BLUE, "#56B4E9", "#009E73", "#F0E442", ORANGE, "#CC79A7")
 OTHER_PERIODIC = "#D3E4B4"
 REST = VERMILION
 #: Of the other kinds of motion: their label and their colour.
-MOTIONS = {
-    Motion.REST: ("with rest", REST),
-    Motion.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
-    Motion.NEUTRAL: ("quasi-periodic or unsettled", "#4B0082"),
-    Motion.UNBOUNDED: ("unbounded", "#7A4A12"),
-    Motion.UNDECIDED: ("undecided", "#CCCCCC"),
+REGIMES = {
+    Regime.REST: ("with rest", REST),
+    Regime.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
+    Regime.NEUTRAL: ("quasi-periodic or unsettled", "#4B0082"),
+    Regime.UNBOUNDED: ("unbounded", "#7A4A12"),
+    Regime.UNDECIDED: ("undecided", "#CCCCCC"),
 }
 #: Of points with a result in a map of ``status``.
 RESULTS = {

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sweeps.explorer.page import Page
+from sweeps.explorer.page import LivePage
 from sweeps.explorer.server import Explorer
 
 #: Nothing is downloaded, and nothing is asked of the network.
@@ -40,7 +40,7 @@ def chromium() -> Iterator[Any]:
 
 
 class Window:
-    """A page in the browser beside the `Page` of the server in this process.
+    """A page in the browser beside the `LivePage` of the server in this process.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Window:
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
         self.tab.goto(address or explorer.address)
-        self.page: Page = explorer.pages[-1]
+        self.page: LivePage = explorer.pages[-1]
         self.settle(lambda: self.page.shown is not None)
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:

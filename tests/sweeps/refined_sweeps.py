@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 from sweep_files import load, run_in
 from sweeps import open_sweep
-from sweeps.analysis.class_changes import changes, labels
+from sweeps.analysis.regimes import changes, labels
 
 CONFIG = """\
 name: around a flip

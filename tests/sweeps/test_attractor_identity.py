@@ -7,7 +7,7 @@ import pytest
 
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.analysis.motion import Motion
+from sweeps.analysis.regimes import Regime
 from sweeps.errors import Refused
 from sweeps_over_starts import cycle, hand_made, partition
 from vibroimpact.status import Status
@@ -97,13 +97,13 @@ def test_what_is_on_no_attractor_or_does_not_repeat():
     )
     assert found["attractor"].values.tolist() == [0, 2, 2, 3, 3, -1, -1, 1]
     assert found["attractors"].item() == 2  # periodic, and with rest
-    table = {int(n): (Motion(int(k)), float(f)) for n, k, f in zip(
+    table = {int(n): (Regime(int(k)), float(f)) for n, k, f in zip(
         found["number"], found["motion"], found["fraction"], strict=True)}  # fmt: skip
     assert table == {
-        0: (Motion.PERIODIC, pytest.approx(1 / 6)),
-        1: (Motion.UNBOUNDED, pytest.approx(1 / 6)),
-        2: (Motion.REST, pytest.approx(2 / 6)),
-        3: (Motion.UNDECIDED, pytest.approx(2 / 6)),
+        0: (Regime.PERIODIC, pytest.approx(1 / 6)),
+        1: (Regime.UNBOUNDED, pytest.approx(1 / 6)),
+        2: (Regime.REST, pytest.approx(2 / 6)),
+        3: (Regime.UNDECIDED, pytest.approx(2 / 6)),
     }
 
 
@@ -192,7 +192,7 @@ def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     for one, other in itertools.combinations(names.T, 2):
         assert not ((one == other) & (one >= 0)).any()
     assert found["attractors"].max() >= 2
-    periodic = found["motion"] == Motion.PERIODIC
+    periodic = found["motion"] == Regime.PERIODIC
     shared = np.unique(names[periodic.values.reshape(names.shape)], return_counts=True)[1]
     assert shared.max() > 100  # names are shared in both directions
     turned = attractors(dataset.transpose("omega", "R", ...))

@@ -7,7 +7,7 @@ import xarray as xr
 from commands import call
 from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.analysis.motion import Motion
+from sweeps.analysis.regimes import Regime
 from sweeps_over_starts import partition
 from vibroimpact import Oscillator, one_impact_orbit
 
@@ -85,7 +85,7 @@ def test_starts_that_settle_slowly_are_on_the_attractor_they_go_to(computed_star
     assert 0.1 < slow.mean() < 0.5 and (dataset["impacts_per_period"].values[slow] == 0.0).all()
     found = attractors(dataset)
     assert {row.name for row in rows(dataset, found)} >= {"1/0", "2/1"}
-    assert not np.isin(found["motion"], (Motion.UNDECIDED, Motion.NEUTRAL)).any()
+    assert not np.isin(found["motion"], (Regime.UNDECIDED, Regime.NEUTRAL)).any()
     (free,) = (row for row in rows(dataset, found) if row.name == "1/0")
     assert (found["attractor"].values[slow] == free.number).all()
     np.testing.assert_array_equal(found["followed"], slow)
@@ -129,7 +129,7 @@ def test_chaos_that_rests_now_and_then_is_one_attractor(computed_starts, oscilla
     records = attractors(dataset, extensions=0)["motion"].values
     assert (records >= 0).sum() > 1
     found = attractors(dataset)
-    assert found["motion"].values[found["fraction"] > 0].tolist() == [Motion.REST]
+    assert found["motion"].values[found["fraction"] > 0].tolist() == [Regime.REST]
     assert found["attractors"].item() == 1
 
 
@@ -142,7 +142,7 @@ def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(compute
         "start={x0: {start: -2.5, stop: 0.0, num: 12}, v0: {start: -2.0, stop: 2.0, num: 12}}",
         "record={transient: 50, periods: 32, diagnostics: [period, lyapunov]}",
     )
-    assert (attractors(dataset, extensions=0)["motion"] == Motion.CHAOTIC).any()
+    assert (attractors(dataset, extensions=0)["motion"] == Regime.CHAOTIC).any()
     assert [row.name for row in rows(dataset, attractors(dataset))] == ["1/1"]
 
 
@@ -202,7 +202,7 @@ def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
         )
         with open_sweep(short) as dataset, open_sweep(long) as settled:
             found = attractors(dataset)
-            assert not np.isin(found["motion"], (Motion.UNDECIDED, Motion.NEUTRAL)).any()
+            assert not np.isin(found["motion"], (Regime.UNDECIDED, Regime.NEUTRAL)).any()
             got = sorted(found["fraction"].values[found["number"].values >= 0])
             shares = sorted(long_run_shares(settled))
         several += len(shares) > 1

@@ -6,9 +6,8 @@ import pytest
 
 from sweep_files import run_in
 from sweeps import branches, open_sweep
-from sweeps.analysis.coordinates import COORDINATES
 from sweeps.analysis.exact_branches import Line, _distance, compare, deviations
-from sweeps.analysis.selection import select
+from sweeps.analysis.selection import COORDINATES, select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot

@@ -18,7 +18,7 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.explorer import picture
 from sweeps.explorer.diagram import Diagram, numbers
 from sweeps.explorer.motion import motion_at
-from sweeps.explorer.page import Page
+from sweeps.explorer.page import LivePage
 from sweeps.explorer.view import MAP, View
 from sweeps.explorer.words import axis_label
 from sweeps.explorer.worker import Step, Worker
@@ -141,7 +141,7 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
 
 @pytest.mark.parametrize("key", ["periods", "impacts"])
 def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
-    page = Page(Document(), view, tmp_path)
+    page = LivePage(Document(), view, tmp_path)
     page.diagram.size = (4096, 400)
     page.change(lambda view: view.with_query(f"{key}=1000000"))
     two_figures = r"4,096 points takes about [\d.]+ GB of memory, and only [\d.]+ [MG]B are"
@@ -165,7 +165,7 @@ LOGARITHMIC = {
 
 @pytest.mark.slow
 def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
-    page = Page(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
+    page = LivePage(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
     h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
     np.testing.assert_array_equal(page.view.diagram(16).grid.axes["h"], h)
     tiles = page.view.tiles(MAP, 16, 10).grid.axes
@@ -221,7 +221,7 @@ def test_failed_points_are_marked_and_named(tmp_path):
             "record": {"transient": 2000, "periods": 10},
         }
     )
-    page = Page(Document(), View.of(config), tmp_path)
+    page = LivePage(Document(), View.of(config), tmp_path)
     diagram, columns = page.diagram, 60
     shown = diagram._draw(page.view, columns, 40)
     failed = shown.results["status"] == Status.NON_FINITE

@@ -52,7 +52,7 @@ def test_every_scalar_comes_back_to_the_last_bit(file):
 
 def test_parts_give_the_same_file(file, monkeypatch):
     exported(file)
-    monkeypatch.setattr("sweeps.analysis.export._PART", 3)
+    monkeypatch.setattr("sweeps.analysis.tables._PART", 3)
     exported(file, "parts.csv")
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import sweeps
 from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.analysis.motion import Motion, classify
+from sweeps.analysis.regimes import Regime, classify
 from sweeps.plotting import plot
 from vibroimpact import Oscillator, one_impact_orbit
 
@@ -49,7 +49,7 @@ def classes(dataset):
         classify(dataset).ravel(), dataset["period"].values.ravel(),
         dataset["period_impacts"].values.ravel(), strict=True,
     ):  # fmt: skip
-        named.append(f"{m}/{q}" if motion == Motion.PERIODIC else Motion(motion).name.lower())
+        named.append(f"{m}/{q}" if motion == Regime.PERIODIC else Regime(motion).name.lower())
     return named
 
 

@@ -12,7 +12,7 @@ from commands import accepted, call
 from oscillators import bifurcation
 from refined_sweeps import CONFIG, flip, found, refined, refined_config
 from sweeps import open_sweep
-from sweeps.analysis.class_changes import cascades, labels, ratio
+from sweeps.analysis.regimes import cascades, labels, ratio
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Classifier, Refinement
 from vibroimpact.orbits.one_impact import one_impact_orbit

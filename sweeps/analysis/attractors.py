@@ -1,7 +1,7 @@
 """The distinct attractors of a sweep: which exist at a point, and which starts reach each.
 
 A parameter point is a point of the grid without its starts. Each start there is on one of its
-attractors, according to its kind of motion (`sweeps.analysis.motion`):
+attractors, according to its kind of motion (`sweeps.analysis.regimes`):
 
 - periodic motions are the same attractor if they have the same number m of forcing periods and
   the same section states within a tolerance, wherever in the cycle each record ends. Impacts need
@@ -26,17 +26,17 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.attractor_numbers import PeriodicAttractors, track
 from sweeps.analysis.exact_links import ExactLinks
-from sweeps.analysis.grouping import Groups, PointNumbers, group_periodic
-from sweeps.analysis.motion import Motion
+from sweeps.analysis.grouping import GridIndex, Groups, group_periodic
+from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import config_of
 from sweeps.analysis.settle import EXTENSIONS, Outcomes, outcomes
+from sweeps.analysis.tracking import PeriodicAttractors, track
 from sweeps.errors import Refused
 
 #: Motions that count as an attractor; whether the others stay as they are is not known.
-COUNTED_MOTIONS = (Motion.PERIODIC, Motion.REST, Motion.CHAOTIC)
+COUNTED_MOTIONS = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 
 
 def attractors(
@@ -60,13 +60,13 @@ def attractors(
     -------
     Dataset
         ``attractor``, in the shape of ``status``: the number of the attractor, -1 for none. A
-        number is the same attractor along the axes (`sweeps.analysis.attractor_numbers`); the most
+        number is the same attractor along the axes (`sweeps.analysis.tracking`); the most
         frequent periodic one has 0, and those that are not periodic have the last.
         ``followed``, in the same shape: whether the motion had not settled in its record.
         ``attractors`` (parameters...): how many of ``COUNTED_MOTIONS`` were found, a lower bound.
         And for each of a point's, in the dimension ``coexisting`` from the most frequent on, -1 or
         NaN where there are no more: ``number``; ``fraction`` of the starts with a result;
-        ``motion``, a `sweeps.analysis.motion.Motion`; ``m`` forcing periods and ``q`` impacts per
+        ``motion``, a `sweeps.analysis.regimes.Regime`; ``m`` forcing periods and ``q`` impacts per
         repetition of a periodic one, otherwise 0;
         ``section_x``, ``section_v``: a state on it; ``representative``: the number of the start it
         is from, in C order over the axes of starts in the order of the file; ``settled``: whether
@@ -83,7 +83,7 @@ def attractors(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
                 "with record.diagnostics: [period]"
             )
-    points = PointNumbers.of(dataset)
+    points = GridIndex.of(dataset)
     ends = outcomes(dataset, points, extensions)
     groups = group_periodic(dataset, points, ends.period, ends.cycles, tolerance)
     heads, of_point = _members(points, ends.motion, groups.representative)
@@ -114,8 +114,8 @@ def attractors(
         grid[parameter, rank] = values
         shaped = grid.reshape(*points.shape, -1)
         data[name] = ((*points.parameters, "coexisting"), shaped, {"long_name": meaning})
-    data["motion"][2]["flag_values"] = np.array(list(Motion))
-    data["motion"][2]["flag_meanings"] = " ".join(motion.name.lower() for motion in Motion)
+    data["motion"][2]["flag_values"] = np.array(list(Regime))
+    data["motion"][2]["flag_meanings"] = " ".join(motion.name.lower() for motion in Regime)
     counted = np.bincount(parameter[np.isin(motion, COUNTED_MOTIONS)], minlength=points.count)
     for name, array, meaning in (
         ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
@@ -129,15 +129,15 @@ def attractors(
 
 
 def _members(
-    points: PointNumbers, motion: np.ndarray, representative: np.ndarray
+    points: GridIndex, motion: np.ndarray, representative: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a point on each attractor, and the attractor of each point, -1 for none.
 
     The `representative` points are those of the periodic motions; the others of a kind are one.
     """
     representative = representative.copy()
-    others = np.flatnonzero((representative < 0) & (motion > Motion.FAILED))
-    kinds = points.parameter[others] * len(Motion) + motion[others]
+    others = np.flatnonzero((representative < 0) & (motion > Regime.FAILED))
+    kinds = points.parameter[others] * len(Regime) + motion[others]
     _, first, inverse = np.unique(kinds, return_index=True, return_inverse=True)
     representative[others] = others[first][inverse]
     heads = np.unique(representative[representative >= 0])
@@ -156,7 +156,7 @@ def _settled_members(of_point: np.ndarray, heads: np.ndarray, ends: Outcomes) ->
 
 def _tracked(
     dataset: xr.Dataset,
-    points: PointNumbers,
+    points: GridIndex,
     motion: np.ndarray,
     heads: np.ndarray,
     fraction: np.ndarray,
@@ -166,7 +166,7 @@ def _tracked(
     lengths, places = np.zeros((2, len(groups.representative)), np.int64)
     for length, at in groups.by_period.items():
         lengths[at], places[at] = length, np.arange(len(at))
-    periodic = np.flatnonzero(motion == Motion.PERIODIC)
+    periodic = np.flatnonzero(motion == Regime.PERIODIC)
     periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
     at = heads[periodic]
     links = None
@@ -178,7 +178,7 @@ def _tracked(
     shares = np.bincount(chain, fraction[periodic])
     number = np.empty(len(heads), np.int64)
     number[periodic] = np.argsort(np.argsort(-shares, kind="stable"))[chain]
-    others = np.flatnonzero(motion != Motion.PERIODIC)
+    others = np.flatnonzero(motion != Regime.PERIODIC)
     number[others] = len(shares) + np.unique(motion[others], return_inverse=True)[1]
     return lengths[heads], number
 

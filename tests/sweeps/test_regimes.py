@@ -3,7 +3,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.analysis.motion import Motion, classify, frequent_periods
+from sweeps.analysis.regimes import (
+    Change,
+    Label,
+    Regime,
+    cascades,
+    changes,
+    classify,
+    frequent_periods,
+)
 from vibroimpact import integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
@@ -31,32 +39,32 @@ def test_the_status_decides_first():
     """Even where what is left of the numbers would say something else."""
     dataset = hand_made(list(Status), period=1, rest=0.5)
     assert classify(dataset).tolist() == [
-        Motion.PENDING,
-        Motion.REST,
-        Motion.REST,
-        Motion.REST,
-        Motion.UNBOUNDED,
-        Motion.FAILED,
-        Motion.FAILED,
+        Regime.PENDING,
+        Regime.REST,
+        Regime.REST,
+        Regime.REST,
+        Regime.UNBOUNDED,
+        Regime.FAILED,
+        Regime.FAILED,
     ]
 
 
 def test_a_repetition_decides_before_the_exponent():
     assert classify(hand_made([1, 1], [3, 0], growth=[50.0, 50.0])).tolist() == [
-        Motion.PERIODIC,
-        Motion.CHAOTIC,
+        Regime.PERIODIC,
+        Regime.CHAOTIC,
     ]
 
 
 def test_the_exponent_decides_by_the_growth_that_a_torus_allows():
     """Linear growth over the record is the factor 100."""
     growth = [-np.inf, np.log(0.0099), np.log(0.0101), 0.0, np.log(99.0), np.log(101.0)]
-    motion = [Motion.UNDECIDED] * 2 + [Motion.NEUTRAL] * 3 + [Motion.CHAOTIC]
+    motion = [Regime.UNDECIDED] * 2 + [Regime.NEUTRAL] * 3 + [Regime.CHAOTIC]
     assert classify(hand_made(np.ones(6), 0, growth=growth)).tolist() == motion
 
 
 def test_without_an_exponent_nothing_is_said_of_what_does_not_repeat():
-    assert classify(hand_made([1, 0, 2], 0)).tolist() == [Motion.UNDECIDED] * 3
+    assert classify(hand_made([1, 0, 2], 0)).tolist() == [Regime.UNDECIDED] * 3
 
 
 def test_the_shape_is_that_of_the_grid_in_any_order():
@@ -66,7 +74,7 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     # The same exponent is a growth that falls with omega: 2 pi k / omega of time.
     rate = np.full((2, 3, 2), 1.5 * np.log(PERIODS) / DURATION)
     both["lyapunov"] = (("R", "omega", "exponent"), rate)
-    expected = [Motion.CHAOTIC, Motion.CHAOTIC, Motion.NEUTRAL]
+    expected = [Regime.CHAOTIC, Regime.CHAOTIC, Regime.NEUTRAL]
     assert classify(both).tolist() == [expected, expected]
     turned = both.transpose("omega", "R", ...)
     assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
@@ -103,17 +111,17 @@ def beside(h, R, omega):
 def test_the_known_flip_without_damping(omega, m, q):
     """The orbit flips at omega = 2.653348."""
     dataset = computed(0.0, 0.8, omega, **beside(0.0, 0.8, omega))
-    assert classify(dataset).tolist() == [Motion.PERIODIC]
+    assert classify(dataset).tolist() == [Regime.PERIODIC]
     assert (dataset["period"].item(), dataset["period_impacts"].item()) == (m, q)
 
 
 @pytest.mark.parametrize(("h", "R", "omega"), [(0, 0.5, 0.5), (0.05, 0.6, 0.4), (0.05, 0.8, 0.3)])
 def test_the_known_rests(h, R, omega):
-    assert classify(computed(h, R, omega)).tolist() == [Motion.REST]
+    assert classify(computed(h, R, omega)).tolist() == [Regime.REST]
 
 
 def test_the_known_chaos():
-    assert classify(computed(0.1, 0.8, 2.95)).tolist() == [Motion.CHAOTIC]
+    assert classify(computed(0.1, 0.8, 2.95)).tolist() == [Regime.CHAOTIC]
 
 
 def test_a_free_oscillation_of_two_frequencies_is_neutral():
@@ -122,7 +130,7 @@ def test_a_free_oscillation_of_two_frequencies_is_neutral():
     results = integrate(osc.at(), transient=0, periods=PERIODS, lyapunov=True)
     assert results["impacts_per_period"].item() == 0.0
     dataset = hand_made([results["status"].item()], 0, growth=results["lyapunov"][:, 0] * DURATION)
-    assert classify(dataset).tolist() == [Motion.NEUTRAL]
+    assert classify(dataset).tolist() == [Regime.NEUTRAL]
 
 
 def test_the_most_frequent_periods_in_order():
@@ -131,3 +139,46 @@ def test_the_most_frequent_periods_in_order():
     assert frequent_periods(m, q, 2) == [(1, 1), (2, 1)]
     assert frequent_periods(m, q, 9) == [(1, 1), (1, 2), (2, 1), (3, 1), (4, 4)]
     assert frequent_periods(m[:0], q[:0], 3) == []
+
+
+# Changes of the class: their kinds and cascades
+
+ONE, TWO, FOUR, EIGHT = (Label(Regime.PERIODIC, m, m) for m in (1, 2, 4, 8))
+REST, CHAOS = Label(Regime.REST), Label(Regime.CHAOTIC)
+
+
+def test_points_of_no_known_class_are_passed_over():
+    given = [ONE, None, None, ONE, None, TWO, CHAOS]
+    assert list(changes(np.arange(7.0), given)) == [
+        Change(3.0, 5.0, ONE, TWO, between=1),
+        Change(5.0, 6.0, TWO, CHAOS),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kind"),
+    [
+        (ONE, TWO, "flip"),
+        (FOUR, TWO, "flip"),
+        (Label(Regime.PERIODIC, 2, 3), Label(Regime.PERIODIC, 2, 4), "unknown"),
+        (ONE, FOUR, "unknown"),
+        (Label(Regime.PERIODIC, 2, 3), Label(Regime.PERIODIC, 4, 7), "unknown"),
+        (ONE, REST, "rest"),
+        (CHAOS, REST, "rest"),
+        (CHAOS, TWO, "chaos"),
+        (Label(Regime.REST, 2, 2), Label(Regime.REST, 2, 1), "unknown"),
+        (Label(Regime.REST, 1, 1), Label(Regime.REST, 2, 2), "unknown"),
+        (Label(Regime.REST, 1, 1), ONE, "rest"),
+    ],
+)
+def test_kinds_of_change(before, after, kind):
+    assert Change(0.0, 1.0, before, after).kind == kind
+
+
+def test_cascades_run_both_ways_and_break_where_a_flip_is_missing():
+    up = [Change(k, k, a, b) for k, (a, b) in enumerate([(ONE, TWO), (TWO, FOUR), (FOUR, EIGHT)])]
+    down = [Change(k, k, b, a) for k, (a, b) in enumerate([(FOUR, EIGHT), (TWO, FOUR), (ONE, TWO)])]
+    assert list(cascades(up)) == [up]
+    assert list(cascades(down)) == [down[::-1]]
+    assert list(cascades([*up, Change(5, 6, EIGHT, CHAOS), *down])) == [up, down[::-1]]
+    assert list(cascades([up[0], up[2]])) == []
