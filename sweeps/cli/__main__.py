@@ -31,7 +31,7 @@ def _run() -> int:
     """Run the command; return the exit code."""
     try:
         from sweeps.cli.main import app
-        from sweeps.cli.terminal import prepare_streams
+        from sweeps.cli.options import prepare_streams
 
         prepare_streams()
         interrupts.check()

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import check_csv, check_threads
-from sweeps.cli.terminal import say
+from sweeps.cli.options import check_csv, check_threads, say
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.terminal import say
+from sweeps.cli.options import say
 from sweeps.interrupts import came
 
 if TYPE_CHECKING:

@@ -13,18 +13,16 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from sweeps.cli import begin as cli_begin
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import explore as cli_explore
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.options import in_options
-from sweeps.cli.terminal import say
+from sweeps.cli.options import in_options, say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, raised_at_once
-from sweeps.text import shortened
+from sweeps.text import nearest, shortened, suggestion
 from vibroimpact import __version__
 
 
@@ -113,8 +111,41 @@ def _common(
         context.with_resource(raised_at_once())
 
 
+def init(
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="The name of a scene of the gallery.")
+    ] = "quickstart",
+) -> None:
+    """Write the configuration of a scene, with comments, into the folder: SCENE.yaml."""
+    from sweeps.config.scenes import scenes
+    from sweeps.store.replacing import check_target, writing
+
+    texts = scenes()
+    if scene not in texts:
+        raise Refused(
+            f"there is no scene {scene!r}{suggestion(nearest(scene, texts))}; "
+            f"expected: {', '.join(texts)}"
+        )
+    path = Path(f"{scene}.yaml")
+    if check_target(path, "configuration"):
+        raise Refused(f"{path} exists, and is left as it is; remove it, or rename it")
+    with writing(path, "configuration") as new:
+        new.write_text(texts[scene], encoding="utf-8")
+    say(path)
+    say(f"next: vibroimpact run {path}")
+
+
+def schema() -> None:
+    """Show the JSON schema of a sweep's configuration, for editors."""
+    import json
+
+    from sweeps.config.sweep import json_schema
+
+    say(json.dumps(json_schema(), indent=2))
+
+
 for command in (
-    cli_begin.init,
+    init,
     cli_run.run,
     cli_zoom.zoom,
     cli_explore.explore,
@@ -122,6 +153,6 @@ for command in (
     cli_read.attractors,
     cli_read.info,
     cli_read.export,
-    cli_begin.schema,
+    schema,
 ):
     app.command()(command)

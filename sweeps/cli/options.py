@@ -1,10 +1,13 @@
-"""Arguments and options that several commands have: how they are read, and checked."""
+"""What several commands share: their arguments and options, and what they write to a terminal."""
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import re
+import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.terminal import say
 from sweeps.errors import Refused
+from sweeps.text import printable
 
 if TYPE_CHECKING:
     from sweeps.analysis.selection import Selection
@@ -135,6 +138,7 @@ def in_options(text: str) -> str:
     """Write the arguments that a message speaks of as the options of the commands."""
     text = re.sub(r"\b(overwrite|resume)=True", r"--\1", text)
     text = re.sub(r"\b(below|coordinate)=\[?'(\w+)'\]?", r"--\1 \2", text)
+    text = re.sub(r"(^|\n|first in )override ", r"\1--set ", text)
     return text.replace("another output", "-o another file").replace("an output", "-o a file")
 
 
@@ -153,3 +157,23 @@ def say_moved(requested: Selection, cut: Selection, verb: str) -> None:
         if value != cut[name]:
             text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
             say(text, error=True)
+
+
+# What is written to a terminal: one line for a warning, nothing that it would obey
+
+
+def say(text: object, *, error: bool = False, end: bool = True) -> None:
+    """Write a text to stdout, or stderr for an error, with control characters escaped."""
+    typer.echo(printable(str(text)), err=error, nl=end)
+
+
+def _show_warning(message: Warning | str, *_: object) -> None:
+    say(f"vibroimpact: warning: {message}", error=True)
+
+
+def prepare_streams() -> None:
+    """Escape what an encoding lacks, and write a warning of Python as one line."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    warnings.showwarning = _show_warning  # type: ignore[assignment]

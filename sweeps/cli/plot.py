@@ -18,11 +18,11 @@ from sweeps.cli.options import (
     inches,
     limits,
     named,
+    say,
     say_moved,
     selection_of,
     targets,
 )
-from sweeps.cli.terminal import say
 from sweeps.errors import Refused
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import SweepFile, check_csv, named, say_moved, selection_of
-from sweeps.cli.terminal import say
+from sweeps.cli.options import SweepFile, check_csv, named, say, say_moved, selection_of
 from sweeps.errors import Refused
 
 if TYPE_CHECKING:

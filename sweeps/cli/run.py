@@ -20,9 +20,9 @@ from sweeps.cli.options import (
     check_threads,
     existing_output,
     named,
+    say,
     targets,
 )
-from sweeps.cli.terminal import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, check
 

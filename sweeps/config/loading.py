@@ -5,7 +5,7 @@ Every error names the file, the line, the key, what was given and what is allowe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -152,23 +152,25 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         # The last two are of an escaped character that there is not, as "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
-    return "" if node is None else _tree(node, origin, key, sources)
+
+    def line_of(at: yaml.Node) -> str:
+        return origin if key else f"{origin}, line {at.start_mark.line + 1}"
+
+    return "" if node is None else _tree(node, line_of, key, sources)
 
 
-def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> object:
+def _tree(
+    node: yaml.Node, line_of: Callable[[yaml.Node], str], key: Key, sources: dict[Key, str]
+) -> object:
     """Return the text, list or mapping of a node that stands at `key`."""
-
-    def _line_of(at: yaml.Node) -> str:
-        return origin if origin.startswith("--set") else f"{origin}, line {at.start_mark.line + 1}"
-
-    sources.setdefault(key, _line_of(node))
+    sources.setdefault(key, line_of(node))
     if isinstance(node, yaml.SequenceNode):
-        return [_tree(item, origin, (*key, i), sources) for i, item in enumerate(node.value)]
+        return [_tree(item, line_of, (*key, i), sources) for i, item in enumerate(node.value)]
     if isinstance(node, yaml.ScalarNode):
-        return _text_of(node, _line_of(node))
+        return _text_of(node, line_of(node))
     mapping: dict[str, object] = {}
     for key_node, value_node in node.value:
-        here, name = _line_of(key_node), key_node.value
+        here, name = line_of(key_node), key_node.value
         if not isinstance(name, str):
             raise ConfigError(f"{here}: a list or mapping is not allowed as a key")
         name = _text_of(key_node, here)
@@ -179,7 +181,7 @@ def _tree(node: yaml.Node, origin: str, key: Key, sources: dict[Key, str]) -> ob
                 "each key is allowed once"
             )
         sources[child] = here
-        mapping[name] = _tree(value_node, origin, child, sources)
+        mapping[name] = _tree(value_node, line_of, child, sources)
     return mapping
 
 
@@ -193,8 +195,8 @@ def _text_of(node: yaml.Node, source: str) -> str:
 
 
 def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
-    """Set one key in `data`, as ``--set`` asks."""
-    origin = f"--set {shortened(override)}"
+    """Set one key in `data`, as an override asks."""
+    origin = f"override {shortened(override)}"
     name, equals, value = override.partition("=")
     key = tuple(name.strip().split("."))
     if not equals or not all(key):

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from sweeps.config.refine_checks import refuse_refinement
+from sweeps.config.checks import refuse_refinement, refuse_unstable, worst_points
 from sweeps.config.schema import (
     FollowConfig,
     MethodConfig,
@@ -27,7 +27,6 @@ from sweeps.config.schema import (
     choice,
     key_list,
 )
-from sweeps.config.steps import refuse_unstable, worst_points
 from sweeps.config.values import (
     Group,
     Key,

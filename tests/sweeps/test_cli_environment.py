@@ -185,7 +185,7 @@ def test_an_encoding_that_lacks_a_character():
 def test_a_warning_is_one_line(folder):
     code = (
         "import warnings\n"
-        "from sweeps.cli.terminal import prepare_streams\n"
+        "from sweeps.cli.options import prepare_streams\n"
         "prepare_streams()\n"
         "warnings.warn('the cache\\x1b[31m is full')\n"
     )

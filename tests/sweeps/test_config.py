@@ -324,7 +324,7 @@ def test_overrides_may_add_a_group():
 def test_a_wrong_override_is_reported_as_one(override, parts):
     message = refusal(EXAMPLE.replace("false", "{every: 1}"), [override])
     for line in message.splitlines():
-        assert line.startswith(f"--set {override}")
+        assert line.startswith(f"override {override}")
     for part in parts:
         assert part in message
 

@@ -181,7 +181,7 @@ def test_of_many_errors_the_first_are_said_and_the_number_of_all():
 def test_an_escape_that_is_no_character_is_refused(text):
     assert "sweep.yaml" in refusal(text + "\n")
     if text.startswith("osc"):
-        assert "--set oscillator.h=" in refusal(oscillator(), [r'oscillator.h="\UFFFFFFFF"'])
+        assert "override oscillator.h=" in refusal(oscillator(), [r'oscillator.h="\UFFFFFFFF"'])
 
 
 def test_two_escapes_of_16_bits_are_the_character_that_json_means():
