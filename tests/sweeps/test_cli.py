@@ -361,8 +361,12 @@ def test_any_block_size_gives_the_same_data(monkeypatch):
     [
         ("{transient: 0, periods: 1, impacts: 0}", 100_000, 2016),
         ("{transient: 999, periods: 1, impacts: 0}", 1_000_000, 20000),  # 2e8 / (1000 * 10)
-        ("{transient: 1e6, periods: 1}", 100_000, 64),
-        ("{transient: 0, periods: 1e6}", 100_000, 64),  # 16 MB each, but full lanes
+        ("{transient: 1e6, periods: 1}", 100_000, 256),
+        (
+            "{transient: 0, periods: 1e6}",
+            100_000,
+            124,
+        ),  # 16 MB each, five blocks in half the memory
         ("{transient: 0, periods: 1e6, trajectory: {every: 10}}", 100_000, 1),
     ],
 )
