@@ -6,7 +6,7 @@ import mpmath as mp
 import pytest
 
 from commands import accepted
-from section_map import SectionMap
+from oscillators import SectionMap
 from sweep_files import run_in
 from sweeps import branches, open_sweep
 from vibroimpact import Oscillator, PeriodicOrbit

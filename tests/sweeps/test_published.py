@@ -16,8 +16,7 @@ import pytest
 from scipy.optimize import brentq
 
 import sweeps
-from dux_orbits import TAU, Dux
-from oscillators import bifurcation
+from oscillators import TAU, Dux, bifurcation
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
 from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate

@@ -1,11 +1,20 @@
-"""Oscillators as tests name them: by position, and at random."""
+"""Oscillators by position and at random, and their orbits by other means than the package's.
 
-from dataclasses import replace
+``Dux`` is a closed form. ``SectionMap`` is eqs (1)-(5) in multiple precision, over impacts near
+given ones: every flight is its closed form, followed to its impact by Newton's method. It shares no
+code with the package, which gives only the phases where the impacts are looked for.
+"""
 
+from dataclasses import asdict, replace
+from typing import NamedTuple
+
+import mpmath as mp
 import numpy as np
 from scipy.optimize import bisect
 
 from vibroimpact import Oscillator, one_impact_orbit
+
+TAU = 2.0 * np.pi
 
 
 def oscillator(h, R, omega=1.0, clearance=0.0, f=1.0, p=1.0):
@@ -45,3 +54,204 @@ def bifurcation(osc, kind, parameter, low, high, n=1):
         return _SIGNS[kind](one_impact_orbit(replace(osc, **{parameter: value}), n))
 
     return bisect(sign, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps, maxiter=200)
+
+
+class Dux(NamedTuple):
+    """Random orbits of one impact in n periods, h = 0, p = f = 1, at any clearance; in closed form.
+
+    Between two impacts the motion is symmetric in time. With x_p = -gamma sin(omega t) it is
+    sin(theta) = -(sigma + c V / 2) / gamma, cos(theta) = -rho V / (2 gamma) at the impact.
+    """
+
+    omega: np.ndarray
+    R: np.ndarray
+    n: np.ndarray
+
+    @classmethod
+    def random(cls, count):
+        rng = np.random.default_rng(1992)
+        draws = rng.uniform(0.3, 6.0, count), rng.uniform(0.0, 0.98, count)
+        return cls(*draws, rng.integers(1, 5, count))
+
+    @property
+    def constants(self):
+        """T, gamma, rho and c."""
+        T = TAU * self.n / self.omega
+        c = (1.0 + self.R) / np.tan(0.5 * T)  # (1 + R) sin T / (1 - cos T)
+        return T, 1.0 / (1.0 - self.omega**2), (1.0 - self.R) / self.omega, c
+
+    def speeds(self, sigma):
+        """Of both solutions, shape (2, count), orbits where > 0; NaN where there is none."""
+        _, gamma, rho, c = self.constants
+        with np.errstate(invalid="ignore"):
+            root = np.sqrt(gamma**2 * c**2 + (gamma**2 - sigma**2) * rho**2)
+        return 2.0 * np.array([-c * sigma - root, -c * sigma + root]) / (c**2 + rho**2)
+
+    def fold(self):
+        """The clearance at which both solutions with V > 0 meet."""
+        _, gamma, rho, c = self.constants
+        return -np.sign(c) * np.abs(gamma) * np.hypot(1.0, c / rho)
+
+    def flip(self):
+        """The clearance at which 1 + R^2 - 2 R cos T + (1 + R) (a / V) sin T = 0.
+
+        a = -sin(theta) - sigma = -omega^2 sigma + c V / (2 gamma), so that sigma / V is known.
+        """
+        T, gamma, rho, c = self.constants
+        K = (1.0 + self.R**2 - 2.0 * self.R * np.cos(T)) / ((1.0 + self.R) * np.sin(T))
+        ratio = (K + 0.5 * c / gamma) / self.omega**2
+        return ratio * np.abs(gamma) / np.hypot(ratio + 0.5 * c, 0.5 * rho)
+
+    def state(self, t, sigma, V):
+        """x and v at the time t after the impact."""
+        T, gamma, rho, c = self.constants
+        sine, cosine = -(sigma + 0.5 * c * V) / gamma, -0.5 * rho * V / gamma
+        turn = self.omega * t
+        free = -0.5 * (1.0 + self.R) * V / np.sin(0.5 * T)
+        x = free * np.cos(t - 0.5 * T) - gamma * (sine * np.cos(turn) + cosine * np.sin(turn))
+        rate = cosine * np.cos(turn) - sine * np.sin(turn)
+        return x, -free * np.sin(t - 0.5 * T) - gamma * self.omega * rate
+
+    def phase(self, sigma, V):
+        """omega t of the impact, in [0, 2 pi)."""
+        _, gamma, rho, c = self.constants
+        return np.arctan2(-(sigma + 0.5 * c * V) / gamma, -0.5 * rho * V / gamma) % TAU
+
+    def multipliers_at_minus_one(self, sigma, V):
+        """1 + trace + det, which is positive up to the flip."""
+        T, gamma, _, c = self.constants
+        a = 0.5 * c * V / gamma - self.omega**2 * sigma
+        kick = (1.0 + self.R) * (a / V) * np.sin(T)
+        return 1.0 + self.R**2 - 2.0 * self.R * np.cos(T) + kick
+
+    def oscillator(self, i, sigma):
+        return Oscillator(0.0, float(self.R[i]), float(self.omega[i]), 1.0, clearance=float(sigma))
+
+
+class Flight:
+    """The motion of eq. (1) from a state at a time; not at h = p or in resonance."""
+
+    def __init__(self, parameters, t, x, v):
+        h, p, omega = (parameters[name] for name in ("h", "p", "omega"))
+        root, self.t, self.omega = mp.sqrt(mp.mpc(h * h - p * p)), t, omega
+        self.rates = one, two = -h + root, -h - root
+        self.steady = steady_response(parameters)
+        forced = self.steady * mp.expj(omega * t)
+        x, v = x - forced.imag, v - omega * forced.real
+        self.weights = (v - two * x) / (2 * root), (one * x - v) / (2 * root)
+
+    def __call__(self, t):
+        """x and x'."""
+        waves = [
+            c * mp.exp(r * (t - self.t)) for c, r in zip(self.weights, self.rates, strict=True)
+        ]
+        rates = [wave * r for wave, r in zip(waves, self.rates, strict=True)]
+        forced = self.steady * mp.expj(self.omega * t)
+        return sum(waves).real + forced.imag, sum(rates).real + self.omega * forced.real
+
+
+def steady_response(parameters):
+    """The factor of exp(i omega t) in the steady motion without impacts."""
+    h, omega, f, p = (parameters[name] for name in ("h", "omega", "f", "p"))
+    return -f / mp.mpc(p * p - omega * omega, 2 * h * omega)
+
+
+class SectionMap:
+    """A state, to one repetition later, over impacts near those of an orbit.
+
+    The section is in the middle of the longest flight. At a graze, the impact of speed zero is no
+    impact but the touch of a flight.
+    """
+
+    def __init__(self, orbit):
+        self.parameters = {name: mp.mpf(value) for name, value in asdict(orbit.oscillator).items()}
+        turn = 2 * mp.pi * orbit.m
+        hits = [(mp.mpf(a), mp.mpf(v)) for a, v in zip(orbit.phases, orbit.speeds, strict=True)]
+        impacts = [hit for hit in hits if hit[1] > 0]
+        touches = [phase for phase, speed in hits if speed == 0]
+        if impacts:
+            phases = [phase for phase, _ in impacts]
+            ends = [*phases, *(phase + turn for phase in phases)]
+            longest = max(range(len(phases)), key=lambda i: ends[i + 1] - ends[i])
+            self.start = (ends[longest] + ends[longest + 1]) / 2
+            self.phases = ends[longest + 1 : longest + 1 + len(phases)]
+            launch = -self.parameters["R"] * impacts[longest][1]
+            omega, stop = self.parameters["omega"], self.parameters["clearance"]
+            flight = Flight(self.parameters, ends[longest] / omega, stop, launch)
+            self.state = mp.matrix(flight(self.start / omega))
+        else:
+            self.start, self.phases = touches[0] - 2, []
+            forced = steady_response(self.parameters) * mp.expj(self.start)
+            self.state = mp.matrix([forced.imag, self.parameters["omega"] * forced.real])
+        self.end = self.start + turn
+        self.touches = [self.start + (phase - self.start) % turn for phase in touches]
+
+    def __call__(self, state):
+        """The state at the end, and the times and speeds of the impacts."""
+        omega, stop = self.parameters["omega"], self.parameters["clearance"]
+        flight, impacts = Flight(self.parameters, self.start / omega, *state), []
+        self.flights = [flight]
+        for phase in self.phases:
+            t = phase / omega
+            x, v = flight(t)
+            while abs(x - stop) > mp.mpf(10) ** -40:
+                t -= (x - stop) / v
+                x, v = flight(t)
+            flight = Flight(self.parameters, t, stop, -self.parameters["R"] * v)
+            self.flights.append(flight)
+            impacts.append((t, v))
+        return mp.matrix(flight(self.end / omega)), impacts
+
+    def derivative(self):
+        """The monodromy matrix, by central differences."""
+        step, D = mp.mpf(10) ** -16, mp.matrix(2, 2)
+        for j in range(2):
+            beside = mp.matrix(2, 1)
+            beside[j] = step
+            change = self(self.state + beside)[0] - self(self.state - beside)[0]
+            D[0, j], D[1, j] = change / (2 * step)
+        return D
+
+    def polish(self):
+        """Two steps of Newton's method onto the periodic orbit; return its impacts."""
+        for _ in range(2):
+            end, impacts = self(self.state)
+            self.phases = [t * self.parameters["omega"] for t, _ in impacts]
+            self.state += mp.lu_solve(mp.eye(2) - self.derivative(), end - self.state)
+        end, impacts = self(self.state)
+        assert mp.norm(end - self.state) < mp.mpf(10) ** -20
+        return impacts
+
+    def bifurcation(self, kind, parameter):
+        """Newton's method in x, v and a parameter onto a bifurcation; return the parameter."""
+        unknowns, step = mp.matrix([*self.state, self.parameters[parameter]]), mp.mpf(10) ** -12
+        for _ in range(4):
+            value, J = self._equations(unknowns, kind, parameter), mp.matrix(3, 3)
+            for j in range(3):
+                moved = unknowns.copy()
+                moved[j] += step
+                J[:, j] = (self._equations(moved, kind, parameter) - value) / step
+            change = mp.lu_solve(J, value)
+            unknowns -= change
+        assert mp.norm(change) < mp.mpf(10) ** -15
+        return unknowns[2]
+
+    def _equations(self, unknowns, kind, parameter):
+        self.state, self.parameters[parameter] = mp.matrix(unknowns[:2]), unknowns[2]
+        end, impacts = self(self.state)
+        if kind == "graze":
+            condition = self._height([t for t, _ in impacts])
+        else:
+            D = self.derivative()
+            trace = D[0, 0] + D[1, 1]
+            condition = 1 + (trace if kind == "flip" else -trace) + mp.det(D)
+        return mp.matrix([end[0] - self.state[0], end[1] - self.state[1], condition])
+
+    def _height(self, times):
+        """How far a flight passes the stop where it touches it."""
+        t = self.touches[0] / self.parameters["omega"]
+        flight = self.flights[sum(impact < t for impact in times)]
+        for _ in range(6):
+            v, beside = flight(t)[1], flight(t + mp.mpf(10) ** -15)[1]
+            t -= v * mp.mpf(10) ** -15 / (beside - v)
+        return flight(t)[0] - self.parameters["clearance"]

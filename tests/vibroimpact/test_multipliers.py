@@ -5,7 +5,7 @@ import naive
 import numpy as np
 import pytest
 
-from section_map import SectionMap
+from oscillators import SectionMap
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator

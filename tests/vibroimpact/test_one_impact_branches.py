@@ -14,8 +14,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from oscillators import random_oscillators
-from section_map import SectionMap
+from oscillators import SectionMap, random_oscillators
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import solved
