@@ -37,6 +37,7 @@ from vibroimpact.orbits.corrector import (
     difference,
     inner,
     linearised,
+    moved,
     parameters_at,
 )
 from vibroimpact.orbits.flights import (
@@ -102,7 +103,7 @@ def test_functions(system, X, tangent, bounds):
     q, k = system.q, system.free.size
     tests, step = np.empty((2, 2 * k + 2)), difference(system, X)
     _fill(system, X, bounds, tests[0])
-    _fill(system, X + step * tangent, bounds, tests[1])
+    _fill(system, moved(X, step, tangent), bounds, tests[1])
     for i in range(2 * k + 2):
         tests[1, i] = (tests[1, i] - tests[0, i]) / step
     for j in range(k):
@@ -141,10 +142,10 @@ def _turns_far(system, X, Y):
 def _flights(system, X, tangent, i, n, zeros):
     """Return the polynomials of a flight, their slopes along the tangent, and their rounding."""
     step = max(FLIGHT_DIFFERENCE, difference(system, X))
-    at, above, below = X, X + step * tangent, X - step * tangent
+    above, below = moved(X, step, tangent), moved(X, -step, tangent)
     m, speed, q = system.m, system.speed, system.q
-    pt = parameters(parameters_at(system, at))
-    C, rounding = polynomials(pt, m, speed, at, q, i, n, zeros)
+    pt = parameters(parameters_at(system, X))
+    C, rounding = polynomials(pt, m, speed, X, q, i, n, zeros)
     pt = parameters(parameters_at(system, above))
     slopes, _ = polynomials(pt, m, speed, above, q, i, n, zeros)
     pt = parameters(parameters_at(system, below))
@@ -152,7 +153,8 @@ def _flights(system, X, tangent, i, n, zeros):
     for k in range(n):
         for j in range(TERMS):
             slopes[k, j] = (slopes[k, j] - down[k, j]) / (2.0 * step)
-    return C, slopes, rounding / step
+        rounding[k] /= step
+    return C, slopes, rounding
 
 
 @jit
