@@ -10,10 +10,10 @@ import numpy as np
 from vibroimpact.jit import on_threads
 from vibroimpact.oscillator import Oscillator, refuse_other, whole
 from vibroimpact.status import Status
+from vibroimpact.step.contact import IMPACT, RELEASE, REST, time_to_release
+from vibroimpact.step.grid import MOST_PERIODS, MOST_RECORDED, scheme_of
 from vibroimpact.step.integrators import exact
-from vibroimpact.step.log import SECTION, trace
-from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, stepping
-from vibroimpact.step.stop import IMPACT, RELEASE, REST, time_to_release
+from vibroimpact.step.recorder import SECTION, trace
 
 #: A trajectory of more rows is refused.
 MOST_ROWS = 10_000_000
@@ -100,8 +100,8 @@ def simulate(
     periods = whole("periods", periods, 1, MOST_RECORDED)
     transient = whole("transient", transient, 0, MOST_PERIODS)
     points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
-    steps = stepping(points, integrator, impact, steps_per_period, phase, at_section=True)
-    arguments = points, steps, periods, transient, 1, interrupt, MOST_ROWS
+    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section=True)
+    arguments = points, scheme, periods, transient, 1, interrupt, MOST_ROWS
     ((log, status),) = on_threads(1, interrupt, trace, *arguments)
     if status is Status.PENDING:
         raise ValueError(

@@ -36,9 +36,8 @@ from sweeps.config.values import (
 )
 from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.oscillator import PARAMETERS, Parameter
+from vibroimpact.step.grid import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, MOST_STEPS
-from vibroimpact.step.rules import IMPACT_RULES
 
 #: What can be computed of each point beside what is always recorded.
 DIAGNOSTICS = ("period", "lyapunov")

@@ -39,7 +39,7 @@ from sweeps.config.values import (
 )
 from sweeps.grid import Grid
 from sweeps.text import printable, shortest
-from vibroimpact.step.methods import MOST_STEPS, default_steps
+from vibroimpact.step.grid import MOST_STEPS, default_steps
 
 #: How a complete file can be compressed.
 COMPRESSIONS = ("none", "gzip")

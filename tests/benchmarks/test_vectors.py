@@ -12,7 +12,7 @@ from vibroimpact.kernel.chord_impacts import shorten_steps, take_remainders
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS, carry_columns, correct_columns
 from vibroimpact.kernel.time_stepping import STRIDE
 from vibroimpact.kernel.workspace import LANES, new_workspace
-from vibroimpact.step.phases import one_period
+from vibroimpact.step.grid import one_period
 
 #: A step of a lane has eight multiply-adds, of which two begin with a product.
 FUSED = 6 * STRIDE
@@ -52,8 +52,8 @@ def test_the_hot_loops_are_packed_and_fused():
     lanes, added, table = WORKSPACE.lanes, WORKSPACE.added[0], one_period(0.0, 100).table
     stride = lanes, LANES, table, 0, STRIDE
     assert packed(time_stepping.plain_lanes, (*stride, False)) >= 2 * FUSED  # and while recording
-    assert packed(time_stepping.glide_lanes, stride) >= FUSED
-    assert packed(exact.glide_lanes, (lanes, 64, added, 0.1, 0)) >= 8
+    assert packed(time_stepping.step_lanes, stride) >= FUSED
+    assert packed(exact.propagate_lanes, (lanes, 64, added, 0.1, 0)) >= 8
     assert packed(exact.force_lanes, (lanes, added, 0.0, 1.0)) >= 4
 
 

@@ -17,7 +17,7 @@ from sweeps.config.loading import load_config
 from sweeps.engine import executors
 from sweeps.engine.run import block_size
 from vibroimpact.status import Status
-from vibroimpact.step.flight import LONGEST_STEP
+from vibroimpact.step.series import LONGEST_STEP
 
 CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]

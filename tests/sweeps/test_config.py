@@ -13,9 +13,9 @@ from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig, StartConfig
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.step.flight import LONGEST_STEP
+from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.step.stability import least_stable_steps
 
 # What is read

@@ -7,8 +7,8 @@ from sweep_files import load
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError
 from sweeps.text import printable
+from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.rules import IMPACT_RULES
 
 # What is refused: every message has the file, the line, the key, the given and the allowed
 

@@ -16,8 +16,8 @@ from sweeps.engine.compute import computation
 from sweeps.errors import ConfigError
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
 from vibroimpact.points.following import follow
-from vibroimpact.step.log import trajectories
-from vibroimpact.step.methods import stepping
+from vibroimpact.step.grid import scheme_of
+from vibroimpact.step.recorder import trajectories
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 
@@ -44,11 +44,11 @@ def by_hand(config, point, axis, values):
             here, impacts=record.impacts, lyapunov=True, at_section=at_section, **common
         )
         if record.trajectory:
-            steps = stepping(
+            scheme = scheme_of(
                 here, method.integrator, method.impact, config.steps, record.phase, at_section
             )
             every = record.trajectory.every
-            found |= trajectories(here, steps, record.periods, record.transient, every)
+            found |= trajectories(here, scheme, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
         yield value, found
 

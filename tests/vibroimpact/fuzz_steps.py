@@ -14,15 +14,20 @@ from vibroimpact import integrate
 from vibroimpact.kernel.record import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
+from vibroimpact.step.contact import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
 from vibroimpact.step.exact import steps_needed
-from vibroimpact.step.flow import Equation, Flow, Forcing, equation_of, flow_of
+from vibroimpact.step.grid import EXACT, IMPACT_RULES, PLAIN, scheme_of
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.log import trace
-from vibroimpact.step.methods import stepping
-from vibroimpact.step.one_step import take_exact_step
-from vibroimpact.step.reduced_step import plain, reduced_step
-from vibroimpact.step.rules import EXACT, IMPACT_RULES, PLAIN
-from vibroimpact.step.stop import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
+from vibroimpact.step.propagator import (
+    Coefficients,
+    Forcing,
+    Propagator,
+    coefficients_of,
+    propagator_of,
+)
+from vibroimpact.step.recorder import trace
+from vibroimpact.step.stepper import take_exact_step
+from vibroimpact.step.time_stepping import plain, reduced_step
 
 METHODS = [
     (integrator, rule)
@@ -47,14 +52,14 @@ def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
         if method[0] == PLAIN:
             n = plain(x_T, v_T, step / pt.omega, pt, scratch)[2]
         elif method[0] == EXACT:
-            eq = Equation(r[0], r[1], r[2], r[3], r[4])
+            eq = Coefficients(r[0], r[1], r[2], r[3], r[4])
             flow = (
-                Flow(r[5], r[6], r[7], r[8], r[9], r[10], r[11]),
+                Propagator(r[5], r[6], r[7], r[8], r[9], r[10], r[11]),
                 Forcing(r[12], r[13], r[14], r[15], r[16], r[17]),
             )
             if consistent:
-                eq = equation_of(pt)
-                flow = flow_of(eq, step, scratch.coefficients)
+                eq = coefficients_of(pt)
+                flow = propagator_of(eq, step, scratch.coefficients)
             n = take_exact_step(eq, flow, start, at, (x_T, v_T), step, pt, scratch)[3]
         else:
             n = reduced_step(method, start, (x_T, v_T), at, step / pt.omega, pt, scratch)[3]
@@ -145,11 +150,11 @@ def fuzz_run(rng, integrator, rule):
             allowed += 1e-13 * p * np.abs(points["clearance"])
         assert (after <= allowed)[free].all(), points[free & ~(after <= allowed)]
     i = int(rng.integers(points.size))
-    steps = stepping(
+    scheme = scheme_of(
         points[i : i + 1], integrator, rule, method["steps_per_period"], method["phase"],
         method["at_section"],
     )  # fmt: skip
-    log, status = trace(points[i : i + 1], steps, periods=1)
+    log, status = trace(points[i : i + 1], scheme, periods=1)
     if done[i]:
         alone, beside = (log[-1, 2], log[-1, 3], status), (x[i], v[i], out["status"][i])
         assert alone == beside, (method, points[i], alone, beside)

@@ -7,8 +7,7 @@ import pytest
 
 from vibroimpact import Oscillator, Status
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.methods import default_steps
-from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.grid import IMPACT_RULES, default_steps
 
 # One integrator for every rule.
 METHODS = pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import pytest
 
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.bounces import Launch, rates_of, short_bounce
-from vibroimpact.step.flow import equation_of
+from vibroimpact.step.chatter import Launch, rates_of, short_bounce
+from vibroimpact.step.propagator import coefficients_of
 
 # --- one period in mpmath ---
 
@@ -67,7 +67,7 @@ def after_one_period(osc, x, v, most=12):
 def test_a_short_bounce_to_rounding(length, clearance):
     """Rebounds whose lengths times the rates of the system are below 0.03, from many phases."""
     osc = Oscillator(h=0.01, R=1.0, omega=0.1, f=1.0, p=2.5, clearance=clearance)
-    eq, lengths = equation_of(osc.at(clearance)[0]), []
+    eq, lengths = coefficients_of(osc.at(clearance)[0]), []
     for theta in np.linspace(4.2, 5.2, 15):
         s, c = math.sin(theta), math.cos(theta)
         press = eq.of_sin * s + eq.of_1

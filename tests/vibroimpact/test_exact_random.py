@@ -9,7 +9,7 @@ import pytest
 
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.bounces import time_to_rest
+from vibroimpact.step.chatter import time_to_rest
 
 PERIOD = 2.0 * math.pi
 
@@ -179,14 +179,14 @@ def test_runge_kutta_with_the_reduced_step_misses_what_lies_between_grid_points(
         tr = simulate(osc, 1, *method, x0=x0)
         return bool((tr.impact_t < top + T).any())
 
-    stepping = ("rk4", "reduced-step", 100)
+    scheme = ("rk4", "reduced-step", 100)
     for factor in (1.1, 2.0, 10.0):
-        assert sees(factor * from_depth, stepping)
+        assert sees(factor * from_depth, scheme)
     for factor in (0.9, 0.5, 0.1, 1e-3, 1e-6):
-        assert not sees(factor * from_depth, stepping)
+        assert not sees(factor * from_depth, scheme)
         assert sees(max(factor * from_depth, 1e-13), ("exact", "exact", None))
         assert sees(max(factor * from_depth, 1e-13), ("exact", "exact", 100))
-    assert sees(1.05 * worst, stepping)
+    assert sees(1.05 * worst, scheme)
 
 
 # --- the tail of a chatter ---

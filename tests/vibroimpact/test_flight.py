@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from vibroimpact.step.flight import TERMS, first_crossing
+from vibroimpact.step.series import TERMS, first_crossing
 
 NONE = -1.0
 

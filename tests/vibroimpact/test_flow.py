@@ -9,11 +9,18 @@ import pytest
 
 from vibroimpact import Oscillator
 from vibroimpact.step.exact import is_below
-from vibroimpact.step.flight import LONGEST_STEP, TERMS, expand, first_crossing
-from vibroimpact.step.flight import value_and_slope as evaluate
-from vibroimpact.step.flow import SLACK, equation_of, flow_of, forced, glide, impulse
-from vibroimpact.step.methods import default_steps
-from vibroimpact.step.single_impact import FIRST, ONLY, single_impact
+from vibroimpact.step.grid import default_steps
+from vibroimpact.step.impact import FIRST, ONLY, single_impact
+from vibroimpact.step.propagator import (
+    SLACK,
+    coefficients_of,
+    forced,
+    impulse,
+    propagate,
+    propagator_of,
+)
+from vibroimpact.step.series import LONGEST_STEP, TERMS, expand, first_crossing
+from vibroimpact.step.series import value_and_slope as evaluate
 
 POINTS = pytest.mark.parametrize(
     ("h", "omega", "p", "clearance"),
@@ -30,8 +37,8 @@ def test_a_step_is_the_flow_to_rounding(h, omega, p, clearance):
     pt = Oscillator(h=h, R=0.5, omega=omega, f=1.3, p=p, clearance=clearance).at(-50.0)[0]
     step = LONGEST_STEP / (2 * h + p + omega) * omega
     c = np.empty(TERMS)
-    eq = equation_of(pt)
-    flow, forcing = flow_of(eq, step, c)
+    eq = coefficients_of(pt)
+    flow, forcing = propagator_of(eq, step, c)
     osc = naive.oscillator(h, 0.5, omega, 1.3, p)
     for y, v, theta in ((-0.4, 0.9, 0.3), (-1.0, 0.0, 4.0), (-2.0, -3.0, 5.5)):
         s, k = math.sin(theta), math.cos(theta)
@@ -43,7 +50,7 @@ def test_a_step_is_the_flow_to_rounding(h, omega, p, clearance):
             true = naive.flow(osc, x, v, s, k, u * step / omega)
             assert value == pytest.approx(float(true[0] - clearance), abs=1e-15 * scale)
             assert slope / step * omega == pytest.approx(float(true[1]), abs=6e-15 * scale)
-        y_T, w_T, _, _ = glide(flow, y, v / omega, forced(forcing, s, k), step)
+        y_T, w_T, _, _ = propagate(flow, y, v / omega, forced(forcing, s, k), step)
         assert y_T == pytest.approx(float(true[0] - clearance), abs=1e-15 * scale)
         assert w_T * omega == pytest.approx(float(true[1]), abs=4e-15 * scale)
 
@@ -53,7 +60,7 @@ def test_the_response_to_an_impulse(h, omega, p, clearance):
     """Of y and w, within the longest step, to rounding."""
     pt = Oscillator(h=h, R=0.5, omega=omega, f=1.3, p=p).at()[0]
     step = LONGEST_STEP / (2 * h + p + omega) * omega
-    eq, osc = equation_of(pt), naive.oscillator(h, 0.5, omega, 0.0, p)
+    eq, osc = coefficients_of(pt), naive.oscillator(h, 0.5, omega, 0.0, p)
     for share in (1e-9, 0.1, 0.5, 1.0):
         x, v = naive.flow(osc, 0.0, omega, 0.0, 1.0, share * step / omega)
         of_y, of_w = impulse(eq.of_w, eq.of_y, share * step)
@@ -70,8 +77,8 @@ def random_step(rng):
     )  # fmt: skip
     pt = osc.at(-9.0)[0]
     step = 2.0 * math.pi / (default_steps(osc.at(-9.0), "exact") * int(rng.choice([1, 1, 2, 7])))
-    eq, c = equation_of(pt), np.empty(TERMS)
-    flow = flow_of(eq, step, c)
+    eq, c = coefficients_of(pt), np.empty(TERMS)
+    flow = propagator_of(eq, step, c)
     w = rng.normal() * 10.0 ** rng.uniform(-3, 1)
     y, theta = -abs(w) * step * rng.exponential() * rng.choice([1e-3, 0.3, 1.0]), rng.uniform(0, 7)
     expand(eq, y, w, math.sin(theta), math.cos(theta), step, c)
@@ -88,7 +95,7 @@ def test_the_bounds_are_bounds():
         flight = np.polynomial.Polynomial(c)
         fourth = np.abs(flight.deriv(4)(u)).max() / 72
         added = forced(flow[1], math.sin(theta), math.cos(theta))
-        _, _, E, high = glide(flow[0], y, w, added, step)
+        _, _, E, high = propagate(flow[0], y, w, added, step)
         bound = E - 2.0 * SLACK * (abs(y) + abs(w))  # without the slack
         assert fourth <= bound
         if fourth > 0.0:
@@ -110,7 +117,7 @@ def test_what_is_proved_of_a_single_impact_holds():
         eq, flow, step, (y, w), theta, c = random_step(rng)
         end = evaluate(c, 0, 1.0)
         added = forced(flow[1], math.sin(theta), math.cos(theta))
-        free = end[0], end[1] / step, glide(flow[0], y, w, added, step)[2]
+        free = end[0], end[1] / step, propagate(flow[0], y, w, added, step)[2]
         waves = tuple(q(theta + d) for d in (0.0, step) for q in (math.sin, math.cos))
         y_1, w_1, t, w_i, proved = single_impact(eq, (y, w), free, waves, step, 1)
         root, _ = first_crossing(c, 0, 1.0)
@@ -141,7 +148,7 @@ def test_what_is_proved_of_a_single_impact_holds():
 
 def test_no_impact_is_proved_from_what_is_no_number():
     """Infinite states, and none."""
-    eq = equation_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
+    eq = coefficients_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
     for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
         for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):
             assert single_impact(eq, start, (*end, 0.1), (0.0, 1.0, 0.5, 0.9), 0.5, 1)[4] < ONLY

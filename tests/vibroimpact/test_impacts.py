@@ -8,16 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from vibroimpact import Oscillator, simulate
 from vibroimpact.status import Status
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.reduced_step import (
-    crossed,
-    fly,
-    plain,
-    reduced_step,
-    time_to_rest,
-)
-from vibroimpact.step.rules import CUBIC, IMPACT_RULES, REDUCED_STEP
-from vibroimpact.step.stop import (
+from vibroimpact.step.contact import (
     IMPACT,
     KIND,
     RELEASE,
@@ -28,6 +19,15 @@ from vibroimpact.step.stop import (
     pressing,
     start,
     time_to_release,
+)
+from vibroimpact.step.grid import CUBIC, IMPACT_RULES, REDUCED_STEP
+from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.time_stepping import (
+    crossed,
+    fly,
+    plain,
+    reduced_step,
+    time_to_rest,
 )
 from vibroimpact.step.trigonometry import sin_cos
 

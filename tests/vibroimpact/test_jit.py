@@ -11,19 +11,19 @@ import pytest
 import vibroimpact
 from vibroimpact.jit import fma
 
-# glide_lanes() is in kernel/time_stepping.py, the helper it calls in step/integrators.py.
+# step_lanes() is in kernel/time_stepping.py, the helper it calls in step/integrators.py.
 PROGRAM = """\
 import numpy as np
 import vibroimpact
-from vibroimpact.kernel.time_stepping import glide_lanes
+from vibroimpact.kernel.time_stepping import step_lanes
 from vibroimpact.kernel.workspace import LANES, LEVEL, POSITION, new_workspace
 lanes = new_workspace(0).lanes
 lanes[:] = 1.0
 lanes[LEVEL : LEVEL + LANES] = np.inf
-glide_lanes(lanes, 1, np.array([[0.0], [0.25], [0.5]]), 0, 1)
+step_lanes(lanes, 1, np.array([[0.0], [0.25], [0.5]]), 0, 1)
 print(vibroimpact.__file__)
 print(lanes[POSITION])
-print(sum(glide_lanes.stats.cache_hits.values()), sum(glide_lanes.stats.cache_misses.values()))
+print(sum(step_lanes.stats.cache_hits.values()), sum(step_lanes.stats.cache_misses.values()))
 """
 
 
@@ -84,8 +84,8 @@ print("scipy.linalg" in sys.modules)
 @pytest.mark.slow
 def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
     """Both wait until the other is ready to compile; both are right, and so is what they leave."""
-    before, call = PROGRAM.split("glide_lanes(lanes", 1)
-    waiting = f"{before}print('ready', flush=True)\ninput()\nglide_lanes(lanes{call}"
+    before, call = PROGRAM.split("step_lanes(lanes", 1)
+    waiting = f"{before}print('ready', flush=True)\ninput()\nstep_lanes(lanes{call}"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     both = [
         subprocess.Popen(

@@ -10,9 +10,9 @@ from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.workspace import LANES, aligned
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.scaling import SCALED
+from vibroimpact.step.grid import default_steps, scheme_of
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.log import trajectories
-from vibroimpact.step.methods import default_steps, stepping
+from vibroimpact.step.recorder import trajectories
 
 
 def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):
@@ -240,8 +240,8 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
     second = integrate(points, transient=3, periods=4, at_section=True, **common)
     for name in ("poincare_x", "poincare_v"):
         np.testing.assert_array_equal(second[name], whole[name][:, 8:])
-    steps = stepping(points, integrator, rule, n_steps, phase, at_section=True)
-    begin = trajectories(points, steps, periods=1)
+    scheme = scheme_of(points, integrator, rule, n_steps, phase, at_section=True)
+    begin = trajectories(points, scheme, periods=1)
     assert (begin["trajectory_t"][:, 0] == phase / points["omega"]).all()
     np.testing.assert_array_equal(begin["trajectory_x"][:, 0], points["x0"])
     for i, x in enumerate(begin["trajectory_x"]):
@@ -250,8 +250,8 @@ def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrat
 
 def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
     point = one(R=0.5, v0=1.0)
-    steps = stepping(point, "exact", "exact", None, phase=2.0, at_section=True)
-    log = trajectories(point, steps, periods=1)
+    scheme = scheme_of(point, "exact", "exact", None, phase=2.0, at_section=True)
+    log = trajectories(point, scheme, periods=1)
     assert log["trajectory_v"][0, :2].tolist() == [1.0, -0.5]
     assert (log["trajectory_t"][0, :2] == 2.0 / point["omega"]).all()
 

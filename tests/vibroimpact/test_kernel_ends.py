@@ -14,10 +14,9 @@ from kernel_cases import METHODS, PERIOD, assert_same, one, random_points, steps
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.workspace import LANES, ROW, TANGENTS, new_workspace, set_start
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.flight import LONGEST_STEP
-from vibroimpact.step.log import trace, trajectories
-from vibroimpact.step.methods import default_steps, stepping
-from vibroimpact.step.rules import EXACT
+from vibroimpact.step.grid import EXACT, default_steps, scheme_of
+from vibroimpact.step.recorder import trace, trajectories
+from vibroimpact.step.series import LONGEST_STEP
 
 
 def test_an_unstable_lane_ends_as_not_a_number_and_leaves_its_neighbours_alone():
@@ -302,15 +301,15 @@ def test_a_run_of_days_ends_when_it_is_interrupted():
     timer.start()
     out = integrate(one(), transient=10**9, periods=1, interrupt=interrupt)
     assert interrupt[0] and out["status"] == Status.PENDING
-    steps, extent = stepping(one(), "exact", "exact", None), {"transient": 10**11, "periods": 2}
-    log, status = trace(one(), steps, **extent, interrupt=interrupt)
+    scheme, extent = scheme_of(one(), "exact", "exact", None), {"transient": 10**11, "periods": 2}
+    log, status = trace(one(), scheme, **extent, interrupt=interrupt)
     assert status is Status.PENDING and len(log) == 0
-    out = trajectories(one(), steps, **extent, interrupt=interrupt)
+    out = trajectories(one(), scheme, **extent, interrupt=interrupt)
     assert all(array.shape == (1, 0) for array in out.values())
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     interrupt[0] = 0
     timer.start()
-    assert trace(one(), steps, **extent, interrupt=interrupt)[1] < 0
+    assert trace(one(), scheme, **extent, interrupt=interrupt)[1] < 0
 
 
 INTERRUPTED = """

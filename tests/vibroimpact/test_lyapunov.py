@@ -8,7 +8,7 @@ import pytest
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.tangents import orthonormalise
+from vibroimpact.step.variational import orthonormalise
 
 
 @pytest.mark.slow

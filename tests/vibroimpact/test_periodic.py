@@ -13,9 +13,9 @@ from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.flight import LONGEST_STEP
-from vibroimpact.step.log import trace
-from vibroimpact.step.methods import stepping
+from vibroimpact.step.grid import scheme_of
+from vibroimpact.step.recorder import trace
+from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.trajectory import simulate
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0)
@@ -228,8 +228,8 @@ def root_near(osc, phases, speeds):
 def returns(osc, root):
     """Whether a motion that starts just after an impact of a root has the same impacts."""
     point = osc.at(osc.clearance, -osc.R * root.speeds[0])
-    steps = stepping(point, "exact", "exact", None, float(root.phases[0]), at_section=True)
-    log, _ = trace(point, steps, periods=1)
+    scheme = scheme_of(point, "exact", "exact", None, float(root.phases[0]), at_section=True)
+    log, _ = trace(point, scheme, periods=1)
     hits = log[log[:, 0] == 0]
     phases, speeds = hits[:, 1] * osc.omega, hits[:, 3]
     first = np.r_[root.phases[1:], root.phases[0] + 2.0 * np.pi]

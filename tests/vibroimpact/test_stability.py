@@ -11,8 +11,8 @@ import pytest
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
+from vibroimpact.step.grid import MOST_STEPS, default_steps
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.methods import MOST_STEPS, default_steps
 from vibroimpact.step.stability import free_map, is_stable, least_stable_steps, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
@@ -248,7 +248,7 @@ def test_asking_for_a_limit_compiles_nothing():
         "for name in integrators.INTEGRATORS:\n"
         "    stability.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
         "compiled = [integrators.affine_map, integrators.step]\n"
-        "compiled += [kernel.take_plain, kernel.take_mended]\n"
+        "compiled += [run.take_plain, run.take_shortened]\n"
         "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"
         "assert not any(function.signatures for function in compiled)\n"
         "assert stability.is_stable('euler', 0.1, 0.2)\n"

@@ -11,10 +11,9 @@ from integrator_marks import ALL, SECOND_ORDER
 from oscillators import oscillator
 from vibroimpact import Oscillator, Status, simulate
 from vibroimpact.oscillator import POINT
+from vibroimpact.step.grid import IMPACT_RULES, scheme_of
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.log import trace, trajectories
-from vibroimpact.step.methods import stepping
-from vibroimpact.step.rules import IMPACT_RULES
+from vibroimpact.step.recorder import trace, trajectories
 
 RULES = pytest.mark.parametrize("rule", IMPACT_RULES)
 SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])
@@ -282,9 +281,9 @@ def test_an_unstable_step_ends_as_not_a_number():
 def test_every_nth_state_of_a_trace_is_one_of_the_whole():
     """A thinned log keeps both sides of every impact, and the state after each period."""
     point = oscillator(0.1, 0.7, 2.3).at()
-    steps = stepping(point, "newmark", "reduced-step", 60)
-    whole, _ = trace(point, steps, periods=5)
-    thin, status = trace(point, steps, periods=5, every=20)
+    scheme = scheme_of(point, "newmark", "reduced-step", 60)
+    whole, _ = trace(point, scheme, periods=5)
+    thin, status = trace(point, scheme, periods=5, every=20)
     assert status is Status.COMPUTED
     assert len(thin) < len(whole) / 4
     rows = {tuple(row[1:]) for row in whole}
@@ -297,11 +296,11 @@ def test_every_nth_state_of_a_trace_is_one_of_the_whole():
 def test_trajectories_of_many_are_those_of_each():
     """Rows of one array, filled up with NaN."""
     points = np.concatenate([oscillator(0.1, 0.7, w).at() for w in (1.3, 2.3, 3.1)])
-    steps = stepping(points, "newmark", "plain", 40)
-    out = trajectories(points, steps, periods=3)
+    scheme = scheme_of(points, "newmark", "plain", 40)
+    out = trajectories(points, scheme, periods=3)
     assert points.dtype == POINT
     for i in range(3):
-        log, _ = trace(points[i : i + 1], steps, periods=3)
+        log, _ = trace(points[i : i + 1], scheme, periods=3)
         for k, name in enumerate(("trajectory_t", "trajectory_x", "trajectory_v"), start=1):
             np.testing.assert_array_equal(out[name][i, : len(log)], log[:, k])
             assert np.isnan(out[name][i, len(log) :]).all()

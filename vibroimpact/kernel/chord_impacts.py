@@ -12,7 +12,7 @@ from collections.abc import Callable
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR
 from vibroimpact.step.integrators import INTEGRATORS, Parameters, step
-from vibroimpact.step.reduced_step import single_chord_impact
+from vibroimpact.step.time_stepping import single_chord_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.
 (

@@ -16,25 +16,25 @@ from vibroimpact.kernel.exact_impacts import (
     W_T,
     Y_T,
     U,
+    coefficients_in,
     correct_side_by_side,
-    equation_in,
 )
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.workspace import (
     AT_REST,
     CLEARANCE,
+    COEFFICIENTS,
+    COEFFICIENTS_SIZE,
     COLUMNS,
-    EQUATION,
-    EQUATION_SIZE,
-    FLOW,
     FORCING,
     GUARD,
     KEPT,
-    LANE_E,
     LANES,
     LEVEL,
     OMEGA,
     POSITION,
+    PROPAGATOR,
+    REMAINDER_BOUND,
     ROW,
     SLEPT,
     TANGENTS,
@@ -47,40 +47,49 @@ from vibroimpact.kernel.workspace import (
     sleeps_until,
 )
 from vibroimpact.step.exact import exact_step
-from vibroimpact.step.flow import Flow, Forcing, enter, equation_of, flow_of, forced, glide, leave
-from vibroimpact.step.phases import COS, SIN, THETA
-from vibroimpact.step.single_impact import ONLY
-from vibroimpact.step.tangents import carry_tangents, glide_tangents, orthonormalise
+from vibroimpact.step.grid import COS, SIN, THETA
+from vibroimpact.step.impact import ONLY
+from vibroimpact.step.propagator import (
+    Forcing,
+    Propagator,
+    coefficients_of,
+    forced,
+    from_dimensionless,
+    propagate,
+    propagator_of,
+    to_dimensionless,
+)
+from vibroimpact.step.variational import carry_tangents, orthonormalise, propagate_tangents
 
 # Steps between two looks at the tangent vectors.
 _STRIDE = 4
 
 
 @jit(inline=True)
-def flow_in(lanes, i):
-    """Return the ``Flow`` of lane `i`."""
-    f = FLOW + i
-    return Flow(
+def propagator_in(lanes, i):
+    """Return the ``Propagator`` of lane `i`."""
+    f = PROPAGATOR + i
+    return Propagator(
         lanes[f], lanes[f + ROW], lanes[f + 2 * ROW], lanes[f + 3 * ROW], lanes[f + 4 * ROW],
         lanes[f + 5 * ROW], lanes[f + 6 * ROW],
     )  # fmt: skip
 
 
 @jit(refcounts=False)
-def set_flows(workspace, points, grid):
-    """Give every lane its equation, and its flow over a step of `grid`."""
+def set_propagators(workspace, points, grid):
+    """Give every lane its equation, and its propagator over a step of `grid`."""
     lanes = workspace.lanes
     for i in range(LANES):
         k = min(i, points.size - 1)
         if i == k:
-            eq = equation_of(points[k])
-            flow, forcing = flow_of(eq, grid.step, workspace.scratch.coefficients)
+            eq = coefficients_of(points[k])
+            propagator, forcing = propagator_of(eq, grid.step, workspace.scratch.coefficients)
         for q in range(7):
-            lanes[FLOW + q * ROW + i] = flow[q]
+            lanes[PROPAGATOR + q * ROW + i] = propagator[q]
         for q in range(6):
             lanes[FORCING + q * ROW + i] = forcing[q]
         for q in range(5):
-            lanes[EQUATION + EQUATION_SIZE * i + q] = eq[q]
+            lanes[COEFFICIENTS + COEFFICIENTS_SIZE * i + q] = eq[q]
     if grid.size <= KEPT:
         for n in range(grid.size):
             force_lanes(lanes, workspace.added[n], grid.table[SIN, n], grid.table[COS, n])
@@ -112,25 +121,27 @@ def place_of_added(workspace, grid, n):
 
 
 @jit(refcounts=False)
-def glide_lanes(lanes, size, added, step, n):
+def propagate_lanes(lanes, size, added, step, n):
     """Take the first lanes over step `n`; GUARD is below 0 where they cannot have met the stop."""
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
         y, w = lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i]
-        y, w, lanes[LANE_E + i], lanes[GUARD + i] = glide(
-            flow_in(lanes, i), y, w, (added[0, i], added[1, i]), step
+        y, w, lanes[REMAINDER_BOUND + i], lanes[GUARD + i] = propagate(
+            propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), step
         )
         lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = y, w
 
 
 @jit(refcounts=False)
-def glide_all_tangents(lanes, size, n):
+def propagate_all_tangents(lanes, size, n):
     """Take the tangent vectors of the first lanes over step `n`."""
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
-        pair = glide_tangents(flow_in(lanes, i), pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+        pair = propagate_tangents(
+            propagator_in(lanes, i), pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
+        )
         put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
 
 
@@ -168,12 +179,12 @@ def resolve_scalar(block, i, j, grid, n, recording, carrying):
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
     theta = table[THETA, n]
     eq, was_resting = (
-        equation_in(lanes, EQUATION + EQUATION_SIZE * i, 1),
+        coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1),
         lanes[LEVEL + i] == AT_REST,
     )
     y, w, resting, n_events, rested, status, grazes = exact_step(
         eq, pt, (lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i], was_resting),
-        (lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i], lanes[LANE_E + i]),
+        (lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i], lanes[REMAINDER_BOUND + i]),
         (0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
         (theta, table[SIN, n], table[COS, n]), step, scratch,
     )  # fmt: skip
@@ -189,7 +200,7 @@ def resolve_scalar(block, i, j, grid, n, recording, carrying):
         if was_resting:
             pair = 0.0, 0.0, 0.0, 0.0
         pair = carry_tangents(
-            (eq, flow_in(lanes, i)), pair, scratch.events, n_events, theta, step, pt.omega
+            (eq, propagator_in(lanes, i)), pair, scratch.events, n_events, theta, step, pt.omega
         )
         put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
 
@@ -235,10 +246,10 @@ def advance(block, grid, recording, carrying):
     lanes, size = workspace.lanes, grid.size
     for n in range(size):
         added = workspace.added[place_of_added(workspace, grid, n)]
-        glide_lanes(lanes, points.size, added, grid.step, n)
+        propagate_lanes(lanes, points.size, added, grid.step, n)
         listed = list_lanes(lanes, workspace.met, points.size)
         if carrying:
-            glide_all_tangents(lanes, points.size, n)
+            propagate_all_tangents(lanes, points.size, n)
         for lo in range(0, listed, COLUMNS):
             count = min(COLUMNS, listed - lo)
             correct_side_by_side(workspace, lo, count, grid, n, carrying)
@@ -257,9 +268,9 @@ def round_states(lanes):
     widest_vectors()
     for i in range(LANES):
         clearance, omega = lanes[CLEARANCE + i], lanes[OMEGA + i]
-        x, v = leave(lanes[POSITION + i], lanes[VELOCITY + i], clearance, omega)
+        x, v = from_dimensionless(lanes[POSITION + i], lanes[VELOCITY + i], clearance, omega)
         lanes[POSITION + ROW + i], lanes[VELOCITY + ROW + i] = x, v
-        lanes[POSITION + i], lanes[VELOCITY + i] = enter(x, v, clearance, omega)
+        lanes[POSITION + i], lanes[VELOCITY + i] = to_dimensionless(x, v, clearance, omega)
 
 
 @jit(refcounts=False)

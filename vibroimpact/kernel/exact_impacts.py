@@ -12,12 +12,12 @@ from itertools import accumulate
 
 from vibroimpact.jit import jit, widest_vectors
 from vibroimpact.kernel.workspace import (
+    COEFFICIENTS,
+    COEFFICIENTS_SIZE,
     COLUMN_ROW,
-    EQUATION,
-    EQUATION_SIZE,
-    LANE_E,
     LANES,
     POSITION,
+    REMAINDER_BOUND,
     ROW,
     TANGENTS,
     VECTOR,
@@ -25,9 +25,8 @@ from vibroimpact.kernel.workspace import (
     pair_in,
     put_pair,
 )
-from vibroimpact.step.flow import Equation
-from vibroimpact.step.phases import COS, SIN
-from vibroimpact.step.single_impact import (
+from vibroimpact.step.grid import COS, SIN
+from vibroimpact.step.impact import (
     all_terms,
     approach,
     expand_near,
@@ -35,13 +34,14 @@ from vibroimpact.step.single_impact import (
     guess,
     rebound,
 )
-from vibroimpact.step.tangents import tangents_through_impact
+from vibroimpact.step.propagator import Coefficients
+from vibroimpact.step.variational import tangents_through_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.
 (
-    # The equation, the states at both ends of the step, its E, the tangent vectors, the impact, and
-    # what is proved of it.
-    COLUMN_EQUATION, Y_0, W_0, Y_T, W_T, E, PAIR, U, W_I, PROVED,
+    # The coefficients of (P), the states at both ends of the step, its remainder bound, the
+    # tangent vectors, the impact, and what is proved of it.
+    COLUMN_COEFFICIENTS, Y_0, W_0, Y_T, W_T, BOUND, PAIR, U, W_I, PROVED,
     # What one stage hands to the next: the guess, the time left after the impact, the value of the
     # series with its derivatives, and the series.
     _LATE, _T, _R, _VALUES, _SERIES,
@@ -52,9 +52,9 @@ from vibroimpact.step.tangents import tangents_through_impact
 
 
 @jit(inline=True)
-def equation_in(rows, e, distance):
-    """Return the ``Equation`` whose numbers begin at `e`, and are so far apart."""
-    return Equation(
+def coefficients_in(rows, e, distance):
+    """Return the ``Coefficients`` whose numbers begin at `e`, and are so far apart."""
+    return Coefficients(
         rows[e], rows[e + distance], rows[e + 2 * distance], rows[e + 3 * distance],
         rows[e + 4 * distance],
     )  # fmt: skip
@@ -92,7 +92,7 @@ def correct_columns(c, vectors, waves, step):
         c[_LATE + j], c[_T + j] = guess(start, end, step)
     for j in range(count):
         start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
-        eq = equation_in(c, COLUMN_EQUATION + j, COLUMN_ROW)
+        eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
         _put_series(c, j, expand_near(eq, start, end, waves, c[_LATE + j]))
     for j in range(count):
         c[_T + j] = approach(_series_in(c, j), c[_T + j], step)
@@ -102,13 +102,13 @@ def correct_columns(c, vectors, waves, step):
     for j in range(count):
         v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), (c[_LATE + j], c[_T + j])
         c[U + j], c[_R + j], c[W_I + j], c[PROVED + j] = first_impact(
-            start, c[Y_T + j], c[E + j], guessed, _series_in(c, j),
+            start, c[Y_T + j], c[BOUND + j], guessed, _series_in(c, j),
             (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), step,
         )  # fmt: skip
     for j in range(count):
         eq, free = (
-            equation_in(c, COLUMN_EQUATION + j, COLUMN_ROW),
-            (c[Y_T + j], c[W_T + j], c[E + j]),
+            coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW),
+            (c[Y_T + j], c[W_T + j], c[BOUND + j]),
         )
         c[Y_T + j], c[W_T + j], c[PROVED + j] = rebound(
             eq, free, c[_R + j], c[W_I + j], c[PROVED + j], step
@@ -120,7 +120,10 @@ def carry_columns(c, vectors, wave, step):
     """Carry the tangent vectors of the columns of so many vectors through their impacts."""
     widest_vectors()
     for j in range(VECTOR * vectors):
-        eq, pair = equation_in(c, COLUMN_EQUATION + j, COLUMN_ROW), pair_in(c, PAIR + j, COLUMN_ROW)
+        eq, pair = (
+            coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW),
+            pair_in(c, PAIR + j, COLUMN_ROW),
+        )
         pair = tangents_through_impact(eq, pair, c[U + j], c[W_I + j], wave, step)
         put_pair(c, PAIR + j, COLUMN_ROW, pair)
 
@@ -133,10 +136,12 @@ def correct_side_by_side(workspace, lo, count, grid, n, carrying):
     for j in range(count):
         i = met[lo + j] & (LANES - 1)  # so that LLVM sees that it is not negative
         for q in range(5):
-            c[COLUMN_EQUATION + q * COLUMN_ROW + j] = lanes[EQUATION + EQUATION_SIZE * i + q]
+            c[COLUMN_COEFFICIENTS + q * COLUMN_ROW + j] = lanes[
+                COEFFICIENTS + COEFFICIENTS_SIZE * i + q
+            ]
         c[Y_0 + j], c[W_0 + j] = lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i]
         c[Y_T + j], c[W_T + j] = lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i]
-        c[E + j] = lanes[LANE_E + i]
+        c[BOUND + j] = lanes[REMAINDER_BOUND + i]
         if carrying:
             put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
     wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR

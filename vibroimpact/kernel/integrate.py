@@ -9,8 +9,7 @@ from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.run import KernelJob, lanes_per_block, run_blocks
 from vibroimpact.oscillator import POINT, refuse_invalid, whole
 from vibroimpact.status import Status
-from vibroimpact.step.methods import MOST_PERIODS, MOST_RECORDED, stepping
-from vibroimpact.step.rules import EXACT
+from vibroimpact.step.grid import EXACT, MOST_PERIODS, MOST_RECORDED, scheme_of
 
 
 def integrate(
@@ -96,8 +95,8 @@ def integrate(
     periods = whole("periods", periods, 1, MOST_RECORDED)
     impacts = whole("impacts", impacts, 0, MOST_RECORDED)
     threads = ALL_THREADS if threads is None else whole("threads", threads, 1, MOST_RECORDED)
-    steps = stepping(points, integrator, impact, steps_per_period, phase, at_section)
-    rule = steps.method[0]
+    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section)
+    rule = scheme.method[0]
     if lyapunov and rule != EXACT:
         raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
     n = points.size
@@ -115,7 +114,7 @@ def integrate(
     threads = min(threads, max(1, -(-n // lanes)))
     claimed = np.zeros(1, np.int64)
     job = KernelJob(
-        points, steps, transient, periods, bool(lyapunov), lanes, record, claimed, interrupt
+        points, scheme, transient, periods, bool(lyapunov), lanes, record, claimed, interrupt
     )
     run_blocks(threads, job)
     results = _results(points, periods, record)

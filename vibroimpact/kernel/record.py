@@ -9,7 +9,7 @@ import numpy as np
 
 from vibroimpact.jit import jit
 from vibroimpact.status import Status
-from vibroimpact.step.stop import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
+from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
 
 #: What is summed up over the recorded periods of a point, beside its last status.
 SUMS = np.dtype(

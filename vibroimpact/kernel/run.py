@@ -29,9 +29,7 @@ from vibroimpact.kernel.workspace import (
     new_workspace,
     set_start,
 )
-from vibroimpact.step.methods import Stepping
-from vibroimpact.step.phases import sine_at_start
-from vibroimpact.step.rules import EXACT, PLAIN
+from vibroimpact.step.grid import EXACT, PLAIN, Scheme, sine_at_start
 
 #: The fewest points that a thread takes side by side, if there are so many: fewer take nearly as
 #: long with exact impacts.
@@ -44,7 +42,7 @@ class KernelJob(NamedTuple):
     Attributes
     ----------
     points : ndarray of dtype ``POINT``, shape (n,)
-    stepping : Stepping
+    scheme : Scheme
     transient, periods : int
         Periods left out, and recorded.
     lyapunov : bool
@@ -59,7 +57,7 @@ class KernelJob(NamedTuple):
     """
 
     points: np.ndarray
-    stepping: Stepping
+    scheme: Scheme
     transient: int
     periods: int
     lyapunov: bool
@@ -98,7 +96,7 @@ def run_block(block, job, exactly, plain):
     only the loop of the rule is compiled.
     """
     workspace, points, _ = block
-    lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.stepping
+    lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.scheme
     set_start(lanes, points, method[0], sine_at_start(lead, grid))
     # The lead-in is the period before the transient: `advance` is called, and compiled, once.
     for k in range(-transient - 1, job.periods):
@@ -107,7 +105,7 @@ def run_block(block, job, exactly, plain):
         steps = lead if k < -transient else grid
         if exactly:
             if steps.size > 0 and k <= -transient:
-                exact.set_flows(workspace, points, steps)
+                exact.set_propagators(workspace, points, steps)
             if k == 0:
                 exact.forget_at_rest(lanes, points.size)
             exact.advance(block, steps, k >= 0, k >= 0 and job.lyapunov)
@@ -158,5 +156,5 @@ def take_shortened(job):
 def run_blocks(threads: int, job: KernelJob) -> None:
     """Run every point on so many threads."""
     loops = {PLAIN: take_plain, EXACT: take_exact}
-    work = compiled(loops.get(job.stepping.method[0], take_shortened), job)
+    work = compiled(loops.get(job.scheme.method[0], take_shortened), job)
     on_threads(threads, job.interrupt, work, job)

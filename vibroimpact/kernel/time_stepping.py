@@ -53,10 +53,9 @@ from vibroimpact.kernel.workspace import (
     sleeps_until,
 )
 from vibroimpact.status import Status
+from vibroimpact.step.grid import COS, REDUCED_STEP, SIN, THETA
 from vibroimpact.step.integrators import affine_map, apply_map
-from vibroimpact.step.one_step import take_step
-from vibroimpact.step.phases import COS, SIN, THETA
-from vibroimpact.step.rules import REDUCED_STEP
+from vibroimpact.step.stepper import take_step
 
 #: Steps taken at a time, so that what a lane needs stays in registers.
 STRIDE = 4
@@ -85,7 +84,7 @@ def map_of(lanes, i):
 
 
 @jit(refcounts=False)
-def glide(lanes, i, x, v, s, c):
+def step_lane(lanes, i, x, v, s, c):
     """Take lane `i` from (x, v) over a step; also return whether it is below its LEVEL then."""
     to_x, to_v = map_of(lanes, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
@@ -93,11 +92,11 @@ def glide(lanes, i, x, v, s, c):
 
 
 @jit(inline=True)
-def _glide_span(lanes, size, table, n, span):
+def _step_span(lanes, size, table, n, span):
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
         x, v, safe = lanes[POSITION + i], lanes[VELOCITY + i], True
         for q in range(span):
-            x, v, below = glide(lanes, i, x, v, table[SIN, n + q], table[COS, n + q])
+            x, v, below = step_lane(lanes, i, x, v, table[SIN, n + q], table[COS, n + q])
             safe &= below
         lanes[POSITION + i] = select(safe, x, lanes[POSITION + i])
         lanes[VELOCITY + i] = select(safe, v, lanes[VELOCITY + i])
@@ -105,16 +104,16 @@ def _glide_span(lanes, size, table, n, span):
 
 
 @jit(refcounts=False)
-def glide_lanes(lanes, size, table, n, span):
+def step_lanes(lanes, size, table, n, span):
     """Take the first lanes over a stride from step `n`, or a single step.
 
     A lane that may meet its stop stays where it is, and is not negative in the row GUARD.
     """
     widest_vectors()
     if span == STRIDE:
-        _glide_span(lanes, size, table, n, STRIDE)
+        _step_span(lanes, size, table, n, STRIDE)
     else:
-        _glide_span(lanes, size, table, n, 1)
+        _step_span(lanes, size, table, n, 1)
 
 
 @jit(refcounts=False)
@@ -196,11 +195,11 @@ def gather(block, lo, count, table, n):
         i = met[lo + j]
         x, v, safe, k = lanes[POSITION + i], lanes[VELOCITY + i], True, n
         for q in range(n, n + STRIDE - 1):
-            x_T, v_T, below = glide(lanes, i, x, v, table[SIN, q], table[COS, q])
+            x_T, v_T, below = step_lane(lanes, i, x, v, table[SIN, q], table[COS, q])
             safe &= below
             x, v, k = select(safe, x_T, x), select(safe, v_T, v), k + safe
         s, c, pt = table[SIN, k], table[COS, k], points[i]
-        columns[X_T + j], columns[V_T + j], _ = glide(lanes, i, x, v, s, c)
+        columns[X_T + j], columns[V_T + j], _ = step_lane(lanes, i, x, v, s, c)
         columns[STEP + j], columns[THETA_0 + j] = k, table[THETA, k]
         columns[S_0 + j], columns[C_0 + j] = s, c
         columns[X_0 + j], columns[V_0 + j] = x, v
@@ -224,7 +223,7 @@ def correct_side_by_side(block, lo, count, left, integrator, grid, n, recording)
         i = met[lo + j]
         x, v, single = c[X_T + j], c[V_T + j], c[SINGLE + j] > 0.0
         for q in range(n + 1, n + STRIDE):
-            x_T, v_T, safe = glide(lanes, i, x, v, table[SIN, q], table[COS, q])
+            x_T, v_T, safe = step_lane(lanes, i, x, v, table[SIN, q], table[COS, q])
             later = q > c[STEP + j]
             x, v = select(later, x_T, x), select(later, v_T, v)
             single &= safe | (not later)
@@ -281,7 +280,7 @@ def advance(block, method, plain, grid, recording):
             if recording:
                 list_plain_impacts(block, list_lanes(lanes, met, size), grid, n, span)
             continue
-        glide_lanes(lanes, size, grid.table, n, span)
+        step_lanes(lanes, size, grid.table, n, span)
         listed = list_lanes(lanes, met, size)
         if rule == REDUCED_STEP and span == STRIDE:
             left = 0

@@ -15,9 +15,9 @@ import numpy as np
 
 from vibroimpact.jit import jit, lowest_bit, not_negative
 from vibroimpact.kernel.record import Record
-from vibroimpact.step.one_step import to_state
-from vibroimpact.step.rules import PLAIN
-from vibroimpact.step.stop import Scratch, new_scratch, start, time_to_release
+from vibroimpact.step.contact import Scratch, new_scratch, start, time_to_release
+from vibroimpact.step.grid import PLAIN
+from vibroimpact.step.stepper import to_state
 
 #: Points per block at the most, a power of 2; and impacts that are corrected at a time.
 LANES, COLUMNS = 128, 64
@@ -27,8 +27,8 @@ VECTOR = 8
 ROW, COLUMN_ROW = LANES + 24, COLUMNS + VECTOR
 #: Up to this many steps a period, what each step adds is kept; more would not fit into the cache.
 KEPT = 64
-#: The numbers of a lane from EQUATION on: one line of the cache, of which five are used.
-EQUATION_SIZE = 8
+#: The numbers of a lane from COEFFICIENTS on: one line of the cache, of which five are used.
+COEFFICIENTS_SIZE = 8
 
 # Where the rows of the lanes begin; row + i belongs to lane i. They lie in one flat array, because
 # the compiler then knows the distances between them.
@@ -39,17 +39,17 @@ EQUATION_SIZE = 8
     # Not negative where the lane may have met its stop; the stop that it watches, or AT_REST; the
     # phase before which a lane at rest is not released, or AWAKE.
     GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
-    # Of exact impacts: the flow of a step, its forcing and E, and the steps slept through.
-    FLOW, FORCING, LANE_E, SLEPT,
+    # Of exact impacts: the propagator of a step, its forcing and bound, the steps slept through.
+    PROPAGATOR, FORCING, REMAINDER_BOUND, SLEPT,
     # Of time stepping: the affine map, and with the rule ``plain`` R, the greatest displacement,
     # and the speeds of the impacts of a stride.
     MAP, RESTITUTION, GREATEST, SPEEDS,
-    # The equations are not in rows: the numbers of one lane follow each other.
-    EQUATION,
+    # The coefficients of (P) are not in rows: the numbers of one lane follow each other.
+    COEFFICIENTS,
 ) = accumulate(  # from the number of rows of each
     (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 1, 8, 1, 1, 4)))
 )  # fmt: skip
-_SIZE = EQUATION + EQUATION_SIZE * LANES
+_SIZE = COEFFICIENTS + COEFFICIENTS_SIZE * LANES
 
 #: The LEVEL of a lane at rest, so that it is looked at in every stride; and the WAKE of another.
 AT_REST, AWAKE = -math.inf, -math.inf

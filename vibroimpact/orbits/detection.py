@@ -47,7 +47,7 @@ from vibroimpact.orbits.flights import (
     steps_of,
     zeros_of,
 )
-from vibroimpact.step.flight import TERMS, first_crossing
+from vibroimpact.step.series import TERMS, first_crossing
 
 #: Test functions below this are rounding.
 ROUNDING = 1e-12

@@ -14,7 +14,7 @@ after its launch, the derivatives of flight i are
     d/d theta_i = -M (-R v_i, a+) / omega,       d/d v_i = M (0, -R).
 
 Nothing is divided by a speed: the equations stay regular where an impact grazes. Every flight is
-taken in equal steps on the Taylor series of ``step.flight``, which is the exact flow to rounding.
+taken in equal steps on the Taylor series of ``step.series``, which is the exact flow to rounding.
 
 A root may pass through the stop between its impacts. It does not where no flight meets the stop
 before its end. That is proved on every step as the exact engine does it, by
@@ -32,15 +32,15 @@ import numpy as np
 
 from vibroimpact.jit import jit
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.flight import (
+from vibroimpact.step.integrators import Parameters
+from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
+from vibroimpact.step.series import (
     LONGEST_STEP,
     TERMS,
     expand,
     first_crossing,
     value_and_slope,
 )
-from vibroimpact.step.flow import Equation, equation_of, impulse
-from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.trigonometry import sin_cos
 
 #: A flight counts as below the stop where it passes it by less than so many roundings.
@@ -55,7 +55,7 @@ class TimeSteps(NamedTuple):
     n: int
     T: float
     step: float
-    eq: Equation
+    eq: Coefficients
 
 
 @jit
@@ -81,7 +81,7 @@ def _divide(tau, pt, least):
     """Divide a flight into time steps, `least` at the least."""
     n = max(float(least), math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
     T = tau / n
-    return TimeSteps(int(n), T, pt.omega * T, equation_of(pt))
+    return TimeSteps(int(n), T, pt.omega * T, coefficients_of(pt))
 
 
 @jit

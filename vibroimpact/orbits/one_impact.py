@@ -42,8 +42,8 @@ import numpy as np
 from vibroimpact.orbits.flights import highest_turn, values_of
 from vibroimpact.orbits.orbit import determinant, dynamic_stiffness, multipliers_of
 from vibroimpact.oscillator import Oscillator, refuse_other, whole
+from vibroimpact.step.contact import pressing
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
-from vibroimpact.step.stop import pressing
 
 _EPS = float(np.finfo(float).eps)
 #: More forcing periods than this between two impacts are refused.

@@ -23,9 +23,9 @@ from vibroimpact.orbits.orbit import (
 )
 from vibroimpact.oscillator import Oscillator, checked, refuse_other, whole
 from vibroimpact.status import Status
-from vibroimpact.step.log import trace
-from vibroimpact.step.methods import stepping
-from vibroimpact.step.stop import IMPACT, REST
+from vibroimpact.step.contact import IMPACT, REST
+from vibroimpact.step.grid import scheme_of
+from vibroimpact.step.recorder import trace
 
 #: More impacts per repetition are not solved for.
 MOST_IMPACTS = 4096
@@ -114,10 +114,12 @@ def _impacts_from(
     for later in _LATER:
         periods = m * (later - before + 1)
         points = osc.at(*state)
-        steps = stepping(points, "exact", "exact", None, phase, at_section=True)
-        if later and m * (later + 1) * steps.grid.size > _MOST_FOLLOWED:
+        scheme = scheme_of(points, "exact", "exact", None, phase, at_section=True)
+        if later and m * (later + 1) * scheme.grid.size > _MOST_FOLLOWED:
             return
-        log, status = trace(points, steps, periods, every=steps.grid.size, most_rows=_MOST_FOLLOWED)
+        log, status = trace(
+            points, scheme, periods, every=scheme.grid.size, most_rows=_MOST_FOLLOWED
+        )
         if status is Status.PENDING:
             yield "the motion has more impacts than are followed"
             return

@@ -12,8 +12,8 @@ from vibroimpact.oscillator import mesh
 from vibroimpact.points.following import follow
 from vibroimpact.points.period_class import period_class
 from vibroimpact.points.scaling import computed_once
-from vibroimpact.step.log import trajectories
-from vibroimpact.step.methods import stepping
+from vibroimpact.step.grid import scheme_of
+from vibroimpact.step.recorder import trajectories
 
 
 @dataclass(frozen=True)
@@ -158,6 +158,6 @@ def _run(
         interrupt=interrupt,
     )
     if c.every is not None:
-        steps = stepping(points, c.integrator, c.impact, c.steps_per_period, c.phase, at_section)
-        results |= trajectories(points, steps, c.periods, c.transient, c.every, interrupt)
+        scheme = scheme_of(points, c.integrator, c.impact, c.steps_per_period, c.phase, at_section)
+        results |= trajectories(points, scheme, c.periods, c.transient, c.every, interrupt)
     return results

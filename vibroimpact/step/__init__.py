@@ -1,1 +1,1 @@
-"""One orbit, step by step: flight, stop, integrators, impact rules, tangents, stability, log."""
+"""One orbit, step by step: contact, flight, impact, integrators, tangent vectors, recorder."""

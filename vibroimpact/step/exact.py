@@ -1,11 +1,11 @@
 """The impact rule ``exact``: every impact on the closed-form flow, to rounding, and none missed.
 
-A step of ``flow.py`` that its guard proves to be safe is done. Of the others nearly all have one
-impact, found and proved by ``single_impact.py``. What is left comes here, flight by flight:
+A step of ``propagator.py`` that its guard proves to be safe is done. Of the others nearly all have
+one impact, found and proved by ``impact.py``. What is left comes here, flight by flight:
 
 - A flight that is proved, in halves or in quarters, to be below the stop has no impact.
-- ``bounces.py`` finds the end of a rebound that is back soon, and the sum of a chatter.
-- The polynomial of any other flight is searched for its first root, see ``flight.py``.
+- ``chatter.py`` finds the end of a rebound that is back soon, and the sum of a chatter.
+- The polynomial of any other flight is searched for its first root, see ``series.py``.
 
 **Underflow.** Without a force a mass whose stop is at the equilibrium bounces for ever, each time
 lower by the same factor. Where a flight from the stop is below the smallest normal number,
@@ -24,7 +24,7 @@ import numpy as np
 
 from vibroimpact.jit import jit
 from vibroimpact.status import Status
-from vibroimpact.step.bounces import (
+from vibroimpact.step.chatter import (
     Launch,
     bounce,
     is_first,
@@ -32,16 +32,7 @@ from vibroimpact.step.bounces import (
     short_bounce,
     wave_after,
 )
-from vibroimpact.step.flight import (
-    LONGEST_STEP,
-    SMALLEST_NORMAL,
-    TERMS,
-    expand,
-    first_crossing,
-    value_and_slope,
-)
-from vibroimpact.step.single_impact import FIRST, ONLY, single_impact
-from vibroimpact.step.stop import (
+from vibroimpact.step.contact import (
     IMPACT,
     MAX_FLIGHTS,
     RELEASE,
@@ -50,6 +41,15 @@ from vibroimpact.step.stop import (
     log_event,
     speeds_until_rest,
     time_to_release,
+)
+from vibroimpact.step.impact import FIRST, ONLY, single_impact
+from vibroimpact.step.series import (
+    LONGEST_STEP,
+    SMALLEST_NORMAL,
+    TERMS,
+    expand,
+    first_crossing,
+    value_and_slope,
 )
 from vibroimpact.step.trigonometry import sin_cos
 
@@ -67,21 +67,21 @@ def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
 
 
 @jit(refcounts=False)
-def is_below(flight, end, E, pieces):
+def is_below(flight, end, bound, pieces):
     """Whether a flight from below the stop, or from it, is proved to stay below, in so many pieces.
 
-    See ``flow.py``. At the ends of the pieces the distance must be more than that of a near graze.
+    See ``propagator.py``. At the ends of the pieces it must keep off more than a near graze does.
     """
     width, scale = end / pieces, 0.0
     for k in range(TERMS):
         scale += abs(flight[k])
-    E = E * width**4 + 10.0 * NEAR_GRAZE * scale
+    bound = bound * width**4 + 10.0 * NEAR_GRAZE * scale
     y_0, w_0 = flight[0], flight[1] * width
     for j in range(pieces):
         y_1, w_1 = value_and_slope(flight, 0, end if j + 1 == pieces else width * (j + 1))
         w_1 *= width
-        middle = y_0 + y_1 + (w_0 - w_1) * (1.0 / 3.0) + E
-        if not max(max(4.0 * y_0 + w_0, 4.0 * y_1 - w_1), max(middle, y_1 + 1e-8 * E)) < 0.0:
+        middle = y_0 + y_1 + (w_0 - w_1) * (1.0 / 3.0) + bound
+        if not max(max(4.0 * y_0 + w_0, 4.0 * y_1 - w_1), max(middle, y_1 + 1e-8 * bound)) < 0.0:
             return False
         y_0, w_0 = y_1, w_1
     return True
@@ -89,17 +89,11 @@ def is_below(flight, end, E, pieces):
 
 @jit(inline=True)
 def next_impact(flight, end):
-    """Find where a flight meets the stop before u = `end`.
+    """Find where a flight meets the stop before u = `end`; return m, u and turn.
 
-    Returns
-    -------
-    m : int
-        Number of leading coefficients that are zero: 0 where the flight starts off the stop, 4
-        where it has neither force nor speed, to underflow, and stays there.
-    u : float
-        -1 where it does not meet the stop; NaN after an overflow.
-    turn : float
-        Greatest y among the turning points seen on the way, -inf if there was none.
+    m coefficients are zero: none where the flight starts off the stop, 4 where it has neither force
+    nor speed, to underflow, and stays there. u is -1 where it does not meet the stop, NaN after an
+    overflow. turn is the greatest y of the turning points on the way, -inf if there was none.
     """
     m = 0
     while m < 3 and flight[m] == 0.0:  # ends: m rises
@@ -135,11 +129,11 @@ def polished(eq, start, free, impact, phase, step):
 
 
 @jit(inline=True)
-def end_of_step(end, m, dt):
-    """Return the state at the `end` of a step with `m` and `dt` from ``fly``, `dt` not >= 0."""
+def end_of_step(end, m, dtheta):
+    """Return the state at the `end` of a step whose last flight does not meet the stop."""
     if m == 4:
         return 0.0, 0.0
-    if math.isnan(dt):
+    if math.isnan(dtheta):
         return math.nan, math.nan
     # The end of the step may lie beyond the stop by the rounding of its own map.
     return min(end[0], 0.0), end[1]
@@ -154,29 +148,24 @@ def expand_flight(eq, launch, released, step, flight):
 
 
 @jit(refcounts=False)
-def fly(eq, launch, released, E, left, step, flight):
-    """Follow a flight to the stop, for at most the time `left`; expand it where it gets there.
+def fly(eq, launch, released, bound, left, step, flight):
+    """Follow a flight to the stop, for at most `left`; return its length, w_i, m and turn.
 
-    Returns
-    -------
-    dt, w_i : float
-        When it meets the stop, and w there; `dt` is -1 where it does not, NaN after an overflow.
-    m : int
-        As from ``next_impact``.
-    turn : float
+    The length is -1 where it does not meet the stop, NaN after an overflow; m and turn are as from
+    ``next_impact``.
     """
     launched = launch.y == 0.0 and launch.w < 0.0
     if launched:
-        dt, w_i = short_bounce(eq, launch)
-        if not dt >= 0.0:
-            dt, w_i = bounce(eq, launch, E, left, step)
-        if 0.0 < dt < left and is_first(launch.w, w_i, dt, E, step):
-            return dt, w_i, 1, -math.inf
+        dtheta, w_i = short_bounce(eq, launch)
+        if not dtheta >= 0.0:
+            dtheta, w_i = bounce(eq, launch, bound, left, step)
+        if 0.0 < dtheta < left and is_first(launch.w, w_i, dtheta, bound, step):
+            return dtheta, w_i, 1, -math.inf
     expand_flight(eq, launch, released, step, flight)
     end = left / step
     if launched or launch.y < 0.0:
         for pieces in (2, 4):
-            if is_below(flight, end, E, pieces):
+            if is_below(flight, end, bound, pieces):
                 return -1.0, 0.0, 0, -math.inf
     m, u, turn = next_impact(flight, end)
     w_i = launch.w
@@ -193,85 +182,61 @@ def log_impact(events, impact, pt):
 
 @jit(refcounts=False)
 def exact_step(eq, pt, start, free, impact, phase, step, scratch):
-    """One step with every impact in it.
+    """Take one step with every impact in it.
 
-    Parameters
-    ----------
-    eq : Equation
-    pt : record of dtype ``POINT``
-    start : (float, float, bool)
-        y, w at the start of the step, and whether the mass is at rest on the stop there.
-    free : (float, float, float)
-        y_T, w_T and E of the step as if there were no stop, from ``glide``.
-    impact : 5 floats
-        The result of ``single_impact`` for the step, where it is not ``ONLY``.
-    phase : (float, float, float)
-        Phase at the start, its sine and its cosine.
-    step : float
-    scratch : Scratch
-        Receives the events, in the units of (x, v).
-
-    Returns
-    -------
-    y, w : float
-        State at the end of the step.
-    resting : bool
-    n : int
-        Number of events.
-    rested : float
-        Phase spent at rest.
-    status : int
-    grazes : int
-        Number of near grazes.
+    `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``, `impact` the
+    result of ``single_impact`` where it is not ``ONLY``; `phase` is that at the start, with its
+    sine and cosine. Returns y, w, resting, the number of events in `scratch`, which are in the
+    units of (x, v), the phase spent at rest, the status, and the number of near grazes.
     """
     events, flight = scratch
-    (y, w, resting), (theta, s, c) = start, phase
+    (y, w, resting), (theta_0, s, c) = start, phase
     stop, per_time = pt.clearance, 1.0 / pt.omega
-    t, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
+    passed, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
     undisturbed = True  # no impact yet, so that `end` is the end of the step
-    end, E = (free[0], free[1]), free[2]
+    end, bound = (free[0], free[1]), free[2]
     impact = polished(eq, (y, w), free, impact, phase, step)
     if impact[4] == ONLY:
         return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
-    dt, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]
-    for _ in range(MAX_FLIGHTS):  # a bound that holds even where t does not rise
+    dtheta, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]
+    for _ in range(MAX_FLIGHTS):  # a bound that holds even where `passed` does not rise
         released = resting
         if resting:
-            wait = pt.omega * time_to_release(theta + t, pt)
-            if step - t - wait <= RELEASE_MARGIN:
-                return 0.0, 0.0, True, n, rested + (step - t), status, grazes
-            t += wait
+            wait = pt.omega * time_to_release(theta_0 + passed, pt)
+            if step - passed - wait <= RELEASE_MARGIN:
+                return 0.0, 0.0, True, n, rested + (step - passed), status, grazes
+            passed += wait
             rested += wait
-            s, c = sin_cos(theta + t)
-            n = log_event(events, n, RELEASE, t * per_time, 0.0, stop)
+            s, c = sin_cos(theta_0 + passed)
+            n = log_event(events, n, RELEASE, passed * per_time, 0.0, stop)
             y, w, resting, undisturbed = 0.0, 0.0, False, False
-        left = step - t
-        if not dt >= 0.0:
-            dt, w_i, m, turn = fly(eq, Launch(y, w, s, c), released, E, left, step, flight)
+        left = step - passed
+        if not dtheta >= 0.0:
+            dtheta, w_i, m, turn = fly(eq, Launch(y, w, s, c), released, bound, left, step, flight)
             grazes += is_near_graze(flight, turn)
-            if dt == 0.0 and m > 1:  # pressed against the stop
+            if dtheta == 0.0 and m > 1:  # pressed against the stop
                 resting = True
-                n = log_event(events, n, REST, t * per_time, 0.0, stop)
-                dt = -1.0
+                n = log_event(events, n, REST, passed * per_time, 0.0, stop)
+                dtheta = -1.0
                 continue
-            if not dt >= 0.0:
+            if not dtheta >= 0.0:
                 if not undisturbed:
                     y, slope = value_and_slope(flight, 0, left / step)
                     end = y, slope / step
-                y, w = end_of_step(end, m, dt)
+                y, w = end_of_step(end, m, dtheta)
                 return y, w, False, n, rested, status, grazes
-        t += dt
-        left -= dt
-        n = log_event(events, n, IMPACT, t * per_time, w_i * pt.omega, stop)
+        passed += dtheta
+        left -= dtheta
+        n = log_event(events, n, IMPACT, passed * per_time, w_i * pt.omega, stop)
         y, w, undisturbed = 0.0, -pt.R * w_i, False
-        s, c = wave_after(s, c, dt, theta + t)
-        dt = -1.0
-        wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), theta + t, left, pt)
+        s, c = wave_after(s, c, dtheta, theta_0 + passed)
+        dtheta = -1.0
+        wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), theta_0 + passed, left, pt)
         status = max(status, outcome)
         if wait < math.inf:
             speeds = speeds_until_rest(-w * pt.omega, wait * per_time, s, c, pt)
-            t += wait
+            passed += wait
             resting = True
-            n = log_event(events, n, REST, t * per_time, speeds, stop)
-    n = log_event(events, n, REST, t * per_time, 0.0, stop) - resting  # once only
-    return 0.0, 0.0, True, n, rested + (step - t), _SETTLED, grazes
+            n = log_event(events, n, REST, passed * per_time, speeds, stop)
+    n = log_event(events, n, REST, passed * per_time, 0.0, stop) - resting  # once only
+    return 0.0, 0.0, True, n, rested + (step - passed), _SETTLED, grazes

@@ -17,18 +17,18 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import fma, jit
-from vibroimpact.step.flow import impulse
-from vibroimpact.step.stop import IMPACT, KIND, SPEED, TIME
+from vibroimpact.step.contact import IMPACT, KIND, SPEED, TIME
+from vibroimpact.step.propagator import impulse
 from vibroimpact.step.trigonometry import sin_cos
 
 
 @jit(inline=True)
-def glide_tangents(flow, pair):
-    """Carry two tangent vectors (y, w) over a step without impacts."""
+def propagate_tangents(M, pair):
+    """Carry two tangent vectors (y, w) over a step without impacts, by its ``Propagator``."""
     ay, aw, by, bw = pair
     return (
-        ay + fma(flow.yy, ay, flow.yw * aw), aw + fma(flow.wy, ay, flow.ww * aw),
-        by + fma(flow.yy, by, flow.yw * bw), bw + fma(flow.wy, by, flow.ww * bw),
+        ay + fma(M.yy, ay, M.yw * aw), aw + fma(M.wy, ay, M.ww * aw),
+        by + fma(M.yy, by, M.yw * bw), bw + fma(M.wy, by, M.ww * bw),
     )  # fmt: skip
 
 
@@ -45,7 +45,7 @@ def fly_tangents(eq, pair, dt):
 
 
 @jit(inline=True)
-def turn_tangents(eq, pair, w_i, s):
+def apply_saltation(eq, pair, w_i, s):
     """Carry two tangent vectors through an impact at `w_i`, where the phase has the sine `s`."""
     ay, aw, by, bw = pair
     # a graze stretches without bound
@@ -61,22 +61,22 @@ def tangents_through_impact(eq, pair, u, w_i, wave, step):
     """
     sin, cos = sin_cos(u)
     pair = fly_tangents(eq, pair, u)
-    pair = turn_tangents(eq, pair, w_i, wave[0] * cos + wave[1] * sin)
+    pair = apply_saltation(eq, pair, w_i, wave[0] * cos + wave[1] * sin)
     return fly_tangents(eq, pair, step - u)
 
 
 @jit(refcounts=False)
 def carry_tangents(prepared, pair, events, n, theta, step, omega):
     """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`."""
-    eq, flow = prepared
+    eq, propagator = prepared
     if n == 0:
-        return glide_tangents(flow, pair)
+        return propagate_tangents(propagator, pair)
     at = 0.0
     for k in range(n):
         u = events[k, TIME] * omega
         pair, at = fly_tangents(eq, pair, max(u - at, 0.0)), u
         if events[k, KIND] == IMPACT:
-            pair = turn_tangents(eq, pair, events[k, SPEED] / omega, sin_cos(theta + at)[0])
+            pair = apply_saltation(eq, pair, events[k, SPEED] / omega, sin_cos(theta + at)[0])
         else:
             pair = 0.0, 0.0, 0.0, 0.0
     return fly_tangents(eq, pair, max(step - at, 0.0))

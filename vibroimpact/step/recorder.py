@@ -1,4 +1,4 @@
-"""The log of one orbit: what the lanes of the kernel do, written down step by step."""
+"""The recorder of one orbit: what the lanes of the kernel do, written down step by step."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ import numpy as np
 
 from vibroimpact.jit import is_set, jit
 from vibroimpact.status import Status
-from vibroimpact.step.methods import Stepping
-from vibroimpact.step.one_step import advance, from_state, prepare, to_state
-from vibroimpact.step.phases import THETA, sine_at_start
-from vibroimpact.step.rules import EXACT, PLAIN
-from vibroimpact.step.stop import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME, new_scratch, start
+from vibroimpact.step.contact import (
+    DISPLACEMENT,
+    IMPACT,
+    KIND,
+    REST,
+    SPEED,
+    TIME,
+    new_scratch,
+    start,
+)
+from vibroimpact.step.grid import EXACT, PLAIN, THETA, Scheme, sine_at_start
+from vibroimpact.step.stepper import from_state, prepare, take_grid_step, to_state
 
 # Kinds of row, beside the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
@@ -51,7 +58,7 @@ def _put_start(log, t, pt, resting):
 
 
 @jit
-def _trace(pt, stepping, periods, transient, every, most_rows, log, interrupt):
+def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
     Once `interrupt` is set the run ends within a forcing period, and a run of more rows than
@@ -63,7 +70,7 @@ def _trace(pt, stepping, periods, transient, every, most_rows, log, interrupt):
         Rows the log needs; those beyond its length are lost.
     status : int
     """
-    scratch, (method, lead, grid) = new_scratch(), stepping
+    scratch, (method, lead, grid) = new_scratch(), scheme
     rule, integrator = method
     x, v, resting = start(pt, sine_at_start(lead, grid))
     state, status = to_state(rule, x, v, resting and rule != PLAIN, pt), 0
@@ -73,18 +80,20 @@ def _trace(pt, stepping, periods, transient, every, most_rows, log, interrupt):
     for k in range(-transient - 1, periods):
         if is_set(interrupt):
             return 0, _PENDING
-        steps = lead if k < -transient else grid
+        phases = lead if k < -transient else grid
         if k <= -transient:
-            prepared = prepare(integrator, steps, pt)
+            prepared = prepare(integrator, phases, pt)
         if k == 0 and transient == 0 and lead.size == 0:
             rows = _put_start(log, t, pt, state[2])
         elif k == 0:
             x, v = from_state(rule, state, pt)
             rows = _put(log, 0, REST if state[2] else _STATE, t, x, v)
-        for n in range(steps.size):
+        for n in range(phases.size):
             if rows > most_rows:
                 return 0, _PENDING
-            state, n_events, outcome = advance(method, prepared, state, steps, n, pt, scratch)
+            state, n_events, outcome = take_grid_step(
+                method, prepared, state, phases, n, pt, scratch
+            )
             status = max(status, outcome)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size
@@ -105,7 +114,7 @@ def _trace(pt, stepping, periods, transient, every, most_rows, log, interrupt):
 
 def trace(
     points: np.ndarray,
-    stepping: Stepping,
+    scheme: Scheme,
     periods: int,
     transient: int = 0,
     every: int = 1,
@@ -117,7 +126,7 @@ def trace(
     Parameters
     ----------
     points : ndarray of dtype ``POINT``, shape (1,)
-    stepping : Stepping
+    scheme : Scheme
     periods, transient : int
         Forcing periods that are logged, and left out before them.
     every : int
@@ -134,16 +143,16 @@ def trace(
     status : Status
         ``PENDING`` with an empty log where the run was given up.
     """
-    if periods * (stepping.grid.size // every) > most_rows:
+    if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    outcome = Status.CERTIFIED if stepping.method[0] == EXACT else Status.COMPUTED
-    rows, log = periods * (stepping.grid.size // every + 8) + 1, np.empty((0, 4))
+    outcome = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
+    rows, log = periods * (scheme.grid.size // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):  # ends: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
         rows, status = _trace(
-            points[0], stepping, periods, transient, every, most_rows, log, interrupt
+            points[0], scheme, periods, transient, every, most_rows, log, interrupt
         )
     log = log[:rows]
     if status == Status.PENDING:
@@ -158,7 +167,7 @@ def trace(
 
 def trajectories(
     points: np.ndarray,
-    stepping: Stepping,
+    scheme: Scheme,
     periods: int,
     transient: int = 0,
     every: int = 1,
@@ -173,7 +182,7 @@ def trajectories(
         end of the shorter ones; of a point that was given up, nothing else.
     """
     logs = [
-        trace(points[i : i + 1], stepping, periods, transient, every, interrupt)[0]
+        trace(points[i : i + 1], scheme, periods, transient, every, interrupt)[0]
         for i in range(points.size)
     ]
     out = np.full((3, len(logs), max(map(len, logs), default=0)), np.nan)

@@ -32,10 +32,7 @@ import math
 
 from vibroimpact.jit import jit
 from vibroimpact.status import Status
-from vibroimpact.step.flight import first_crossing
-from vibroimpact.step.integrators import step
-from vibroimpact.step.rules import CUBIC
-from vibroimpact.step.stop import (
+from vibroimpact.step.contact import (
     IMPACT,
     MAX_FLIGHTS,
     RELEASE,
@@ -46,6 +43,9 @@ from vibroimpact.step.stop import (
     speeds_until_rest,
     time_to_release,
 )
+from vibroimpact.step.grid import CUBIC
+from vibroimpact.step.integrators import step
+from vibroimpact.step.series import first_crossing
 from vibroimpact.step.trigonometry import sin_cos
 
 #: A rebound shorter than this many steps counts as rest.
@@ -113,24 +113,11 @@ def cubic_impact(integrator, launch, end, T, pt, coefficients):
 
 @jit(inline=True)
 def fly(method, launch, end, span, pt, coefficients):
-    """Advance until the first impact, or for at most `span`.
+    """Follow a flight until its first impact, or for at most the time `span`.
 
-    Parameters
-    ----------
-    method : (int, int)
-        The codes of rule and integrator.
-    launch : 4 floats
-        x, v, and the sine and cosine of the phase there.
-    end : (float, float)
-        x, v after `span`.
-
-    Returns
-    -------
-    dt, x, v : float
-        Time used, and the state there: before the impact, if there is one; NaN where it overflows.
-    hit : bool
-    cuts : int
-        How often the span was cut.
+    `launch` is x, v, and sine and cosine of the phase there, `end` is x, v after `span`. Returns
+    the time used, the state there, which is before the impact if there is one, and NaN where it
+    overflows; whether there is one; and how often the span was cut.
     """
     (rule, integrator), (x, v, s, c), (x_T, v_T) = method, launch, end
     launched = x == pt.clearance
@@ -165,20 +152,12 @@ def fly(method, launch, end, span, pt, coefficients):
 
 @jit(inline=True)
 def single_chord_impact(x, v, x_T, v_T, theta, T, pt):
-    """The impact of a step that starts off the stop, eqs (6)-(9), and whether it certainly is one.
+    """Return T_r, v_Tr, sine and cosine there, and `sure`, of a step from off the stop, (6)-(9).
 
-    Without a branch, for the lanes of ``kernel/chord_impacts.py``. A step that is not `sure` goes
-    through ``reduced_step``, which has the same arithmetic.
-
-    Returns
-    -------
-    T_r, v_Tr : float
-        Time of the impact, and speed before it.
-    s, c : float
-        Sine and cosine of the phase there.
-    sure : bool
-        Whether the step crosses the stop, has an impact there and goes on with a rebound, not
-        with a chatter that is complete before its end.
+    `sure` says that the step crosses the stop, has an impact there and goes on with a rebound, not
+    with a chatter that is complete before its end. There is no branch, for the columns of
+    ``kernel/chord_impacts.py``. Any other step goes through ``reduced_step``, which has the same
+    arithmetic.
     """
     T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
     s, c = sin_cos(theta + pt.omega * T_r)
@@ -210,32 +189,12 @@ def time_to_rest(v, theta, s, left, T, pt):
 
 @jit(refcounts=False)
 def reduced_step(method, start, end, phase, T, pt, scratch):
-    """One step of length `T`, shortened at every impact in it.
+    """Take one step of length `T`, shortened at every impact in it.
 
-    Parameters
-    ----------
-    method : (int, int)
-        The codes of rule and integrator.
-    start : (float, float, bool)
-        x, v at the start of the step, and whether the mass is at rest on the stop there.
-    end : (float, float)
-        x, v at its undisturbed end.
-    phase : (float, float, float)
-        Phase at the start of the step, its sine and its cosine.
-    scratch : Scratch
-        Receives the events.
-
-    Returns
-    -------
-    x, v : float
-        State at the end of the step; NaN if the step could not be resolved.
-    resting : bool
-        Whether the mass is at rest on the stop there.
-    n : int
-        Number of rows written to ``scratch.events``.
-    rested : float
-        Time spent at rest.
-    status : int
+    `method` is the codes of rule and integrator, `start` is (x, v, resting), `end` is (x, v) at the
+    undisturbed end, `phase` that at the start with its sine and cosine. Returns x, v, which are NaN
+    if the step could not be resolved, resting, the number of events in `scratch`, the time spent at
+    rest, and the status.
     """
     events, coefficients = scratch
     (_, integrator), (x, v, resting), (x_T, v_T), (theta, s, c) = method, start, end, phase

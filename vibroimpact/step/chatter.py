@@ -1,8 +1,8 @@
 """Rebounds that are back on the stop soon, one after the other, and the sum of a chatter.
 
 - A rebound that is back within half a step: the root at its start is divided out of its series,
-  Halley's method finds the next one, and the Bernstein coefficients of ``flow.py`` prove that no
-  root lies between.
+  Halley's method finds the next one, and the Bernstein coefficients of ``propagator.py`` prove
+  that no root lies between.
 - A short bounce: the reversion of its series, and one iteration of Newton's method.
 
 **Chatter.** Let a be the acceleration that presses the mass at rest, epsilon = v / a after a
@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 from vibroimpact.jit import fma, jit
 from vibroimpact.status import Status
-from vibroimpact.step.single_impact import all_terms, series
-from vibroimpact.step.stop import pressing, time_to_release
+from vibroimpact.step.contact import pressing, time_to_release
+from vibroimpact.step.impact import all_terms, series
 from vibroimpact.step.trigonometry import sin_cos
 
 # The tail of a chatter is summed where eta times the rates of the system is below this: the
@@ -58,21 +58,18 @@ def rates_of(eq):
 
 
 @jit(inline=True)
-def is_first(w, w_i, t, E, step):
+def is_first(w, w_i, t, bound, step):
     """Whether the return at `t` is proved to be the first of a flight from the stop at w < 0."""
     n = t / step
     n *= n
-    return (w_i > 0.0) & (fma(E, n * n, (w - w_i) * t * (1.0 / 3.0)) < 0.0)
+    return (w_i > 0.0) & (fma(bound, n * n, (w - w_i) * t * (1.0 / 3.0)) < 0.0)
 
 
 @jit(refcounts=False)
-def bounce(eq, launch, E, left, step):
-    """Find the end of a rebound that is back within half a step.
+def bounce(eq, launch, bound, left, step):
+    """Return the length of a rebound that is back within half a step, and w at its end.
 
-    Returns
-    -------
-    t, w_i : float
-        Length of the rebound, and w at its end; -1 and 0 if they are not proved.
+    They are -1 and 0 where they are not proved.
     """
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
@@ -94,7 +91,7 @@ def bounce(eq, launch, E, left, step):
         # its square.
         if abs(change) <= 1e-6 * t:
             w_i = t * fma(-2.0 * e, change, d)
-            if t < longest and is_first(w, w_i, t, E, step):
+            if t < longest and is_first(w, w_i, t, bound, step):
                 return t, w_i
             break
     return -1.0, 0.0
@@ -102,13 +99,7 @@ def bounce(eq, launch, E, left, step):
 
 @jit(refcounts=False)
 def short_bounce(eq, launch):
-    """Find the end of a short rebound, by the reversion of the series of its flight.
-
-    Returns
-    -------
-    t, w_i : float
-        Length of the rebound, and w at its end; -1 and 0 if it is not short.
-    """
+    """Return the same of a short rebound, by the reversion of its series; -1 and 0 if it is not."""
     w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
     rates = rates_of(eq)
     a, b = eq.of_w, eq.of_y
@@ -145,12 +136,12 @@ def short_bounce(eq, launch):
 
 
 @jit(inline=True)
-def wave_after(s, c, dt, theta):
-    """Return sine and cosine of the phase `theta`, which is `dt` after that of (s, c)."""
-    if dt >= _SHORT:
+def wave_after(s, c, dtheta, theta):
+    """Return sine and cosine of the phase `theta`, which is `dtheta` after that of (s, c)."""
+    if dtheta >= _SHORT:
         return sin_cos(theta)
-    z = dt * dt
-    sin = dt * fma(z, fma(z, fma(z, -1.0 / 5040.0, 1.0 / 120.0), -1.0 / 6.0), 1.0)
+    z = dtheta * dtheta
+    sin = dtheta * fma(z, fma(z, fma(z, -1.0 / 5040.0, 1.0 / 120.0), -1.0 / 6.0), 1.0)
     cos = fma(z, fma(z, fma(z, -1.0 / 720.0, 1.0 / 24.0), -0.5), 1.0)
     return fma(s, cos, c * sin), fma(c, cos, -s * sin)
 
@@ -185,7 +176,7 @@ def time_to_rest(v, theta, s, c, left, pt):
 
 @jit(inline=True)
 def phase_to_rest(eq, launch, theta, left, pt):
-    """As ``time_to_rest``, in the units of ``flow.py``; calls it only if the time may be finite."""
+    """As ``time_to_rest``, as a phase; calls it only if the time may be finite."""
     press = fma(eq.of_sin, launch.s, eq.of_1)
     slow = -launch.w * rates_of(eq) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
     if not (slow or pt.R > _ENDLESS):

@@ -1,7 +1,7 @@
 """One flight between impacts as a polynomial, and the first time it meets the stop.
 
 Over one step the exact solution of eq. (1) is its Taylor series about the step's start, here in the
-units of ``flow.py``,
+units of ``propagator.py``,
 
     y(u) = sum_k c_k u^k,    u = (theta - theta_0) / step in [0, 1].
 
@@ -155,23 +155,11 @@ def _turning_point(c, m, low, high):
 
 @jit(refcounts=False)
 def first_crossing(c, m, end):
-    """The first u in (0, end] at which a flight meets the stop.
+    """Return the first u in (0, end <= 1] at which a flight meets the stop, and its highest turn.
 
-    Parameters
-    ----------
-    c : ndarray, shape (TERMS,)
-        Coefficients of x(u) - stop; the first `m` are zero and divided out.
-    m : int
-    end : float
-        Where the search ends, <= 1.
-
-    Returns
-    -------
-    u : float
-        -1 if the flight does not meet the stop; NaN if a coefficient is not finite, or so great
-        that a derivative is not.
-    turn : float
-        Greatest x - stop among the turning points seen on the way; -inf if there was none.
+    The first `m` coefficients of x(u) - stop are zero and divided out. u is -1 where the flight
+    does not meet the stop, NaN where a coefficient is not finite or so great that a derivative is
+    not. The turn is the greatest x - stop of the turning points on the way, -inf without one.
     """
     jerk = _greatest_third_derivative(c, m)
     turn, a, width = -math.inf, 0.0, end

@@ -1,4 +1,4 @@
-"""A step with a single impact: found, proved to be the first and the only one, and mended.
+"""A step with a single impact: found, proved to be the first and the only one, and corrected.
 
 Six stages without a branch, each for a column of a vector as for a single orbit; ``single_impact``
 is all of them. They hold for nearly every step that meets the stop; the other steps are left to
@@ -10,8 +10,8 @@ is all of them. They hold for nearly every step that meets the stop; the other s
   first to the terms up to t^8, then to all. The error that is left is estimated; if it is not below
   rounding, nothing is proved.
 - The flight before the impact is below the stop, and so is that after it, if the Bernstein
-  coefficients of ``flow.py`` say so: for the first, from (y_0, w_0) to (0, w_i) in the time u; for
-  the second, from (0, -R w_i) to the end of the step in the time r.
+  coefficients of ``propagator.py`` say so: for the first, from (y_0, w_0) to (0, w_i) in the time
+  u; for the second, from (0, -R w_i) to the end of the step in the time r.
 - The end of the step is its undisturbed end and the response to the impulse of the impact.
 """
 
@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibroimpact.jit import fma, jit, select
-from vibroimpact.step.flow import INVERSE_FACTORIALS, impulse
+from vibroimpact.step.propagator import INVERSE_FACTORIALS, impulse
 
 #: What Newton's method may leave of the time of an impact, as a share of the step, and its last
 #: change, for the speed.
@@ -84,12 +84,8 @@ def all_terms(k, t):
 def guess(start, end, step):
     """Guess where a step from `start` to `end`, states (y, w), rises through 0.
 
-    Returns
-    -------
-    late : float
-        0 where that is in the first half of the step, 1 where it is in the second half.
-    t : float
-        Its time since the start of the step, or, negative, since its end.
+    Returns 0 where that is in the first half of the step, 1 where it is in the second, and its time
+    since the start of the step, or, negative, since its end.
     """
     # The place of the root, and w at both ends, in units of the step and of the rise.
     inverse = 1.0 / (end[0] - start[0])
@@ -137,29 +133,12 @@ def approach(k, t, step):
 
 
 @jit(forced_inline=True)
-def first_impact(start, y_T, E, guessed, k, values, step):
+def first_impact(start, y_T, bound, guessed, k, values, step):
     """Find an impact to rounding, and prove that it is the first.
 
-    Parameters
-    ----------
-    start : (float, float)
-    y_T, E : float
-        As in ``single_impact``.
-    guessed : (float, float)
-        The improved guess, as from ``guess``.
-    k : 17 floats
-        The series about the end that it names.
-    values : 3 floats
-        Value, slope and half the second derivative of all its terms at the guess.
-    step : float
-
-    Returns
-    -------
-    u, r : float
-        Time of the impact since the start of the step, and left until its end.
-    w_i : float
-    proved : float
-        ``NOTHING`` or ``FIRST``.
+    `guessed` is the improved ``guess``, `k` the series about the end that it names, `values` that
+    of all its terms there, with the slope and half the second derivative. Returns the time of the
+    impact since the start of the step, that left until the end, w_i, and ``NOTHING`` or ``FIRST``.
     """
     (y_0, w_0), (late, t), (y, d, e), per_step = start, guessed, values, 1.0 / step
     j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
@@ -173,7 +152,7 @@ def first_impact(start, y_T, E, guessed, k, values, step):
     u, r = t + begin, (step - begin) - t
     n = u * per_step
     n *= n
-    middle = fma(E, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
+    middle = fma(bound, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
     below = max(max(y_0, fma(w_0, u, 4.0 * y_0)), middle) < 0.0
     first = below & converged & (min(min(y_T, w_i), min(u, r)) > 0.0)
     return u, r, w_i, select(first, FIRST, NOTHING)
@@ -185,50 +164,32 @@ def rebound(eq, free, r, w_i, proved, step):
 
     Parameters as from ``first_impact``, results as from ``single_impact``.
     """
-    (y_T, w_T, E), per_step = free, 1.0 / step
+    (y_T, w_T, bound), per_step = free, 1.0 / step
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
     launch = eq.R * w_i
     kick = w_i + launch
     y, w = fma(-kick, of_y, y_T), fma(-kick, of_w, w_T)
     n = r * per_step
     n *= n
-    middle = fma(E, n * n, fma((launch + w) * (-1.0 / 3.0), r, y))
+    middle = fma(bound, n * n, fma((launch + w) * (-1.0 / 3.0), r, y))
     only = max(max(y, fma(-w, r, 4.0 * y)), middle) < 0.0
     return y, w, select(only & (proved == FIRST), ONLY, proved)
 
 
 @jit(forced_inline=True)
 def single_impact(eq, start, free, waves, step, polish):
-    """Mend a step that may have met the stop.
+    """Correct a step that may have met the stop; return y, w, u, w_i and what is proved.
 
-    Parameters
-    ----------
-    eq : Equation
-    start : (float, float)
-        The state (y, w) at the start of the step.
-    free : (float, float, float)
-        y_T, w_T and E of the step as if there were no stop, from ``glide``.
-    waves : 4 floats
-        Sine and cosine of the phase at the start of the step, and at its end.
-    step : float
-    polish : int
-        How often the guess is improved: once is mostly enough.
-
-    Returns
-    -------
-    y, w : float
-        State at the end of the step, after the impact.
-    u, w_i : float
-        Time of the impact since the start of the step, and w before it.
-    proved : float
-        ``NOTHING``, ``FIRST`` or ``ONLY``. With ``ONLY`` y, w, u and w_i hold; with ``FIRST`` only
-        u and w_i; with ``NOTHING`` none.
+    `start` is (y, w), `free` is y_T, w_T and the bound from ``propagate``; `waves` are sine and
+    cosine of the phase at the start, and at the end; the guess is improved `polish` times, once is
+    mostly enough. y, w is the state at the end, u the time of the impact since the start, w_i the w
+    before it: all hold with ``ONLY``, u and w_i alone with ``FIRST``, none with ``NOTHING``.
     """
     late, t = guess(start, free, step)
     k = expand_near(eq, start, free, waves, late)
     for _ in range(polish):
         t = approach(k, t, step)
-    values, (y_T, _, E) = all_terms(k, t), free
-    u, r, w_i, proved = first_impact(start, y_T, E, (late, t), k, values, step)
+    values, (y_T, _, bound) = all_terms(k, t), free
+    u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, values, step)
     y, w, proved = rebound(eq, free, r, w_i, proved, step)
     return y, w, u, w_i, proved

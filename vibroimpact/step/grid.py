@@ -1,19 +1,113 @@
-"""A method is an integrator with an impact rule: its check, and its steps."""
+"""How orbits are stepped: the impact rules by name, the common grid of steps, and their scheme.
+
+A method is an integrator with an impact rule:
+
+- ``plain``: eqs (2)-(5) at the end of the step, in ``time_stepping.py``.
+- ``reduced-step``: eqs (6)-(9), then the remainder of the step, in ``time_stepping.py``.
+- ``cubic``: the root of the cubic Hermite interpolant of the step, in ``time_stepping.py``.
+- ``exact``: the first root of the closed-form flow, in ``exact.py``.
+
+The steps per period are an integer, so that one table of the force's phases serves every lane.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 
+from vibroimpact.jit import jit
 from vibroimpact.oscillator import whole
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.phases import Phases, lead_in, one_period
-from vibroimpact.step.rules import IMPACT_RULES
 from vibroimpact.step.stability import least_stable_steps
+
+# The codes of the rules in compiled code.
+PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
+
+
+@dataclass(frozen=True)
+class ImpactRule:
+    """An impact rule.
+
+    Attributes
+    ----------
+    code : int
+        Its number in compiled code.
+    order : int or None
+        Order of accuracy through impacts, with an integrator of at least that order; None: exact
+        to rounding.
+    """
+
+    code: int
+    order: int | None
+
+
+IMPACT_RULES: Mapping[str, ImpactRule] = {
+    "plain": ImpactRule(PLAIN, 1),
+    "reduced-step": ImpactRule(REDUCED_STEP, 2),
+    "cubic": ImpactRule(CUBIC, 4),
+    "exact": ImpactRule(EXACT, None),
+}
+
+# Rows of the table.
+THETA, SIN, COS = range(3)
+
+
+class PhaseGrid(NamedTuple):
+    """A run of equal steps.
+
+    Attributes
+    ----------
+    table : ndarray, shape (3, size + 1)
+        theta = omega t at the start of each step, and at the end of the last one, its sine and its
+        cosine.
+    step : float
+        omega T.
+    size : int
+        Number of steps.
+    """
+
+    table: np.ndarray
+    step: float
+    size: int
+
+
+def _grid(start: float, span: float, count: int) -> PhaseGrid:
+    """Return `count` equal steps over a span of phases."""
+    theta = start + span * np.arange(count + 1) / max(count, 1)
+    table = np.stack([theta, np.sin(theta), np.cos(theta)])
+    return PhaseGrid(table, span / max(count, 1), count)
+
+
+def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> PhaseGrid:
+    """Return the steps from t = 0 to the section's `phase`, none longer than the grid's.
+
+    No steps if the start is `at_section` already.
+    """
+    if at_section:
+        return _grid(phase, 0.0, 0)
+    n = phase / (2.0 * math.pi) * steps_per_period
+    return _grid(0.0, phase, math.ceil(n * (1.0 - 1e-12)))
+
+
+def one_period(phase: float, steps_per_period: int) -> PhaseGrid:
+    """Return the steps of one forcing period from the section's `phase`."""
+    phases = _grid(phase, 2.0 * math.pi, steps_per_period)
+    phases.table[SIN:, -1] = phases.table[SIN:, 0]  # where the next period begins
+    return phases
+
+
+@jit
+def sine_at_start(lead: PhaseGrid, grid: PhaseGrid) -> float:
+    """Return the sine of the phase at which a lead-in and the periods after it begin."""
+    first = lead if lead.size > 0 else grid
+    return first.table[SIN, 0]
+
 
 #: More steps per forcing period are not chosen, and the rule ``exact`` is refused if it needs more.
 MOST_STEPS = 1_000_000
@@ -50,30 +144,30 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
     return int(steps)
 
 
-class Stepping(NamedTuple):
+class Scheme(NamedTuple):
     """How orbits are stepped.
 
     Attributes
     ----------
     method : (int, int)
         The codes of the impact rule and of the integrator.
-    lead, grid : Phases
+    lead, grid : PhaseGrid
         The steps before the first section, and those of a forcing period.
     """
 
     method: tuple[int, int]
-    lead: Phases
-    grid: Phases
+    lead: PhaseGrid
+    grid: PhaseGrid
 
 
-def stepping(
+def scheme_of(
     points: np.ndarray,
     integrator: str,
     impact: str,
     steps_per_period: int | None,
     phase: float = 0.0,
     at_section: bool = False,
-) -> Stepping:
+) -> Scheme:
     """Check a method, and lay out its steps; arguments as for ``integrate``.
 
     Raises
@@ -103,7 +197,7 @@ def stepping(
             raise ValueError(
                 f"steps_per_period must be >= {least} for exact impacts here, not {steps}"
             )
-    return Stepping(
+    return Scheme(
         (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
         lead_in(float(phase), steps, at_section),
         one_period(float(phase), steps),

@@ -29,9 +29,9 @@ Where none of these is positive and one inside is negative, the curve is below t
 ends. The **guard** is a bound of them all over a whole step: with P = y_0 + w_0 step / 3 and
 Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0.
 
-The E that ``glide`` returns, and that all proofs use, is that of a whole step, and has a slack for
-rounding, so that no near graze is safe either: twice the share ``SLACK`` of what the step covers. A
-part t of the step has E (t / step)^4.
+The remainder bound of ``propagate``, which all proofs use, is the E of a whole step with a slack
+for rounding, so that no near graze is safe either: twice the share ``SLACK`` of what the step
+covers. A part t of the step has E (t / step)^4.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ import math
 from typing import NamedTuple
 
 from vibroimpact.jit import fma, jit
-from vibroimpact.step.flight import expand, value_and_slope
+from vibroimpact.step.series import expand, value_and_slope
 
 #: A curve is proved to be below the stop only where it keeps off it by this share of what the step
 #: covers.
@@ -50,8 +50,8 @@ SLACK = 1e-8
 INVERSE_FACTORIALS = tuple(1.0 / math.factorial(k) for k in range(21))
 
 
-class Equation(NamedTuple):
-    """Equation (P) of one parameter point."""
+class Coefficients(NamedTuple):
+    """The coefficients of equation (P), of one parameter point."""
 
     of_w: float
     of_y: float
@@ -60,8 +60,8 @@ class Equation(NamedTuple):
     R: float
 
 
-class Flow(NamedTuple):
-    """The map of a step without impacts and force, and the factors of |y|, |w| and 1 in its E.
+class Propagator(NamedTuple):
+    """The map of a step without impacts and force, and the factors of |y|, |w| and 1 in its bound.
 
     y_T - y = yy y + yw w and w_T - w = wy y + ww w: with the differences, what rounding leaves of
     the map does not add up over many short steps.
@@ -71,9 +71,9 @@ class Flow(NamedTuple):
     yw: float
     wy: float
     ww: float
-    E_y: float
-    E_w: float
-    E_1: float
+    bound_y: float
+    bound_w: float
+    bound_1: float
 
 
 class Forcing(NamedTuple):
@@ -88,16 +88,16 @@ class Forcing(NamedTuple):
 
 
 @jit
-def equation_of(pt):
-    """Return the ``Equation`` of a parameter point."""
+def coefficients_of(pt):
+    """Return the ``Coefficients`` of a parameter point."""
     ww, pp = pt.omega * pt.omega, pt.p * pt.p
-    return Equation(-2.0 * pt.h / pt.omega, -pp / ww, -pt.f / ww, -pp * pt.clearance / ww, pt.R)
+    return Coefficients(-2.0 * pt.h / pt.omega, -pp / ww, -pt.f / ww, -pp * pt.clearance / ww, pt.R)
 
 
 @jit
-def flow_of(eq, step, c):
-    """Return ``Flow`` and ``Forcing`` of steps of that length; `c` is memory for a series."""
-    unloaded = Equation(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
+def propagator_of(eq, step, c):
+    """Return ``Propagator`` and ``Forcing`` of steps of that length; `c` is memory for a series."""
+    unloaded = Coefficients(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
     expand(unloaded, 1.0, 0.0, 0.0, 0.0, step, c)
     c[0] = 0.0
     yy, wy = value_and_slope(c, 0, 1.0)
@@ -111,14 +111,14 @@ def flow_of(eq, step, c):
     yc, wc = value_and_slope(c, 0, 1.0)
     expand(eq, 0.0, 0.0, 0.0, 0.0, step, c)
     y1, w1 = value_and_slope(c, 0, 1.0)
-    E_y, E_w, E_1 = bound_factors(eq, step)
-    flow = Flow(yy, yw, wy / step, ww / step, E_y, E_w, E_1)
-    return flow, Forcing(ys, yc, y1, ws / step, wc / step, w1 / step)
+    bound_y, bound_w, bound_1 = bound_factors(eq, step)
+    propagator = Propagator(yy, yw, wy / step, ww / step, bound_y, bound_w, bound_1)
+    return propagator, Forcing(ys, yc, y1, ws / step, wc / step, w1 / step)
 
 
 @jit(inline=True)
 def bound_factors(eq, step):
-    """Return the factors of |y|, |w| and 1 in the E of a whole step."""
+    """Return the factors of |y|, |w| and 1 in the bound of a whole step."""
     a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
     root, greatest = math.sqrt(b), f + abs(eq.of_1)
     # The factors of V and of 1 in the bounds of the derivatives.
@@ -139,39 +139,26 @@ def forced(forcing, s, c):
 
 
 @jit(inline=True)
-def glide(flow, y, w, added, step):
-    """Take a state over a step as if there were no stop.
+def propagate(propagator, y, w, added, step):
+    """Take a state over a step as if there were no stop; return y_T, w_T, its bound and its guard.
 
-    Parameters
-    ----------
-    flow : Flow
-    added : (float, float)
-        As from ``forced``.
-    step : float
-
-    Returns
-    -------
-    y_T, w_T : float
-    E : float
-        A_4 step^4 / 72 and the slack, see above.
-    high : float
-        Below 0 only where the mass cannot have met the stop in the step.
+    `added` is from ``forced``. The guard is below 0 only where the mass cannot have met the stop.
     """
     third = step * (1.0 / 3.0)
-    y_T = y + fma(flow.yy, y, fma(flow.yw, w, added[0]))
-    w_T = w + fma(flow.wy, y, fma(flow.ww, w, added[1]))
-    E = fma(flow.E_w, abs(w), fma(flow.E_y, abs(y), flow.E_1))
-    return y_T, w_T, E, max(fma(0.5, E, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
+    y_T = y + fma(propagator.yy, y, fma(propagator.yw, w, added[0]))
+    w_T = w + fma(propagator.wy, y, fma(propagator.ww, w, added[1]))
+    bound = fma(propagator.bound_w, abs(w), fma(propagator.bound_y, abs(y), propagator.bound_1))
+    return y_T, w_T, bound, max(fma(0.5, bound, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
 
 
 @jit(inline=True)
-def enter(x, v, clearance, omega):
+def to_dimensionless(x, v, clearance, omega):
     """Return the state (y, w) of (x, v)."""
     return x - clearance, v / omega
 
 
 @jit(inline=True)
-def leave(y, w, clearance, omega):
+def from_dimensionless(y, w, clearance, omega):
     """Return the state (x, v) of (y, w)."""
     return y + clearance, w * omega
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.step.flight import TERMS
+from vibroimpact.step.series import TERMS
 from vibroimpact.step.trigonometry import sin_cos
 
 #: More flights than this in one step are not followed.
