@@ -197,7 +197,7 @@ class RecordConfig(Group):
     diagnostics: tuple[
         Annotated[str, one_of(DIAGNOSTICS), Field(json_schema_extra={"enum": [*DIAGNOSTICS]})], ...
     ] = Field(
-        (),
+        ("period",),
         description="what else to compute of each point: a list of names out of "
         f"{', '.join(DIAGNOSTICS)}",
     )

@@ -238,8 +238,9 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
     printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
-    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, nine numbers and the status.
-    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 9) + 1)
+    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, nine numbers, the class as two and
+    # the status.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 9 + 2) + 1)
     time, memory = dict(rows)["expected time"], dict(rows)["memory"]
     assert rows == [
         ("name", "small"),
@@ -331,7 +332,7 @@ def test_an_unstable_step_is_refused_or_allowed_and_said():
 
 def test_diagnostics_are_computed_where_they_are_asked_for():
     with unittest.mock.patch("vibroimpact.points.computation.period_class") as period:
-        accepted("run", "sweep.yaml", "--quiet")
+        accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[]")
     assert not period.called
     both = ("--set", "record.diagnostics=[period, lyapunov]", "--set", "record.transient=200")
     accepted("run", "sweep.yaml", "--quiet", "--overwrite", *both)

@@ -23,7 +23,7 @@ FILES = {
         RECORD,
     ],
     "map both": [MAP, "follow: {axis: omega, direction: both}", RECORD],
-    "no period": [MAP, RECORD.replace(", diagnostics: [period]", "")],
+    "no period": [MAP, RECORD.replace("[period]", "[]")],
     "failed": [
         "oscillator: {h: 0, R: 1, omega: [1.99999, 2, 2.00001], f: [1.0e+307, 2.0e+307]}",
         RECORD,
