@@ -39,7 +39,8 @@ FigureFile = Annotated[
         "-o",
         "--output",
         metavar="FIGURE",
-        help="The picture to write, OUT.png if not given; for a single OUT.h5.",
+        help="The picture to write, OUT.png if not given, OUT-KIND.png with --kind; for a single "
+        "OUT.h5.",
     ),
 ]
 Kind = Annotated[
@@ -137,9 +138,12 @@ def plot(
     ylim: OrdinateLimits = None,
 ) -> None:
     """Draw a picture from the file of each sweep."""
+    from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture
     from sweeps.store import open_sweep
 
+    if kind is not None:
+        check_kind(kind)
     cuts = selection_of(at)
     check_csv(csv)
     if csv is not None and (not exact or len(files) > 1):
@@ -160,7 +164,8 @@ def plot(
         "below": tuple(below) if below else None,
         "periods": periods,
     }
-    figures = targets(files, output, [file.parent / f"{file.stem}.png" for file in files])
+    ending = ".png" if kind is None else f"-{kind}.png"
+    figures = targets(files, output, [file.parent / f"{file.stem}{ending}" for file in files])
     for file, figure in zip(files, figures, strict=True):  # before any is drawn
         check_picture(figure, file)
         open_sweep(file).close()

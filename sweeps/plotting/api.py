@@ -99,8 +99,7 @@ def plot(
     check_picture(output, str(dataset.encoding.get("source", "")))
     options = {name: value for name, value in options.items() if value is not None}
     kind = default_kind(dataset, at, **options) if kind is None else kind
-    if kind not in KINDS:
-        raise Refused(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
+    check_kind(kind)
     for option in options:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if kind not in kinds:
@@ -109,6 +108,12 @@ def plot(
         figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
         save(figure, output, description(dataset, command))
     return output
+
+
+def check_kind(kind: str) -> None:
+    """Refuse what is no name of a kind of picture."""
+    if kind not in KINDS:
+        raise Refused(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
 
 
 def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: Any) -> str:
@@ -131,7 +136,8 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
             return "attractors"
         if len(starts) == 2 and not options:
             return "basins"
-    if len(axes) == 2 and "period" in dataset and not starts and not chosen and not options:
+    only_adds = options.keys() <= {"exact"}
+    if len(axes) == 2 and "period" in dataset and not starts and not chosen and only_adds:
         return "map"
     if axes:
         return "bifurcation"

@@ -41,6 +41,7 @@ from sweeps.plotting.style import (
     STATUS_COLOURS,
     VERMILION,
     WHITE,
+    class_colours,
 )
 from vibroimpact.status import Status
 
@@ -81,7 +82,7 @@ def period_cells(cut: xr.Dataset) -> list[Cells]:
     periodic = motion == Regime.PERIODIC
     kinds = []
     frequent = frequent_periods(m[periodic], q[periodic], len(PERIODIC))
-    for colour, (periods, impacts) in zip(PERIODIC, frequent, strict=False):
+    for (periods, impacts), colour in class_colours(frequent).items():
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
         kinds.append(Cells(text, colour, where))

@@ -4,6 +4,7 @@ Every two colours are told apart with normal colour vision, deuteranopia and pro
 by at least 10 in CIEDE2000.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -24,6 +25,8 @@ STATUS_COLOURS = {
 #: Of the most frequent period classes in a map: without vermilion and black.
 PERIODIC = (BLUE, "#56B4E9", "#009E73", "#F0E442", ORANGE, "#CC79A7")
 OTHER_PERIODIC = "#D3E4B4"
+#: The classes m/q that have these colours in every picture; others have what is left there.
+_NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
 REST = VERMILION
 #: Of the other kinds of motion: their label and their colour.
 REGIMES = {
@@ -69,6 +72,16 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "vibroimpact",  # the same picture gives the same bytes
     "savefig.dpi": 300,
 }
+
+
+def class_colours(classes: Sequence[tuple[int, int]]) -> dict[tuple[int, int], str]:
+    """Return a colour for each of some classes (m, q), no more than there are in ``PERIODIC``."""
+    own = dict(zip(_NAMED, PERIODIC, strict=True))
+    left = [colour for name, colour in own.items() if name not in classes]
+    return {
+        (m, q): own[m, q] if (m, q) in own else left.pop((m + 2 * q) % len(left))
+        for m, q in classes
+    }
 
 
 def user_style() -> dict[Any, Any]:

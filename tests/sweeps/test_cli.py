@@ -154,11 +154,12 @@ def test_a_zoom_that_cannot_be(pieces, reason):
 @pytest.mark.slow
 def test_a_map_and_the_exact_orbits():
     accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
-    assert accepted("plot", "small.h5", "--kind", "map") == "small.png\n"
+    assert accepted("plot", "small.h5", "--kind", "map") == "small-map.png\n"
     axes = ("--axis", "clearance", "--axis", "omega", "--quantity", "slowest_impact")
     assert accepted("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
     assert b"forcing frequency" in Path("map.svg").read_bytes()
-    assert accepted("plot", "small.h5", "--kind", "impacts", "--at", "omega=1.5") == "small.png\n"
+    impacts = ("--kind", "impacts", "--at", "omega=1.5")
+    assert accepted("plot", "small.h5", *impacts) == "small-impacts.png\n"
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
     accepted("run", "sweep.yaml", "--quiet", "--overwrite", *cut)
     followed, *_, picture = accepted("plot", "small.h5", "--exact").splitlines()

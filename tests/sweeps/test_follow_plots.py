@@ -175,7 +175,7 @@ def test_the_command_line(stored):
     assert drawn("--at", "direction=down").exit_code == 0
     for kind in ("section", "impacts", "trajectory", "map"):
         assert drawn("--kind", kind, "--at", "direction=up").stdout == "picture.png\n"
-    told = drawn("--exact", "--at", "direction=down").stdout.splitlines()
+    told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
     assert told[0].startswith("down: 1/1: ") and told[-1] == "picture.png"
     wrong = drawn("--at", "direction=dwn")
     assert wrong.exit_code == 2

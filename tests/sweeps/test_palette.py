@@ -44,7 +44,7 @@ def named_colours():
     """Return every colour of the palette by the first name that it has there."""
     names = {}
     for name, value in vars(style).items():
-        if not name.isupper() or name in ("STYLE", "LEAST_SHARE"):
+        if not name.isupper() or name in ("STYLE", "LEAST_SHARE", "_NAMED"):
             continue
         entries = value.items() if isinstance(value, dict) else [("", value)]
         for key, entry in entries:
@@ -73,3 +73,10 @@ def test_every_pair_of_colours_is_told_apart(vision):
         if (difference := np.linalg.norm(i - j)) < 10.0
     }
     assert not alike
+
+
+def test_a_class_keeps_its_colour_whatever_is_beside_it():
+    alone = {pair: style.class_colours([pair])[pair] for pair in [(1, 1), (2, 2), (3, 3), (2, 1)]}
+    crowd = style.class_colours([(1, 1), (2, 1), (2, 2), (3, 3), (4, 4), (5, 7)])
+    assert {pair: crowd[pair] for pair in alone} == alone
+    assert len(set(crowd.values())) == 6

@@ -179,7 +179,7 @@ def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
 def test_width_title_and_limits_by_the_command(draw):
     arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
     assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
-    assert imread("map.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
+    assert imread("map-bifurcation.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
     for option, value in (("--width", "3.4"), ("--width", "0in"), ("--xlim", "3:2"),
                           ("--ylim", "1"), ("--xlim", "nan:1")):  # fmt: skip
         wrong = draw(option, value)
