@@ -52,17 +52,8 @@ class Grid:
     def blocks(self, size: int, whole: str | None = None) -> Iterator[Block]:
         """Split the grid into boxes of at most `size` points, in C order.
 
-        Parameters
-        ----------
-        size : int
-        whole : str, optional
-            An axis that is not split, even where it alone is longer than `size`.
-
-        Yields
-        ------
-        tuple of slice
-            One slice per axis. Together the boxes cover every point once. All have one shape, but
-            those at the end of the axis that is cut.
+        Together the boxes cover every point once. All have one shape, but those at the end of the
+        axis that is cut. The axis `whole` is not split, even where it alone is longer than `size`.
         """
         room = max(1, size // (1 if whole is None else len(self.axes[whole])))
         cuts_of_axes: list[list[slice]] = []
@@ -78,13 +69,7 @@ class Grid:
         yield from itertools.product(*reversed(cuts_of_axes))
 
     def points(self, block: Block) -> np.ndarray:
-        """Return the parameter points of a block.
-
-        Returns
-        -------
-        ndarray of dtype POINT, shape (n,)
-            In C order over the box.
-        """
+        """Return the parameter points of a block, of dtype POINT, in C order."""
         return mesh(self.within(block), self.fixed)
 
     def within(self, block: Block) -> dict[str, np.ndarray]:
@@ -93,12 +78,7 @@ class Grid:
         return {name: values[cut] for (name, values), cut in pairs}
 
     def numbered(self, numbers: np.ndarray) -> np.ndarray:
-        """Return points by their numbers, which count from 0 in C order over the grid.
-
-        Returns
-        -------
-        ndarray of dtype POINT, shape (n,)
-        """
+        """Return points of dtype POINT by their numbers, counted in C order over the grid."""
         points = np.empty(len(numbers), POINT)
         for name, value in self.fixed.items():
             points[name] = value
@@ -110,14 +90,9 @@ class Grid:
     def spread(self, count: int) -> np.ndarray:
         """Return about `count` points spread evenly over the grid, the same in every call.
 
-        The longest axis is divided evenly, ends included; the k-th point lies at the fraction
-        k sqrt(prime) mod 1 of each other axis: Richtmyer's sequence, Niederreiter (1978), Bull.
-        Am. Math. Soc. 84, 957-1041. Points that coincide are taken once.
-
-        Returns
-        -------
-        ndarray of dtype POINT, shape (n,)
-            All points of a grid that has no more; otherwise n <= `count`, in C order.
+        The longest axis is divided evenly, ends included; the k-th point lies at the fraction k
+        sqrt(prime) mod 1 of each other axis: Richtmyer's sequence, Niederreiter (1978), Bull. Am.
+        Math. Soc. 84, 957-1041. Points that coincide are taken once; of a smaller grid, all are.
         """
         if self.size <= count:
             return self.points(tuple(slice(0, n) for n in self.shape))

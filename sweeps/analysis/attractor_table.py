@@ -68,13 +68,7 @@ def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
-    """Fix parameters at the grid values nearest to `at`, and leave all starts.
-
-    Raises
-    ------
-    Refused
-        If one is not a swept parameter, or the value is outside the sweep.
-    """
+    """Fix parameters at the grid values nearest to `at`, or refuse them, and leave all starts."""
     axes = parameter_axes(dataset)
     for name in at:
         if name not in axes:
@@ -84,15 +78,7 @@ def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
 
 
 def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
-    """List the attractors in the order of the parameter points, the most frequent first.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep, or a cut through one.
-    result : Dataset
-        From `sweeps.analysis.attractors.attractors` of it.
-    """
+    """List what `attractors` found in a sweep: by parameter points, the most frequent first."""
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]

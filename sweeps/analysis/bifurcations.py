@@ -59,27 +59,11 @@ class Bifurcation:
 def find_bifurcations(
     dataset: xr.Dataset, axis: str | None = None, at: Selection | None = None
 ) -> tuple[str, list[Bifurcation]]:
-    """Find the bifurcations along an axis, on every line of the grid.
+    """Find the bifurcations along an axis, by default the longest, on every line of the grid.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep, with ``period``.
-    axis : str, optional
-        By default the longest.
-    at : mapping of str to float or str, optional
-        Where to cut other axes; of the others every value is taken.
-
-    Returns
-    -------
-    axis : str
-    bifurcations : list of Bifurcation
-        In the order of the grid, and on each line of increasing values of the axis.
-
-    Raises
-    ------
-    Refused
-        If there is no such axis or value, or the classes were not recorded.
+    Return the axis, and the bifurcations in the order of the grid, on each line of increasing
+    values of the axis. `at` is where to cut other axes; of the others every value is taken. Raises
+    Refused if there is no such axis or value, or the classes were not recorded.
     """
     (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
     if "period" not in dataset:
@@ -151,15 +135,7 @@ class _Orbits:
 
 
 def describe(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
-    """Write bifurcations as a table: one by one, or of a map each kind in a line.
-
-    Parameters
-    ----------
-    axis : str
-        Along which they are.
-    bifurcations : sequence of Bifurcation
-        From `find_bifurcations`.
-    """
+    """Write bifurcations as a table: one by one, or of a map each kind in a line."""
     if not bifurcations:
         return f"the class of the motion does not change along {axis}"
     if is_summary(bifurcations):
@@ -231,13 +207,7 @@ def _cascades(axis: str, bifurcations: Sequence[Bifurcation]) -> Iterator[str]:
 
 
 def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> None:
-    """Write every bifurcation, with all digits.
-
-    Raises
-    ------
-    Refused, Failed
-        If the file cannot be written there.
-    """
+    """Write every bifurcation, with all digits."""
     other_axes = list(bifurcations[0].at) if bifurcations else []
     head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]
     tables.write_csv(path, map(_numbers, bifurcations), [*other_axes, *head])

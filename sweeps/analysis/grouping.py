@@ -112,17 +112,9 @@ def group_periodic(
 ) -> Groups:
     """Group the periodic motions that are the same, within parts of the file and then among these.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep.
-    points : GridIndex
-    period : ndarray of int, shape (n,)
-        Forcing periods of each point's motion; 0 where it is not periodic.
-    cycles : mapping of int to ndarray, shape (m, 2)
-        Section states of the points whose record does not show their motion.
-    tolerance : float
-        As for `sweeps.analysis.section_distance.representatives`.
+    `period` has the forcing periods of each point's motion, 0 where it is not periodic, and
+    `cycles` the section states, shape (m, 2), of the points whose record does not show their
+    motion.
     """
     first, last = np.full(period.size, -1), np.empty((period.size, 2))
     parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
@@ -177,12 +169,7 @@ def _represent(
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
-    """Read a coordinate at points `at`, counted in C order over the file, a part of it at a time.
-
-    Returns
-    -------
-    ndarray, shape (k, record)
-    """
+    """Read a coordinate at points in C order, shape (k, record), a part of the file at a time."""
     width = dataset.sizes[COORDINATES[name].record]
     result = np.empty((len(at), width))
     for block, numbers in _blocks(dataset, max(1, _PART // width)):

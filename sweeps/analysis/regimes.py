@@ -52,18 +52,7 @@ def has_result(status: np.ndarray) -> np.ndarray:
 
 
 def classify(dataset: xr.Dataset) -> np.ndarray:
-    """Return the kind of motion at every point.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep, or a cut through one, with ``period``; ``lyapunov`` is used where there.
-
-    Returns
-    -------
-    ndarray of int
-        A `Regime` per point, in the shape of ``status``.
-    """
+    """Return the `Regime` at every point of a sweep with ``period``, in the shape of ``status``."""
     axes = dataset["status"].dims
     names = ("status", "rest_fraction", "period", "lyapunov")
     results = {
@@ -74,21 +63,10 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
 
 
 def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
-    """Return the kind of motion that results show.
+    """Return the `Regime` that results of a record of so many periods show, in any shape (...).
 
-    Parameters
-    ----------
-    results : mapping of str to ndarray
-        ``status``, ``rest_fraction``, ``period`` of shape (...), and ``lyapunov`` of shape
-        (..., 2) where it was computed.
-    omega : ndarray, shape (...)
-    periods : int
-        Forcing periods of the record.
-
-    Returns
-    -------
-    ndarray of int, shape (...)
-        A `Regime` each.
+    The results are ``status``, ``rest_fraction``, ``period`` and, where it is recorded,
+    ``lyapunov`` of shape (..., 2), as in a file.
     """
     status = results["status"]
     rules = [
@@ -110,19 +88,7 @@ def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) ->
 
 
 def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> list[tuple[int, int]]:
-    """Return the most frequent (forcing periods, impacts) per repetition, in increasing order.
-
-    Parameters
-    ----------
-    period, impacts : ndarray of int, shape (n,)
-        Of the periodic points.
-    count : int
-        How many at the most.
-
-    Returns
-    -------
-    list of tuple of int
-    """
+    """Return the most frequent (forcing periods, impacts) per repetition, in increasing order."""
     pairs, numbers = np.unique(np.stack([period, impacts], axis=1), axis=0, return_counts=True)
     frequent = pairs[np.argsort(-numbers, kind="stable")[:count]]
     return sorted((int(m), int(q)) for m, q in frequent)
@@ -184,13 +150,7 @@ class Change:
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:
-    """Return the class at every point of a line of computed points; None where it is not known.
-
-    Parameters
-    ----------
-    line : Dataset
-        A cut through an opened sweep with one swept axis left, with ``period``.
-    """
+    """Return the class at every point of a line with ``period``; None where it is not known."""
     motions = classify(line)
     counted = motions == Regime.PERIODIC
     if not parameter_at_points(line, "R").any():
@@ -203,14 +163,7 @@ def labels(line: xr.Dataset) -> list[Label | None]:
 
 
 def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
-    """Yield the changes of class along increasing values, passing over what is not known.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    classes : sequence of Label or None, length n
-        Of the motions there, as from `labels`.
-    """
+    """Yield the changes of class along increasing values, passing over what is not known."""
     classified = [(i, label) for i, label in enumerate(classes) if label is not None]
     for (i, before), (j, after) in pairwise(classified):
         if before != after:

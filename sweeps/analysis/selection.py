@@ -30,13 +30,8 @@ def dataset_of(
 ) -> xr.Dataset:
     """Return results in memory in the form of an opened file, so that all analyses can read them.
 
-    Parameters
-    ----------
-    config : SweepConfig
-    axes : mapping of str to ndarray
-        The swept parameters and their values at these points, slowest first.
-    results : mapping of str to ndarray
-        The variables of the file, arrays of shape (points, ...), in C order over the axes.
+    The `axes` are the swept parameters with their values at these points, slowest first; the
+    results are arrays of shape (points, ...), in C order over the axes.
     """
     shape = tuple(map(len, axes.values()))
     variables = {}
@@ -52,10 +47,7 @@ def dataset_of(
 def config_of(dataset: xr.Dataset) -> SweepConfig:
     """Return the configuration of an opened sweep, or of one in memory.
 
-    Raises
-    ------
-    ConfigError
-        If the file has one that is not valid, as one of another version may be.
+    Raises ConfigError if a file has one that is not valid, as one of another version may be.
     """
     configuration = dataset.attrs["configuration"]
     return configuration if isinstance(configuration, SweepConfig) else _parsed(configuration)
@@ -90,10 +82,8 @@ def directions(dataset: xr.Dataset) -> tuple[str, ...]:
 def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
     """Replace values by the nearest of the grid where they differ by more than rounding.
 
-    Raises
-    ------
-    Refused
-        If there is no such swept axis, a value is outside it, or there is no such direction.
+    Raises Refused if there is no such swept axis, a value is outside it, or there is no such
+    direction.
     """
     axes = swept_axes(dataset)
     fixed_at: dict[str, float | str] = {}
@@ -152,10 +142,7 @@ def select(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()
 def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind: str) -> list[str]:
     """Return the swept axes that a picture shows, by default the longest; of equals, the first.
 
-    Raises
-    ------
-    Refused
-        If the file has not so many, or not the ones asked for.
+    Raises Refused if the file has not so many, or not the ones asked for.
     """
     axes = swept_axes(dataset)
     if not axes:

@@ -77,15 +77,8 @@ class Outcomes:
 def outcomes(dataset: xr.Dataset, points: GridIndex, extensions: int = EXTENSIONS) -> Outcomes:
     """Find what the motions of a sweep are in the long run.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep, or a cut through one, with ``period`` and the section.
-    points : GridIndex
-        The points of `dataset`.
-    extensions : int
-        How often a motion that has not settled is followed four times as long; with 0 the
-        records alone decide.
+    One that has not settled is followed four times as long up to `extensions` times; with 0 the
+    records alone decide.
     """
     motion = classify(dataset).ravel()
     periodic = motion == Regime.PERIODIC
@@ -233,16 +226,9 @@ def orbit_speeds(
 ) -> list[np.ndarray]:
     """Compute the speeds before the impacts of periodic motions, with the method of the file.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep.
-    at : ndarray of int, shape (n,)
-        The points of the motions, counted in C order over the file.
-    states : ndarray, shape (n, 2)
-        x and v at a section of each motion [length, length/time].
-    m, q : ndarray of int, shape (n,)
-        Forcing periods and impacts per repetition; q speeds are returned per motion, increasing.
+    The motions are at points counted in C order over the file, with `states` at the section of
+    shape (n, 2), and m periods and q impacts per repetition; of each, q speeds are returned,
+    increasing.
     """
     config = config_of(dataset)
     points = _at_states(dataset, at, *states.T)

@@ -29,13 +29,7 @@ from vibroimpact.status import Status
 def write_csv(
     path: Path, rows: pd.DataFrame | Iterable[Sequence[object]], columns: Any = None
 ) -> None:
-    """Write a table to a CSV file with all digits, whole or not at all.
-
-    Raises
-    ------
-    Refused, Failed
-        If the file cannot be written there, as from `writing`.
-    """
+    """Write a table to a CSV file with all digits, whole or not at all."""
     import pandas as pd
 
     with writing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
@@ -97,19 +91,8 @@ def bifurcations(found: xr.Dataset) -> pd.DataFrame:
 def describe(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> str:
     """List the bifurcations on all branches of the motions along one line of a sweep.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        From `sweeps.open_sweep`.
-    axis : str
-    at : mapping of str to float, optional
-        Values of the other axes.
-
-    Returns
-    -------
-    str
-        A line each: the value to twelve digits, the kind, and m/q; empty where there are several
-        lines, or the axis is a start or has a single value.
+    Each has a line: the value to twelve digits, the kind, and m/q. The text is empty where there
+    are several lines, or the axis is a start or has a single value.
     """
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
     if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
@@ -128,13 +111,7 @@ ENDINGS = (".csv", ".parquet")
 
 
 def check_table(path: Path) -> None:
-    """Refuse a file that a table cannot be written to.
-
-    Raises
-    ------
-    Refused
-        If its ending is not one of ``ENDINGS``, no file can be there, or a package is missing.
-    """
+    """Refuse a file with another ending than ``ENDINGS``, or that cannot be written here."""
     if path.suffix not in ENDINGS:
         raise Refused(f"the table {path} is not allowed; expected: a .csv or .parquet file")
     check_target(path, "table")
@@ -148,26 +125,8 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
     """Write a row for every point: its parameters, and every result that is a single number.
 
     Lyapunov exponents are ``lyapunov_1`` and ``lyapunov_2``; ``status`` is written as its name. All
-    digits are kept, so that a CSV file gives the same numbers back; NaN is an empty field.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        An opened sweep.
-    path : Path
-        A .csv or .parquet file, which is replaced only when the table is complete.
-
-    Returns
-    -------
-    int
-        The number of rows.
-
-    Raises
-    ------
-    Refused
-        As from `check_table`.
-    Failed
-        If the file cannot be written.
+    digits are kept, so that a CSV file gives the same numbers back; NaN is an empty field. The file
+    is replaced only when the table is complete. Return the number of rows.
     """
     check_table(path)
     scalars = _scalars(dataset)

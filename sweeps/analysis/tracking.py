@@ -117,13 +117,8 @@ def track(
 ) -> np.ndarray:
     """Return a number for each attractor, shape (n,), the same for those that continue each other.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Of the grid of parameter points.
-    attractors : PeriodicAttractors
-    on_one_branch : callable, optional
-        Whether one attractor goes on as another one, which is beside it on the longest axis.
+    They are on a grid of parameter points of this shape; `on_one_branch` says whether one goes on
+    as another one, which is beside it on the longest axis.
     """
     alone = np.arange(len(attractors.point))
     if not shape or not len(alone):

@@ -52,13 +52,7 @@ class PointMotion:
 
 
 def recorded_motion(dataset: xr.Dataset, at: Selection | None) -> PointMotion:
-    """Return the trajectory of the file at a point.
-
-    Raises
-    ------
-    Refused
-        If none was recorded there.
-    """
+    """Return the trajectory of the file at a point; refuse a point without one."""
     point, rows = recorded(dataset, RECORDED, at)
     return PointMotion(point, oscillator_of(point), np.stack(rows))
 
@@ -67,12 +61,8 @@ def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) ->
     """Compute the motion that follows the last state of the section at a point.
 
     With an impact rule that lets the mass pass the stop, a state beyond it starts no motion: the
-    last one that is not beyond it is taken.
-
-    Raises
-    ------
-    Refused
-        If there is no such state, or no motion from it.
+    last one that is not beyond it is taken. Raises Refused if there is no such state, or no motion
+    from it.
     """
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
     config = config_of(dataset)

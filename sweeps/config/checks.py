@@ -19,18 +19,12 @@ _CHUNK = 1 << 16
 
 
 def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
-    """Return the two points of a grid that need the most steps per period, one for each rule.
+    """Return the two points of a grid that need the most steps, with h, p and omega alone.
 
-    Exact impacts need the shortest step at the largest h and p; and at every point the step must be
-    short enough for the integrator to be stable. The longest stable T is not monotone in h: that of
-    Euler is 2h / p^2, then falls; that of Runge-Kutta has a minimum at h = 0.54 p. But along p, at
-    any h, it has no minimum within the axis, so that the ends of p will do.
-
-    Returns
-    -------
-    ndarray of dtype ``POINT``, shape (2,)
-        The point of the largest h and p, and the one that needs the most steps to be stable. Only
-        h, p and omega are set.
+    The first has the largest h and p, with which exact impacts need the shortest step. At the
+    second the integrator needs the most steps to be stable. The longest stable T is not monotone in
+    h: that of Euler is 2h / p^2, then falls; that of Runge-Kutta has a minimum at h = 0.54 p. But
+    along p, at any h, it has no minimum within the axis, so that the ends of p will do.
     """
     h, omega = as_array(oscillator.h), min(extremes(oscillator.omega))
     least_p, most_p = min(extremes(oscillator.p)), max(extremes(oscillator.p))
@@ -47,13 +41,7 @@ def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
 
 
 def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
-    """Refuse `steps` per period if they make the integrator unstable at one of `points`.
-
-    Raises
-    ------
-    MisplacedError
-        Names the point, the limit there, and how many steps would do.
-    """
+    """Refuse `steps` per period if they make the integrator unstable at one of `points`."""
     all_least = least_stable_steps(integrator, points["h"], points["p"], points["omega"])
     least = all_least.max()
     if steps >= least:
@@ -89,13 +77,7 @@ def refuse_refinement(
     record: RecordConfig,
     follow: FollowConfig | None,
 ) -> None:
-    """Refuse to refine a sweep that cannot be refined along an axis.
-
-    Raises
-    ------
-    MisplacedError
-        Names the key that is in the way, and what would be allowed.
-    """
+    """Refuse to refine a sweep that cannot be refined along an axis."""
     if list(axes) != [axis]:
         swept = ", ".join(axes) or "none"
         raise MisplacedError(

@@ -60,14 +60,8 @@ def load_config(
 def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = ()) -> SweepConfig:
     """Read the configuration of a sweep from a text of YAML, as `load_config` does from a file.
 
-    Parameters
-    ----------
-    text : str
-    origin : str
-        Where the text is from, for the errors.
-    name : str
-        The name of the sweep where the text gives none.
-    overrides : sequence of str
+    The `origin` is where the text is from, for the errors; the sweep has this name if the text
+    gives none.
     """
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)

@@ -151,22 +151,11 @@ _OTHER_ENDS = {"start": "from min low lower begin first", "stop": "to max high u
 
 
 def meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> str | None:
-    """Return the key meant by a name that is not a key.
+    """Return the key meant by a name that is not a key, or None.
 
-    Parameters
-    ----------
-    name : str
-        As it was typed.
-    valid : collection of str
-        The keys that may stand there.
-    elsewhere : iterable of str
-        Other keys of the configuration, dotted.
-
-    Returns
-    -------
-    str or None
-        The key of `valid` that has this name in another case, as another name or but for a letter;
-        else such a key of `elsewhere`; else the key of `valid` that is spelt most alike.
+    It is the key of `valid` that has this name in another case, as another name or but for a
+    letter; else such a key of `elsewhere`, which are dotted; else the key of `valid` that is spelt
+    most alike.
     """
     folded = name.casefold().replace("-", "_").replace(" ", "_")
     ends = _OTHER_ENDS if {"start", "stop", "num"} <= {*valid} else {}

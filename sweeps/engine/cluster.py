@@ -60,10 +60,7 @@ _ALONE = threading.Lock()
 class Cluster:
     """Computes on the workers of a synchronous Dask client, which is left open.
 
-    Raises
-    ------
-    Refused
-        If a worker has another version of the numerics, or none.
+    Raises Refused if a worker has another version of the numerics, or none.
     """
 
     threads = 1  #: Of a trial on this machine.
@@ -98,12 +95,8 @@ class Cluster:
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield every block with its results, as they come in; `advance` is for `Local` alone.
 
-        Close the generator if you leave it early. What a lost worker had is computed again.
-
-        Raises
-        ------
-        Failed
-            If the scheduler is lost or a block cannot be computed.
+        Close the generator if you leave it early. What a lost worker had is computed again. Raises
+        Failed if the scheduler is lost or a block cannot be computed.
         """
         _ = config.grid  # made here once, so that its values are the same on every machine
         numerics, executor = _own_numerics(), self._client.get_executor(pure=False)

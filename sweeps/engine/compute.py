@@ -69,24 +69,12 @@ def compute_block(
     threads: int | None,
     advance: Callable[[int], object] = lambda points: None,
 ) -> dict[str, np.ndarray]:
-    """Compute a block of the file of a sweep; the names of the results are the store's.
+    """Compute a block of the file of a sweep, shapes (points of the block, ...), in C order.
 
-    Parameters
-    ----------
-    config : SweepConfig
-    block : Block
-        One of the file's. If an axis is followed up and down, a slice over the directions comes
-        before those over the axes.
-    threads : int or None
-        Threads to use, None for all. The results do not depend on it.
-    advance : callable, optional
-        Is given how many points were computed since it was called before: along an axis that is
-        followed after every value, otherwise once.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays of shape (points of the block, ...), in C order.
+    If an axis is followed up and down, a slice over the directions comes before those over the
+    axes. `advance` is given how many points were computed since it was called before: along an axis
+    that is followed after every value, otherwise once. The results do not depend on the threads,
+    None for all.
     """
     grid = config.grid
     values = grid.within(block[len(block) - len(grid.axes) :])
@@ -105,19 +93,7 @@ def compute(
 ) -> dict[str, np.ndarray]:
     """Compute parameter points, each from its own start; see `vibroimpact.points`.
 
-    Parameters
-    ----------
-    config : SweepConfig
-    points : ndarray of dtype ``POINT``, shape (n,)
-    threads : int or None
-        As for `compute_block`.
-    at_section : bool
-        Whether x0 and v0 are the state at the section's phase, not at t = 0.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays of shape (n, ...).
+    With `at_section`, x0 and v0 are the state at the section's phase, not at t = 0.
     """
     results = compute_points(
         computation(config), points, threads, at_section=at_section, interrupt=this_flag()

@@ -18,21 +18,8 @@ from sweeps.text import nearest, suggestion
 def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     """Read the configuration of a sweep from a YAML file, or out of the file of a sweep.
 
-    Parameters
-    ----------
-    path : Path
-    overrides : sequence of str
-        As for `sweeps.load_config`.
-
-    Returns
-    -------
-    SweepConfig
-        That of a file of a sweep writes to the same file.
-
-    Raises
-    ------
-    Refused
-        If the file cannot be read, or the configuration is not valid.
+    That of a file of a sweep writes to the same file. The overrides are as for
+    `sweeps.load_config`.
     """
     if not is_sweep(path):
         with raised_at_once():  # a pipe may never be written to
@@ -45,24 +32,10 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
-    """Return the same sweep over pieces of its axes, with as many points along each.
+    """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
-    Parameters
-    ----------
-    config : SweepConfig
-    pieces : mapping of str to (float, float)
-        The least and the greatest value by the name of a swept axis.
-
-    Returns
-    -------
-    SweepConfig
-        An axis that was a list is a range with equal distances; one with logarithmic spacing
-        keeps it.
-
-    Raises
-    ------
-    Refused
-        If an axis is not swept, or the sweep would be refused over that piece.
+    An axis that was a list is a range with equal distances; one with logarithmic spacing keeps it.
+    Raises Refused if an axis is not swept, or the sweep would be refused over that piece.
     """
     data = yaml.safe_load(config.to_yaml())
     axes = config.grid.axes

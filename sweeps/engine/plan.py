@@ -55,18 +55,8 @@ class Estimate:
 def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Estimate:
     """Estimate what a sweep takes in time, disk and memory.
 
-    Parameters
-    ----------
-    config : SweepConfig
-    threads : int, optional
-        Threads of the trials; all cores by default.
-    cores : int
-        Number of parallel computations, in units of one trial.
-
-    Raises
-    ------
-    StoreError
-        If there is not enough memory for one point, or one chain of points.
+    The trials take so many threads, all by default, and `cores` of them are computed in parallel.
+    Raises StoreError if there is not enough memory for one point, or one chain of points.
     """
     size = config.size
     file = size * bytes_per_point(config.widths, config.record.diagnostics)
@@ -86,22 +76,10 @@ def most_widths(config: SweepConfig) -> dict[str, int]:
 def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
     """Return the points of the grid per block: few enough for memory, and for signs of progress.
 
-    Where an axis is followed, a block holds whole chains of points along it, each in a lane.
-
-    The memory is that of this machine, also where others compute.
-
-    Parameters
-    ----------
-    config : SweepConfig
-    least : int
-        Points that a block has where they fit into memory.
-    blocks : int
-        A sweep has at least so many blocks where it has two full sets of lanes for each.
-
-    Raises
-    ------
-    StoreError
-        If there is not enough memory for one point, or one chain of points.
+    Where an axis is followed, a block holds whole chains of points along it, each in a lane. The
+    memory is that of this machine, also where others compute. A block has `least` points where they
+    fit into memory, and a sweep at least so many blocks where it has two full sets of lanes for
+    each. Raises StoreError if there is not enough memory for one point, or one chain of points.
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
     chain_memory = chain * _memory_per_point(config)
@@ -117,25 +95,9 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
 
 
 def check_memory(config: SweepConfig, points: int, what: str) -> int:
-    """Refuse points that are computed at once if they do not fit into memory.
+    """Refuse points that are computed at once if they do not fit into memory; `what` they are.
 
-    Parameters
-    ----------
-    config : SweepConfig
-    points : int
-        Of the grid.
-    what : str
-        They, for the message.
-
-    Returns
-    -------
-    int
-        The bytes of memory that this process can take.
-
-    Raises
-    ------
-    StoreError
-        Says how much memory the points take, and how much there is.
+    Return the bytes of memory that this process can take.
     """
     needed, available = _BLOCKS_HELD * points * _memory_per_point(config), _available_memory()
     if needed > available:

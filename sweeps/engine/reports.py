@@ -64,13 +64,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
 
 
 def summary(path: Path) -> str:
-    """Describe a sweep after it was run.
-
-    Raises
-    ------
-    Failed
-        If its file is gone.
-    """
+    """Describe a sweep after it was run."""
     try:
         variables, seconds = per_point(path, ("status", *_CONTACT))
     except StoreError as error:
@@ -86,13 +80,7 @@ def identities(path: Path) -> tuple[object, object]:
 def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:
     """Say what a run that ended early left behind, and which command goes on.
 
-    Parameters
-    ----------
-    path : Path
-        Of its output.
-    command : str
-    old : tuple
-        The `identities` of what was to be overwritten.
+    `old` are the `identities` of what was to be overwritten.
     """
     (file, journal), name = identities(path), journal_path(path)
     points = kept_points(path)

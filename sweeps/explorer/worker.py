@@ -42,12 +42,8 @@ class Step:
 class Worker:
     """Takes the steps of the newest request, one after the other.
 
-    Parameters
-    ----------
-    post : callable
-        Runs a function in the thread of the document.
-    fail : callable
-        Is given the text of an error of a step, there.
+    `post` runs a function in the thread of the document; `fail` is given the text of an error
+    there.
     """
 
     def __init__(
