@@ -53,15 +53,9 @@ def this_flag() -> np.ndarray | None:
     return getattr(_this_thread, "flag", None)
 
 
-@contextmanager
-def cancelled_by(flag: np.ndarray) -> Iterator[None]:
-    """In the block, let `check` raise in this thread once `flag`, int64 of shape (1,), is set."""
+def set_this_flag(flag: np.ndarray | None) -> None:
+    """Let `check` raise in this thread once `flag`, int64 of shape (1,), is set."""
     _this_thread.flag = flag
-    try:
-        check()
-        yield
-    finally:
-        _this_thread.flag = None
 
 
 def listen() -> None:

@@ -157,7 +157,7 @@ class _Extension:
         """Follow motions over a record, and count their rests."""
         results = integrate(
             self._states[at],
-            **self._config.scheme,
+            **self._config.integration,
             transient=0,
             periods=periods,
             phase=self._config.record.phase,
@@ -236,7 +236,7 @@ def orbit_speeds(
     for i in range(len(at)):
         results = integrate(
             points[i : i + 1],
-            **config.scheme,
+            **config.integration,
             transient=0,
             periods=int(m[i]),
             phase=config.record.phase,

@@ -75,7 +75,7 @@ def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) ->
         motion = simulate(
             oscillator,
             periods,
-            **config.scheme,
+            **config.integration,
             x0=float(x[last]),
             v0=float(v[last]),
             phase=config.record.phase,

@@ -212,7 +212,7 @@ class SweepConfig(Group):
         return _steps(self.oscillator, self.method)
 
     @property
-    def scheme(self) -> dict[str, Any]:
+    def integration(self) -> dict[str, Any]:
         """Integrator, impact rule and steps per period, as `vibroimpact.integrate` takes them."""
         method = self.method
         names = {"integrator": method.integrator, "impact": method.impact}

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numba.core import event
 
-from sweeps import interrupts
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
 from sweeps.grid import Block
-from sweeps.interrupts import check
+from sweeps.interrupts import check, set_this_flag
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.run import FEWEST_LANES
 
@@ -44,10 +43,14 @@ class _Compilation(event.Listener):
 
 @contextmanager
 def cancelled_by(flag: np.ndarray) -> Iterator[None]:
-    """Do as `interrupts.cancelled_by`, and end a compilation, too."""
-    listening = event.install_listener("numba:run_pass", _Compilation())
-    with interrupts.cancelled_by(flag), listening:
-        yield
+    """In the block, end the work of this thread by `Cancelled` once `flag` is set."""
+    set_this_flag(flag)
+    try:
+        check()
+        with event.install_listener("numba:run_pass", _Compilation()):
+            yield
+    finally:
+        set_this_flag(None)
 
 
 class LocalExecutor(ThreadPoolExecutor):

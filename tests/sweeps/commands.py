@@ -1,9 +1,12 @@
-"""The command line as tests call it, in this process."""
+"""The command line as tests call it, in this process; also on a cluster of this machine."""
 
 from pathlib import Path
 
+import xarray as xr
 from typer.testing import CliRunner
 
+from sweep_files import data, load
+from sweeps import run_sweep
 from sweeps.cli.main import app
 
 #: Ten points that are computed at once.
@@ -43,3 +46,26 @@ def refused(*arguments):
     assert {path: path.stat().st_mtime_ns for path in Path().rglob("*")} == before
     assert result.stderr.startswith("vibroimpact: error: ")
     return result.stderr
+
+
+# A configuration for a cluster of this machine, and requests that it must refuse
+
+CLUSTERED = """\
+oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 300, spacing: log}, f: 1.0}
+record: {transient: 20, periods: 10, impacts: 4}
+"""
+WORKERS = 2
+
+
+def refused_run(*arguments):
+    """Run a sweep that must be refused in one line, and return the message."""
+    message = refused("run", "sweep.yaml", "-o", "out.h5", *arguments)
+    assert message.count("\n") == 1
+    return message
+
+
+def assert_same_bits(path):
+    """Compare a file with that of a run on this machine alone."""
+    if not Path("here.h5").exists():
+        run_sweep(load(CLUSTERED), "here.h5")
+    xr.testing.assert_identical(data(path), data("here.h5"))

@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from local_cluster import WORKERS
-from random_sweeps import FIXED, SAMPLES, results
-from refined_sweeps import refined
-from sweep_files import run_in
+from commands import WORKERS
+from sweep_files import OVER_STARTS, refined, run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.grid import Grid
 from sweeps.store import Schema, sweep_writer
-from sweeps_over_starts import CONFIG as OVER_STARTS
+from written_files import FIXED, SAMPLES, random_numbers
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +65,8 @@ def random_sweep(tmp_path):
         )
         with sweep_writer(path, schema) as store:
             store.write(
-                tuple(slice(0, n) for n in grid.shape), {**results(grid.size, widths), **changed}
+                tuple(slice(0, n) for n in grid.shape),
+                {**random_numbers(grid.size, widths), **changed},
             )
             store.finish()
         opened.append(open_sweep(path))

@@ -1,12 +1,19 @@
-"""Configurations and files of sweeps as tests make and read them."""
+"""Configurations and files of sweeps, as tests make them: followed, refined, over starts."""
 
+import math
 from pathlib import Path
 
 import numpy as np
+import pytest
+import xarray as xr
 import yaml
+from scipy.optimize import brentq
 
 from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.regimes import changes, labels
+from sweeps.errors import ConfigError
 from sweeps.store import VARIABLES, sweep_writer
+from vibroimpact.status import Status
 
 
 def load(configuration, *overrides, path="sweep.yaml"):
@@ -56,3 +63,143 @@ def fill(path, schema, results, blocks=None, compressed=False, **options):
         if not store.pending():
             store.finish(compressed=compressed)
         return store.damaged
+
+
+# One valid configuration, and the message with which another one is refused
+
+EXAMPLE = """\
+name: frequency-bifurcation
+oscillator: {h: 0.1, R: 0.8, omega: {start: 0.8, stop: 4.0, num: 4096}, f: 1.0}
+start: {x0: 0.0, v0: 0.0}
+method: {integrator: exact, impact: exact, steps_per_period: null}
+record: {transient: 200, periods: 100, phase: 0.0, impacts: 64, trajectory: false, diagnostics: []}
+output: results/frequency.h5
+"""
+
+
+OSCILLATOR = {"h": "0.1", "R": "0.8", "omega": "2.0", "f": "1.0"}
+
+
+def refusal(text, overrides=()):
+    """Return the message with which a text is refused."""
+    with pytest.raises(ConfigError) as caught:
+        load(text, *overrides)
+    message = str(caught.value)
+    for jargon in ("Input should", "type=", "input_value", "errors.pydantic.dev", "<mapping>"):
+        assert jargon not in message
+    return message
+
+
+def oscillator(**values):
+    """Return a configuration of one line with these values among valid ones."""
+    items = ", ".join(f"{name}: {value}" for name, value in (OSCILLATOR | values).items())
+    return f"oscillator: {{{items}}}\n"
+
+
+# A sweep that is followed up and down, and its data
+
+FOLLOWED = {
+    "oscillator": {
+        "h": 0.05,
+        "R": [0.8, 0.5, 0.6],
+        "omega": [2.7, 0.6, 2.4, 2.65, 1.3],
+        "f": 1.0,
+        "clearance": [0.0, 0.4],
+    },
+    "follow": {"axis": "omega", "direction": "both"},
+    "record": {
+        "transient": 7,
+        "periods": 6,
+        "impacts": 5,
+        "trajectory": {"every": 6},
+        "diagnostics": ["period", "lyapunov"],
+    },
+}
+
+
+def configured(*changes, sweep=FOLLOWED):
+    return load(sweep, *changes)
+
+
+def whole(config):
+    """The block of the whole file of a sweep."""
+    block = tuple(slice(0, n) for n in config.grid.shape)
+    return (slice(0, 2), *block) if len(config.directions) == 2 else block
+
+
+def ran(config, path="out.h5"):
+    return data(run_sweep(config, path, overwrite=True))
+
+
+# A sweep that is refined around a flip, and where the flips are
+
+REFINED = """\
+name: around a flip
+oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 21}, f: 1.0}
+record: {transient: 300, periods: 100, impacts: 8, diagnostics: [period, lyapunov]}
+refine: {axis: omega, levels: 17}
+"""
+
+
+def refined_config(folder, text, *overrides):
+    return load(text, *overrides, path=folder / "c.yaml")
+
+
+def refined(folder, *overrides, text=REFINED, name="out.h5", **options):
+    return run_in(folder, text, *overrides, name=name, **options)
+
+
+def found(path):
+    with open_sweep(path) as dataset:
+        return list(changes(dataset["omega"].values, labels(dataset.load())))
+
+
+def flip(n, low, high, R=0.8):
+    """Return where cos^2(pi n / omega) (omega^2 - ((1 - R) / (1 + R))^2) = 1 (h = 0, p = 1)."""
+    loss = ((1.0 - R) / (1.0 + R)) ** 2
+    return brentq(
+        lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high, xtol=1e-15
+    )
+
+
+# Sweeps over starts: a configuration, and points made by hand
+
+OVER_STARTS = """\
+oscillator: {h: 0.0, R: 0.8, omega: 1.3, f: 1.0}
+start: {x0: {start: -2.4, stop: 0.0, num: 9}, v0: {start: -2.0, stop: 2.0, num: 9}}
+record: {transient: 400, periods: 32, impacts: 12, diagnostics: [period, lyapunov]}
+"""
+
+
+def hand_made(sections, periods, axes=("x0",), **changed):
+    """Return points with these last section states, shape (points..., record, 2)."""
+    sections = np.asarray(sections, float)
+    shape = sections.shape[: len(axes)]
+    periods = np.broadcast_to(periods, shape)
+    config = load_config(
+        {
+            "oscillator": {"h": 0.1, "R": 0.8, "omega": 1.0, "f": 1.0},
+            "method": {"integrator": "rk4", "impact": "cubic"},
+        }
+    )
+    values = {"status": np.full(shape, Status.CERTIFIED), "rest_fraction": np.zeros(shape)}
+    values["chatters"] = np.zeros(shape, int)
+    values |= {"period": periods, "period_impacts": periods, **changed}
+    data = {name: (axes, np.asarray(value)) for name, value in values.items()}
+    for i, name in enumerate(("poincare_x", "poincare_v")):
+        data[name] = ((*axes, "section"), sections[..., i])
+    coords = {name: np.arange(n) / 10.0 for name, n in zip(axes, shape, strict=True)}
+    return xr.Dataset(data, {**config.grid.fixed, **coords}, {"configuration": config})
+
+
+def partition(labels):
+    """Return the sets of points with one label each, without those of none."""
+    labels = np.asarray(labels).ravel()
+    return {frozenset(np.flatnonzero(labels == one)) for one in np.unique(labels[labels >= 0])}
+
+
+# What is one attractor
+
+
+def cycle(*states, turns=8):
+    return np.tile(states, (turns, 1))

@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
+from sweep_files import cycle, hand_made, partition
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime
 from sweeps.errors import Refused
-from sweeps_over_starts import cycle, hand_made, partition
 from vibroimpact.status import Status
 
 

@@ -7,11 +7,11 @@ import pytest
 from matplotlib.colors import to_hex
 
 from commands import call
+from sweep_files import cycle, hand_made, partition
 from sweeps import attractors
 from sweeps.analysis.attractor_table import cut, rows
 from sweeps.errors import Refused
 from sweeps.plotting import attractor_diagram, basins, plot
-from sweeps_over_starts import cycle, hand_made, partition
 from vibroimpact import Oscillator, one_impact_orbit
 from vibroimpact.status import Status
 

@@ -5,10 +5,10 @@ import pytest
 import xarray as xr
 
 from commands import call
+from sweep_files import partition
 from sweeps import attractors, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime
-from sweeps_over_starts import partition
 from vibroimpact import Oscillator, one_impact_orbit
 
 

@@ -15,8 +15,8 @@ import xarray as xr
 from distributed import Client, LocalCluster
 
 import sweeps
-from commands import call
-from local_cluster import CONFIG, WORKERS, assert_same_bits, refused_run
+from commands import CLUSTERED as CONFIG
+from commands import WORKERS, assert_same_bits, call, refused_run
 from sweep_files import data, load
 from sweeps.engine.cluster import Cluster
 from sweeps.engine.compute import compute_block

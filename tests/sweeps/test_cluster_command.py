@@ -24,9 +24,9 @@ from distributed.core import Server
 from distributed.security import Security
 
 import sweeps
-from commands import call
+from commands import CLUSTERED as CONFIG
+from commands import assert_same_bits, call, refused_run
 from interruptions import hear
-from local_cluster import CONFIG, assert_same_bits, refused_run
 from sweep_files import load
 from sweeps import interrupts
 from sweeps.engine import client as clients

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from configurations import EXAMPLE, oscillator, refusal
-from sweep_files import load
+from sweep_files import EXAMPLE, load, oscillator, refusal
 from sweeps.config.loading import load_config
 from sweeps.config.schema import OscillatorConfig, StartConfig
 from sweeps.errors import ConfigError

@@ -2,8 +2,7 @@
 
 import pytest
 
-from configurations import oscillator, refusal
-from sweep_files import load
+from sweep_files import load, oscillator, refusal
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError
 from sweeps.text import printable

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from configurations import EXAMPLE, oscillator
+from sweep_files import EXAMPLE, oscillator
 from sweeps.config import sweep as config_module
 from sweeps.config.schema import OscillatorConfig, StartConfig
 from sweeps.config.sweep import json_schema

@@ -8,9 +8,8 @@ import pytest
 import xarray as xr
 
 import sweeps
-from followed_sweeps import configured, ran, whole
 from oscillators import bifurcation
-from sweep_files import data
+from sweep_files import configured, data, ran, whole
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine.compute import computation
 from sweeps.errors import ConfigError

@@ -10,8 +10,7 @@ import xarray as xr
 import yaml
 
 from commands import call
-from followed_sweeps import configured, ran, whole
-from sweep_files import data
+from sweep_files import configured, data, ran, whole
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import executors
 from sweeps.engine import plan as limits

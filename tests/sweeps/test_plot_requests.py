@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from random_sweeps import FIXED, OMEGA, R
 from sweeps.errors import Refused
 from sweeps.plotting import (
     KINDS,
@@ -17,6 +16,7 @@ from sweeps.plotting import (
     trajectory,
 )
 from vibroimpact.status import Status
+from written_files import FIXED, OMEGA, R
 
 
 @pytest.mark.parametrize("link", ["symbolic", "hard", "dotted"])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from random_sweeps import FIXED, OMEGA, SAMPLES, R, results
 from sweeps import ConfigError
 from sweeps.plotting import (
     Page,
@@ -21,6 +20,7 @@ from sweeps.plotting.style import VERMILION
 from sweeps.store.variables import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
+from written_files import FIXED, OMEGA, SAMPLES, R, random_numbers
 
 
 def drawn(panel, marker="o"):
@@ -258,7 +258,9 @@ def test_a_trajectory_has_the_papers_three_panels(random_sweep):
 
 
 def test_a_trajectory_within_the_stop_has_no_depth(random_sweep):
-    inside = -np.abs(results(1, {"section": 5, "impact": 3, "sample": SAMPLES})["trajectory_x"])
+    inside = -np.abs(
+        random_numbers(1, {"section": 5, "impact": 3, "sample": SAMPLES})["trajectory_x"]
+    )
     figure = trajectory(random_sweep({}, trajectory_x=inside))
     assert [panel.get_title() for panel in figure.axes] == [""] * 3
     assert all(drawn(panel) == [] for panel in figure.axes)

@@ -6,7 +6,8 @@ import pytest
 import xarray as xr
 
 from commands import accepted, call
-from refined_sweeps import CONFIG, flip, found, refined
+from sweep_files import REFINED as CONFIG
+from sweep_files import flip, found, refined
 from sweeps import open_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import Grid

@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 
 from commands import accepted, call
 from oscillators import bifurcation
-from refined_sweeps import CONFIG, flip, found, refined, refined_config
+from sweep_files import REFINED as CONFIG
+from sweep_files import flip, found, refined, refined_config
 from sweeps import open_sweep
 from sweeps.analysis.regimes import cascades, labels, ratio
 from sweeps.engine.compute import compute

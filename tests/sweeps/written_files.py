@@ -1,4 +1,4 @@
-"""A small sweep as tests write it, with results that depend on the block alone."""
+"""Files with results that were not computed: of blocks, or random ones to draw."""
 
 import numpy as np
 
@@ -65,3 +65,21 @@ def assert_holds(dataset, arrays, where=...):
     for name in dataset.data_vars:
         np.testing.assert_array_equal(dataset[name].values[where], arrays[name][where])
     assert set(dataset.data_vars) <= set(VARIABLES)
+
+
+# Random numbers to draw
+
+FIXED = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.25, "x0": 0, "v0": 0}
+OMEGA = np.array([0.8, 1.0, 1.5, 4.0])
+R = np.array([0.5, 0.8])
+SAMPLES = 40
+
+
+def random_numbers(points, widths, seed=0):
+    arrays = random_results(points, widths, seed, scale=1.0)
+    random = np.random.default_rng(seed + 1)
+    arrays["period"] = random.integers(0, 3, points)
+    arrays["rest_fraction"] = random.integers(0, 2, points) / 4.0
+    arrays["impact_v"][..., -1:] = np.nan
+    np.minimum(arrays["poincare_x"], FIXED["clearance"], out=arrays["poincare_x"])
+    return arrays
