@@ -203,6 +203,20 @@ def test_the_graze_of_the_free_oscillation_goes_on_as_an_orbit_of_three_periods(
     np.testing.assert_allclose(product, 1.0, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("last", [7.3, 10.0, 18.0])
+def test_a_step_does_not_jump_to_another_curve_beside_its_own(last):
+    """There the grazes of 8/6 have two sheets 3e-4 apart; on the other one they end soon."""
+    osc = Oscillator(0.02643609416138875, 0.9589092959750787, 7.177241693439115, 1.0)
+    phases = 2.670723415723657, 4.091065096835738, 4.744542987136107
+    phases += 5.377654108970107, 6.426841740389539, 29.850514313802176
+    speeds = 0.0, 0.04320763170647334, 0.0442118932120406
+    speeds += 0.039182319007724654, 0.014412629918075437, 0.1415491267952341
+    start = PeriodicOrbit(osc, 8, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, "graze", ("omega", 6.95, last), ("clearance", -0.9, 0.2))
+    (end,) = [point for point in found.special if point.value[0] == 6.95]
+    assert (end.kind, end.value[1]) == ("edge", pytest.approx(0.006531964962489, abs=1e-12))
+
+
 def test_a_graze_of_all_impacts_is_that_of_the_free_oscillation():
     """Where 9/2 ends, both its impacts are touches of one oscillation, of amplitude f / |D|."""
     osc = Oscillator(0.1602367594878764, 0.16773159910106636, 7.351284129173936, 1.1977359445134217)
