@@ -39,6 +39,8 @@ from sweeps.config.values import (
 )
 from sweeps.grid import Grid
 from sweeps.text import printable, shortest
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.points.scaling import scales_with_f
 from vibroimpact.step.grid import MOST_STEPS, default_steps
 
 #: How a complete file can be compressed.
@@ -217,6 +219,24 @@ class SweepConfig(Group):
         method = self.method
         names = {"integrator": method.integrator, "impact": method.impact}
         return {**names, "steps_per_period": self.steps}
+
+    @cached_property
+    def spec(self) -> RunSpec:
+        """What is computed of every point."""
+        record, follow = self.record, self.follow
+        return RunSpec(
+            **self.scheme,
+            transient=record.transient,
+            periods=record.periods,
+            phase=record.phase,
+            impacts=record.impacts,
+            lyapunov="lyapunov" in record.diagnostics,
+            period="period" in record.diagnostics,
+            every=record.trajectory.every if record.trajectory else None,
+            scaled=follow is None and scales_with_f(self.grid.axes, self.grid.fixed),
+            followed=follow.axis if follow else None,
+            directions=self.directions,
+        )
 
     @cached_property
     def widths(self) -> dict[str, int]:

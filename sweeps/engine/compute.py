@@ -15,7 +15,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.grid import Block
 from sweeps.interrupts import check, this_flag
 from vibroimpact.jit import NUMERICS, name_of
-from vibroimpact.points import Computation, compute_box, compute_points, scales_with_f
+from vibroimpact.points.compute import compute_box, compute_points
 
 #: The variables of the file by name, of shape (points, ...).
 Results = Mapping[str, np.ndarray]
@@ -43,26 +43,6 @@ def numerics(config: SweepConfig) -> str:
     return name_of({source: (package / source).read_bytes() for source in SOURCES}, NUMERICS)
 
 
-def computation(config: SweepConfig) -> Computation:
-    """Return what is computed of every point of a sweep."""
-    method, record = config.method, config.record
-    return Computation(
-        integrator=method.integrator,
-        impact=method.impact,
-        steps_per_period=config.steps,
-        transient=record.transient,
-        periods=record.periods,
-        phase=record.phase,
-        impacts=record.impacts,
-        lyapunov="lyapunov" in record.diagnostics,
-        period="period" in record.diagnostics,
-        every=record.trajectory.every if record.trajectory else None,
-        scaled=config.follow is None and scales_with_f(config.grid.axes, config.grid.fixed),
-        followed=config.follow.axis if config.follow else None,
-        directions=config.directions,
-    )
-
-
 def compute_block(
     config: SweepConfig,
     block: Block,
@@ -83,9 +63,7 @@ def compute_block(
         check()
         advance(points)
 
-    return compute_box(
-        computation(config), values, grid.fixed, threads, unless_cancelled, this_flag()
-    )
+    return compute_box(config.spec, values, grid.fixed, threads, unless_cancelled, this_flag())
 
 
 def compute(
@@ -96,7 +74,7 @@ def compute(
     With `at_section`, x0 and v0 are the state at the section's phase, not at t = 0.
     """
     results = compute_points(
-        computation(config), points, threads, at_section=at_section, interrupt=this_flag()
+        config.spec, points, threads, at_section=at_section, interrupt=this_flag()
     )
     check()
     return results

@@ -10,7 +10,7 @@ import numpy as np
 import psutil
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import computation, compute
+from sweeps.engine.compute import compute
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
 from sweeps.store import bytes_per_point
@@ -143,7 +143,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
         for seed in range(-(-_LEAST_TRIED // count) if config.follow else 1)
     ]
     size = config.size
-    if computation(config).scaled:
+    if config.spec.scaled:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(config.grid.axes["f"])
     compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be

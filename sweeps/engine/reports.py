@@ -35,8 +35,6 @@ _CONTACT = ("impacts_per_period", "rest_fraction")
 
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
-    from sweeps.engine.compute import computation  # with the kernel, which takes long to import
-
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     axes = [
         _axis(name, values, in_units(PARAMETERS[name].unit, dict(sweep.units.items())))
@@ -48,7 +46,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{periods:,}")]
     rows.append(("steps per period", f"{sweep.steps:,}"))
     rows.append(("steps", f"{periods * sweep.steps:,}"))
-    if computation(sweep).scaled:
+    if sweep.spec.scaled:
         rows.append(("f", "one value is computed, the others are scaled"))
     if sweep.refine is not None:
         halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"

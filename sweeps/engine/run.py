@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.compute import Results, computation, numerics
+from sweeps.engine.compute import Results, numerics
 from sweeps.engine.executors import Local, LocalExecutor, computer_for, in_thread, waited
 from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.reports import plan
@@ -144,17 +144,17 @@ def _refined(
 
 def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
     """Return what the file of a sweep holds, with blocks that keep to `sizes`."""
-    task, grid = computation(config), config.grid
+    spec, grid = config.spec, config.grid
     attributes = {
         "name": config.name,
         "configuration": config.to_yaml(),
         **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
-        "computation": yaml.safe_dump({**asdict(task), **grid.fixed}, sort_keys=False),
+        "computation": yaml.safe_dump({**asdict(spec), **grid.fixed}, sort_keys=False),
         "numerics": numerics(config),
-        **({"scaled_along": "f"} if task.scaled else {}),
+        **({"scaled_along": "f"} if spec.scaled else {}),
     }
-    size, whole = block_size(config, **sizes), task.followed
-    if task.scaled and len(grid.axes["f"]) <= size:
+    size, whole = block_size(config, **sizes), spec.followed
+    if spec.scaled and len(grid.axes["f"]) <= size:
         whole = "f"  # whose values share one computation
     return Schema.of(
         grid,
@@ -175,7 +175,7 @@ class _Display:
     ) -> None:
         self._periods = config.record.transient + config.record.periods
         self._there = config.size - sum(map(block_points, writer.pending()))
-        scaled = ", one f computed and the others scaled" if computation(config).scaled else ""
+        scaled = ", one f computed and the others scaled" if config.spec.scaled else ""
         self._name = printable(config.name) + scaled
         self._computer = computer
         self._began = time.monotonic()

@@ -25,7 +25,7 @@ from sweeps.engine.run import run_sweep
 from sweeps.errors import Failed, Refused
 from sweeps.store import SweepWriter, open_sweep
 from vibroimpact.jit import NUMERICS
-from vibroimpact.points import compute_points
+from vibroimpact.points.compute import compute_points
 from vibroimpact.status import Status
 
 pytestmark = pytest.mark.cluster
@@ -297,7 +297,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         computer = Cluster(client)
         assert computer.cores == 4
         with monkeypatch.context() as patch:
-            patch.setattr("vibroimpact.points.computation.compute_points", watched)
+            patch.setattr("vibroimpact.points.compute.compute_points", watched)
             found = list(computer.computed(sweep, blocks))
     assert most == 1
     assert given == {min(4, os.cpu_count())}

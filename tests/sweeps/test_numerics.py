@@ -24,7 +24,6 @@ from sweeps.engine.refine import Refinement
 from sweeps.errors import StoreError
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.jit.cache import numerics_of
-from vibroimpact.points import Computation
 
 PHYSICS = Path(vibroimpact.__file__).parent
 ENGINE = Path(sweeps.__file__).parent
@@ -166,8 +165,8 @@ def test_no_other_source_takes_part_in_a_refinement():
         ("followed", "vibroimpact/points/following.py", "rising[::-1]", "rising"),
         ("refined", "sweeps/engine/refine.py", "0.5 * (low + high)", "0.4 * low + 0.6 * high"),
         # What is passed on is named as it is.
-        ("plain", "sweeps/engine/compute.py", "transient=record.transient", "transient=9"),
-        ("scaled", "sweeps/engine/compute.py", "config.follow is None and", "False and"),
+        ("plain", "sweeps/config/sweep.py", "transient=record.transient", "transient=9"),
+        ("scaled", "sweeps/config/sweep.py", "follow is None and scales", "False and scales"),
     ],
 )
 def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new):
@@ -199,18 +198,14 @@ def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new
     path.write_text(text.replace(old, new) + "# edited\n")
     ended = resumed()
     assert ended.returncode == 1 and "cannot be resumed" in ended.stderr, ended.stderr
-    reason = " and is " if source.endswith("compute.py") else "the code that computes is another"
-    assert reason in ended.stderr
+    passed_on = source.startswith("sweeps/config")
+    assert (" and is " if passed_on else "the code that computes is another") in ended.stderr
 
 
-def test_a_computation_that_differs_is_named(monkeypatch):
+def test_a_computation_that_differs_is_named():
     """Though the configuration is the same: the engine then has passed on something else."""
     config = load(SWEEPS["plain"])
     run_sweep(config, "out.h5")
-    given = compute.computation(config)
-    assert isinstance(given, Computation)
-    from sweeps.engine import run as runner
-
-    monkeypatch.setattr(runner, "computation", lambda _: replace(given, transient=8))
+    vars(config)["spec"] = replace(config.spec, transient=8)
     with pytest.raises(StoreError, match="cannot be resumed: transient was 7 and is 8;"):
         run_sweep(config, "out.h5", resume=True)

@@ -9,10 +9,10 @@ from commands import call
 from sweep_files import load
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import run as runner
-from sweeps.engine.compute import computation, compute
+from sweeps.engine.compute import compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
-from vibroimpact.points import computation as kernel_calls
+from vibroimpact.points import compute as kernel_calls
 from vibroimpact.points.scaling import SCALED, SCALED_SQUARED
 
 SWEEP = {
@@ -48,7 +48,7 @@ def counted(monkeypatch):
 def lone(f, method):
     """Return the results at one f, which is computed as it is."""
     config = configured(f"oscillator.f={f}", *method)
-    assert not computation(config).scaled
+    assert not config.spec.scaled
     return compute(config, config.grid.points((slice(0, 3),)), None)
 
 
@@ -60,7 +60,7 @@ def lone(f, method):
 def test_the_scaled_results_are_the_computed_ones(counted, method):
     """To the bit for powers of two, to rounding otherwise; every f of a point from one run."""
     config = configured(*method)
-    assert computation(config).scaled
+    assert config.spec.scaled
     run_sweep(config, "scaled.h5")
     assert all((points["f"] == 1.0).all() for points in counted)
     assert max(points.size for points in counted) == 3
@@ -89,7 +89,7 @@ def test_the_scaled_results_are_the_computed_ones(counted, method):
     ],
 )
 def test_what_breaks_the_symmetry_is_computed(change):
-    assert not computation(configured(change)).scaled
+    assert not configured(change).spec.scaled
 
 
 def test_what_has_a_length_is_scaled():

@@ -34,25 +34,10 @@ def follow(
 ) -> dict[str, np.ndarray]:
     """Compute the points of a box. Along one axis, each starts from its neighbour's last state.
 
-    Parameters
-    ----------
-    points : ndarray of dtype ``POINT``, shape (box...)
-        With all values of the axis that is followed.
-    along : int
-        Which of the axes of `points` that is.
-    axis : str
-        The parameter that is swept along it.
-    directions : sequence of str
-        ``up`` from the least value on, or ``down`` from the greatest, or both.
-    run : callable
-        Computes points.
-    advance : callable
-        Receives the number of points after every call of `run`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays of shape (points, ...), one direction after the other, each in C order.
+    `points` has the shape (box...), with all values of the parameter `axis`, which is swept along
+    the axis number `along`, ``up`` from the least value on, or ``down`` from the greatest, or both.
+    `advance` receives the number of points after every call of `run`. Returns arrays of shape
+    (points, ...), one direction after the other, each in C order.
     """
     size, flat = points.size, points.ravel()
     # The places of the points of each chain in `flat`: shape (chains, values of the axis).

@@ -30,15 +30,7 @@ SCALED_SQUARED = ("energy_lost",)
 
 
 def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> bool:
-    """Return whether f is swept and the motion is proportional to it all over a grid.
-
-    Parameters
-    ----------
-    axes : mapping of str to ndarray
-        The values of each swept parameter.
-    fixed : mapping of str to float
-        The value of every other parameter.
-    """
+    """Return whether f is swept and the motion is proportional to it all over a grid."""
     at_rest = all(fixed.get(name) == 0.0 for name in ("clearance", "x0", "v0"))
     if "f" not in axes or not at_rest:
         return False
@@ -49,19 +41,7 @@ def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) ->
 def computed_once(
     points: np.ndarray, compute: Callable[[np.ndarray], dict[str, np.ndarray]]
 ) -> dict[str, np.ndarray]:
-    """Compute points that differ in f alone once, at f = 1, and scale the results.
-
-    Parameters
-    ----------
-    points : ndarray of dtype ``POINT``, shape (n,)
-    compute : callable
-        Points to named results, arrays of shape (n, ...).
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays of shape (n, ...).
-    """
+    """Compute points that differ in f alone once, at f = 1, and scale the results, (n, ...)."""
     at_one = points.copy()
     at_one["f"] = 1.0
     different, index = np.unique(at_one, return_inverse=True)
