@@ -225,7 +225,7 @@ class SweepConfig(Group):
         """What is computed of every point."""
         record, follow = self.record, self.follow
         return RunSpec(
-            **self.scheme,
+            **self.integration,
             transient=record.transient,
             periods=record.periods,
             phase=record.phase,
