@@ -208,6 +208,11 @@ class SweepConfig(Group):
             refuse_refinement(self.refine.axis, axes, self.method, self.record, self.follow)
         return self
 
+    def with_record(self, **changes: int) -> Self:
+        """Return this sweep with other numbers in its record, and nothing cached of this one."""
+        record = self.record.model_copy(update=changes)
+        return type(self).model_construct(**{**dict(self), "record": record})
+
     @cached_property
     def steps(self) -> int:
         """Steps per forcing period, the same all over the grid."""

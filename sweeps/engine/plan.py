@@ -180,7 +180,7 @@ def _shortened(config: SweepConfig, total: int) -> SweepConfig:
         "periods": periods,
         "impacts": min(record.impacts, 8 * periods),
     }
-    return config.model_copy(update={"record": record.model_copy(update=shorter)})
+    return config.with_record(**shorter)
 
 
 def _random_points(grid: Grid, count: int, seed: int) -> np.ndarray:

@@ -110,8 +110,7 @@ class Classifier:
         self, values: np.ndarray, starts: np.ndarray | None, transient: int
     ) -> dict[str, np.ndarray]:
         """Compute points from states at the section, or by default from the start of the sweep."""
-        record = self._config.record.model_copy(update={"transient": transient})
-        config = self._config.model_copy(update={"record": record})
+        config = self._config.with_record(transient=transient)
         points = mesh({self._axis: values}, self._config.grid.fixed)
         if starts is not None:
             points["x0"], points["v0"] = starts.T

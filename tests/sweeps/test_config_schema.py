@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from sweep_files import EXAMPLE, oscillator
+from sweeps import load_config
 from sweeps.config import sweep as config_module
 from sweeps.config.schema import OscillatorConfig, StartConfig
 from sweeps.config.sweep import json_schema
@@ -64,3 +65,11 @@ def test_the_schema_describes_every_parameter():
         assert parameter.meaning in description
         assert (f"[{parameter.unit}]" in description) == (parameter.unit != "1")
         assert parameter.allowed in description
+
+
+def test_a_sweep_with_another_record_is_computed_by_that_record():
+    config = load_config({"oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0}})
+    assert (config.spec.periods, config.widths["section"]) == (100, 100)
+    other = config.with_record(periods=7)
+    assert (other.spec.periods, other.widths["section"]) == (7, 7)
+    assert config.spec.periods == 100
