@@ -168,7 +168,8 @@ def _lanes(config: SweepConfig) -> int:
 
 def _side_by_side(config: SweepConfig) -> int:
     """Return the points of a block that are computed side by side."""
-    return block_size(config) // _chain(config) * max(1, len(config.directions))
+    points = min(block_size(config), config.grid.size)
+    return points // _chain(config) * max(1, len(config.directions))
 
 
 def _shortened(config: SweepConfig, total: int) -> SweepConfig:

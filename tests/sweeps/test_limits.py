@@ -143,3 +143,9 @@ def test_too_little_disk_is_refused_with_both_figures(monkeypatch):
     with pytest.raises(StoreError, match=r"takes about 10\.\d+ MB .* has only 1 kB left"):
         run_sweep(load(CONFIG), "out.h5")
     assert not Path("out.h5").exists()
+
+
+def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():
+    """Side by side the same points take a hundredth of the time."""
+    alone = load(CONFIG, "follow={axis: omega, direction: both}")
+    assert expected_seconds(alone, 1) > 15.0 * expected_seconds(load(CONFIG), 1)
