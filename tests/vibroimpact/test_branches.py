@@ -8,7 +8,7 @@ import pytest
 
 from oscillators import bifurcation
 from vibroimpact.orbits.branch_set import BranchSet
-from vibroimpact.orbits.branches import branch, doubled_branch
+from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -81,6 +81,17 @@ def test_a_branch_with_a_clearance_has_a_fold_and_ends_without_impact():
     turn = int(np.argmax(found.values))
     assert found.stable[:turn].any() != found.stable[turn + 1 :].any()
     assert len(found.at(1.5)) == 2 and found.at(1.9) == []
+
+
+@pytest.mark.parametrize("p", [1.35, 1.45])
+def test_no_flip_or_fold_is_where_a_branch_begins_at_a_graze(p):
+    """Without damping both vanish there, but for rounding: the multipliers stay within .8."""
+    osc = Oscillator(h=0.0, R=0.34036723894650905, omega=1.420415544628506, f=1.0, p=p)
+    ends = branch(one_impact(replace(osc, p=1.0)), "p", 0.7, 2.4).special
+    (graze,) = [point for point in ends if point.kind == "graze"]
+    found = grazing_branch(graze.orbit, "p", 0.7, p)
+    assert [point.kind for point in found.special] == ["edge"]
+    assert np.abs(found.orbit(2).multipliers).max() < 0.8
 
 
 def test_the_free_oscillation_is_a_branch_to_its_graze():

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibroimpact.orbits.continuation import continue_branch
+from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_long, solved
@@ -223,6 +224,8 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
         special.append(SpecialPoint(kind, value if family.kind else value.item(), orbit))
 
     start = family.point(X, tangent)
+    if family.slowest(X) == 0.0:  # zeros at a graze are there, not after it
+        start.tests[0, np.abs(start.tests[0]) < ROUNDING] = math.nan
     points: list[tuple[np.ndarray, bool]] = [(X, family.stable(start))]
     special: list[SpecialPoint] = []
     for step in continue_branch(family, start):
