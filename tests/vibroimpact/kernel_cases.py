@@ -1,4 +1,4 @@
-"""Points and steps for the kernel, and what its results are compared with."""
+"""Points, methods and steps for the kernel, and what its results are compared with."""
 
 import math
 
@@ -8,10 +8,18 @@ import pytest
 from vibroimpact import Oscillator, Status
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.grid import IMPACT_RULES, default_steps
+from vibroimpact.step.integrators import INTEGRATORS
 
 # One integrator for every rule.
 METHODS = pytest.mark.parametrize(
     ("rule", "integrator"), [(r, "exact" if r == "exact" else "newmark") for r in IMPACT_RULES]
+)
+
+ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
+
+# For what a rule does with short flights: a first-order step sees none that is shorter than it.
+SECOND_ORDER = pytest.mark.parametrize(
+    "integrator", [name for name, row in INTEGRATORS.items() if row.order != 1]
 )
 
 # What a run that went well reports.

@@ -7,7 +7,7 @@ import naive
 import numpy as np
 import pytest
 
-from integrator_marks import ALL, SECOND_ORDER
+from kernel_cases import ALL, SECOND_ORDER
 from oscillators import oscillator
 from vibroimpact import Oscillator, Status, simulate
 from vibroimpact.oscillator import POINT

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from integrator_marks import ALL, SECOND_ORDER
+from kernel_cases import ALL, SECOND_ORDER
 from oscillators import oscillator
 from vibroimpact import Status, integrate, simulate
 

@@ -34,20 +34,14 @@ _PENDING = int(Status.PENDING)
 
 
 class Record(NamedTuple):
-    """What is kept of the recorded periods, one row per point.
+    """What is kept of the recorded periods, one row per point."""
 
-    Attributes
-    ----------
-    sections : ndarray, shape (n, periods, 2)
-        x and v at the end of each period.
-    impacts : ndarray, shape (n, capacity, 2)
-        Phase and speed of the last impacts: a ring, put into time order at the end.
-    sums : ndarray of dtype ``SUMS``, shape (n,)
-    """
-
+    #: x and v at the end of each period, shape (n, periods, 2).
     sections: np.ndarray
+    #: Phase and speed of the last impacts, shape (n, capacity, 2): a ring, put into time order at
+    #: the end.
     impacts: np.ndarray
-    sums: np.ndarray
+    sums: np.ndarray  #: Of dtype ``SUMS``, shape (n,).
 
 
 @jit(inline=True)

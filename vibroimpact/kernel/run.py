@@ -37,34 +37,17 @@ FEWEST_LANES = 64
 
 
 class KernelJob(NamedTuple):
-    """What the threads share.
+    """What the threads share."""
 
-    Attributes
-    ----------
-    points : ndarray of dtype ``POINT``, shape (n,)
-    scheme : Scheme
-    transient, periods : int
-        Periods left out, and recorded.
-    lyapunov : bool
-    lanes : int
-        Points in a block.
-    record : Record
-        Receives the results.
-    claimed : ndarray of int, shape (1,)
-        Number of blocks taken by the threads.
-    interrupt : ndarray of int, shape (1,)
-        Once it is set the points are given up: ``PENDING``.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  #: Of dtype ``POINT``, shape (n,).
     scheme: Scheme
-    transient: int
-    periods: int
+    transient: int  #: Periods left out.
+    periods: int  #: Periods recorded.
     lyapunov: bool
-    lanes: int
-    record: Record
-    claimed: np.ndarray
-    interrupt: np.ndarray
+    lanes: int  #: Points in a block.
+    record: Record  #: Receives the results.
+    claimed: np.ndarray  #: The number of blocks taken by the threads, shape (1,).
+    interrupt: np.ndarray  #: Once it is set the points are given up: ``PENDING``. Shape (1,).
 
 
 def lanes_per_block(points: int, threads: int) -> int:

@@ -56,24 +56,12 @@ AT_REST, AWAKE = -math.inf, -math.inf
 
 
 class Workspace(NamedTuple):
-    """The memory for a block.
+    """The memory for a block."""
 
-    Attributes
-    ----------
-    lanes : ndarray
-        The rows of the lanes.
-    met : ndarray of int
-        The list of lanes that may have met the stop.
-    columns : ndarray
-        The rows of the columns, each a copy of a lane in the list.
-    added : ndarray, shape (steps, 2, ROW)
-        With exact impacts: what a step adds to y and w of each lane, see ``forced``.
-    scratch : Scratch
-    """
-
-    lanes: np.ndarray
-    met: np.ndarray
-    columns: np.ndarray
+    lanes: np.ndarray  #: The rows of the lanes.
+    met: np.ndarray  #: The list of lanes that may have met the stop.
+    columns: np.ndarray  #: The rows of the columns, each a copy of a lane in the list.
+    #: With exact impacts, what a step adds to y and w of each lane: shape (KEPT, 2, ROW).
     added: np.ndarray
     scratch: Scratch
 

@@ -32,15 +32,9 @@ PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
 
 @dataclass(frozen=True)
 class ImpactRule:
-    """An impact rule.
+    """An impact rule: its number in compiled code, and its order of accuracy through impacts.
 
-    Attributes
-    ----------
-    code : int
-        Its number in compiled code.
-    order : int or None
-        Order of accuracy through impacts, with an integrator of at least that order; None: exact
-        to rounding.
+    The order holds with an integrator of at least that order; None is exact to rounding.
     """
 
     code: int
@@ -59,17 +53,10 @@ THETA, SIN, COS = range(3)
 
 
 class PhaseGrid(NamedTuple):
-    """A run of equal steps.
+    """A run of equal steps, as phases of the force.
 
-    Attributes
-    ----------
-    table : ndarray, shape (3, size + 1)
-        theta = omega t at the start of each step, and at the end of the last one, its sine and its
-        cosine.
-    step : float
-        omega T.
-    size : int
-        Number of steps.
+    ``table`` has the shape (3, size + 1): theta = omega t at the start of each step, and at the end
+    of the last one, its sine and its cosine. ``step`` is omega T, ``size`` the number of steps.
     """
 
     table: np.ndarray
@@ -121,14 +108,9 @@ PAPER_STEPS = 100
 def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
     """Return the steps per forcing period if none are asked for.
 
-    For the rule ``exact``, as few as its Taylor series allow. Otherwise 100 as in the paper, or
-    more if the integrator needs more to be stable at every point, unless that is more than
-    ``MOST_STEPS``.
-
-    Raises
-    ------
-    ValueError
-        If the rule ``exact`` needs more than ``MOST_STEPS``.
+    For the rule ``exact``, as few as its Taylor series allow; a ValueError says if these are more
+    than ``MOST_STEPS``. Otherwise 100 as in the paper, or more if the integrator needs more to be
+    stable at every point, unless that is more than ``MOST_STEPS``.
     """
     h, p, omega = points["h"], points["p"], points["omega"]
     if impact != "exact":
@@ -147,12 +129,8 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
 class Scheme(NamedTuple):
     """How orbits are stepped.
 
-    Attributes
-    ----------
-    method : (int, int)
-        The codes of the impact rule and of the integrator.
-    lead, grid : PhaseGrid
-        The steps before the first section, and those of a forcing period.
+    ``method`` is the codes of the impact rule and of the integrator, ``lead`` the steps before the
+    first section, and ``grid`` those of a forcing period.
     """
 
     method: tuple[int, int]
@@ -170,12 +148,8 @@ def scheme_of(
 ) -> Scheme:
     """Check a method, and lay out its steps; arguments as for ``integrate``.
 
-    Raises
-    ------
-    ValueError
-        If a name is unknown, the rule does not take the integrator, `steps_per_period` or `phase`
-        is not in its range, or the rule ``exact`` needs more steps than `steps_per_period` or
-        ``MOST_STEPS``.
+    A ValueError says which name is unknown or which number is not in its range, that the rule does
+    not take the integrator, or that the rule ``exact`` needs more steps.
     """
     if isinstance(phase, bool) or not isinstance(phase, Real) or not 0.0 <= phase < 2.0 * math.pi:
         raise ValueError(f"phase must be a number from 0 to below 2 pi, not {phase!r}")

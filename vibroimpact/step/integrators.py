@@ -205,24 +205,13 @@ def exact(x, v, s, c, T, pt):
 
 @dataclass(frozen=True)
 class Integrator:
-    """A one-step integrator.
+    """A one-step integrator."""
 
-    Attributes
-    ----------
-    code : int
-        Its number in compiled code: its place in ``INTEGRATORS``.
-    order : int or None
-        Order of accuracy on smooth motion; None: exact to rounding.
-    step : callable
-        ``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, compiled.
-    limit : callable
-        zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
-        stable, 0 where none is. At the limit M is marginal, and motion may grow linearly.
-    """
-
-    code: int
-    order: int | None
-    step: Callable
+    code: int  #: Its number in compiled code: its place in ``INTEGRATORS``.
+    order: int | None  #: Order of accuracy on smooth motion; None: exact to rounding.
+    step: Callable  #: ``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, compiled.
+    #: zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
+    #: stable, 0 where none is. At the limit M is marginal, and motion may grow linearly.
     limit: Callable[[np.ndarray], np.ndarray]
 
 
@@ -271,13 +260,7 @@ def step(integrator, x, v, s, c, T, pt):
 
 @jit
 def affine_map(integrator, T, pt):
-    """Return the map of one step: x_T from (x, v, sin, cos), then v_T from the same.
-
-    Returns
-    -------
-    tuple of 8 floats
-        ``(M00, M01, G00, G01, M10, M11, G10, G11)``.
-    """
+    """Return the map of one step: x_T from (x, v, sin, cos), then v_T from the same."""
     xx, vx = step(integrator, 1.0, 0.0, 0.0, 0.0, T, pt)
     xv, vv = step(integrator, 0.0, 1.0, 0.0, 0.0, T, pt)
     xs, vs = step(integrator, 0.0, 0.0, 1.0, 0.0, T, pt)

@@ -62,13 +62,8 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
     Once `interrupt` is set the run ends within a forcing period, and a run of more rows than
-    `most_rows` within a step, with the status ``PENDING``.
-
-    Returns
-    -------
-    rows : int
-        Rows the log needs; those beyond its length are lost.
-    status : int
+    `most_rows` within a step, with the status ``PENDING``. Returns the number of rows that the log
+    needs, of which those beyond its length are lost, and the status.
     """
     scratch, (method, lead, grid) = new_scratch(), scheme
     rule, integrator = method
@@ -121,27 +116,12 @@ def trace(
     interrupt: np.ndarray | None = None,
     most_rows: int = sys.maxsize,
 ) -> tuple[np.ndarray, Status]:
-    """Log the motion of one parameter point.
+    """Log the motion of one parameter point, an array of shape (1,); return the log and the status.
 
-    Parameters
-    ----------
-    points : ndarray of dtype ``POINT``, shape (1,)
-    scheme : Scheme
-    periods, transient : int
-        Forcing periods that are logged, and left out before them.
-    every : int
-        Keep every that many grid states; both sides of every impact are kept always.
-    interrupt : ndarray of int64, shape (1,), optional
-        As for ``integrate``.
-    most_rows : int
-        A run is given up where its log has more rows.
-
-    Returns
-    -------
-    log : ndarray, shape (rows, 4)
-        Kind of row, t, x, v. NaN after a failure.
-    status : Status
-        ``PENDING`` with an empty log where the run was given up.
+    The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It keeps every
+    `every`-th state of the grid, and both sides of every impact. A run that is given up, by
+    `interrupt` as for ``integrate`` or because its log has more than `most_rows`, has an empty log
+    and the status ``PENDING``.
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
@@ -175,11 +155,8 @@ def trajectories(
 ) -> dict[str, np.ndarray]:
     """Log the motion of many parameter points; arguments as for `trace`.
 
-    Returns
-    -------
-    dict of str to ndarray
-        ``trajectory_t``, ``trajectory_x``, ``trajectory_v`` : (n, samples), with NaN after the
-        end of the shorter ones; of a point that was given up, nothing else.
+    Returns ``trajectory_t``, ``trajectory_x`` and ``trajectory_v``, of shape (n, samples), with NaN
+    after the end of the shorter ones; of a point that was given up, nothing else.
     """
     logs = [
         trace(points[i : i + 1], scheme, periods, transient, every, interrupt)[0]

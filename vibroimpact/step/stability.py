@@ -19,18 +19,9 @@ _ROUNDING = 1e-14
 
 
 def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
-    """Return the matrix M of one step of free motion, (x, v / p) -> (x_T, v_T / p).
+    """Return the matrix M of a step of free motion, (x, v / p) -> (x_T, v_T / p): (..., 2, 2).
 
-    Parameters
-    ----------
-    integrator : str
-        A name in ``INTEGRATORS``.
-    step, zeta : array_like
-        p T and h / p, of shapes that broadcast.
-
-    Returns
-    -------
-    ndarray, shape (..., 2, 2)
+    `step` is p T and `zeta` is h / p, of shapes that broadcast.
     """
     step, zeta = np.broadcast_arrays(np.asarray(step, float), np.asarray(zeta, float))
     maps = np.empty((step.size, 2, 2))
@@ -76,17 +67,7 @@ def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
 def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
     """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
 
-    Parameters
-    ----------
-    integrator : str
-        A name in ``INTEGRATORS``.
-    h, p, omega : array_like
-        Parameters of eq. (1), of shapes that broadcast.
-
-    Returns
-    -------
-    ndarray
-        Whole numbers; inf where no step is stable.
+    The parameters are of shapes that broadcast. Steps are whole numbers; inf where none is stable.
     """
     h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
     with np.errstate(all="ignore"):  # extreme ratios, which need more steps than can be made
