@@ -106,34 +106,52 @@ def run_block(block, job, exactly, plain):
         time_stepping.sum_up_plain(block)
 
 
+@jit(refcounts=False)
+def run_exact(block, job):
+    """Run a block with the rule ``exact``."""
+    run_block(block, job, True, False)
+
+
+@jit(refcounts=False)
+def run_plain(block, job):
+    """Run a block with the rule ``plain``."""
+    run_block(block, job, False, True)
+
+
+@jit(refcounts=False)
+def run_shortened(block, job):
+    """Run a block with the rule ``reduced-step`` or ``cubic``."""
+    run_block(block, job, False, False)
+
+
 @jit(inline=True)
-def take_blocks(job, exactly, plain):
+def take_blocks(job, run, columns):
     """Run block after block, as long as there are any that no thread has taken yet."""
-    workspace = new_workspace(EXACT_COLUMNS if exactly else CHORD_COLUMNS)
-    lo = job.lanes * claim(job.claimed)
+    workspace, lanes = new_workspace(columns), job.lanes
+    lo = lanes * claim(job.claimed)
     while lo < job.points.size:  # ends: the counter only rises
-        points, record = job.points[lo : lo + job.lanes], rows_of(job.record, lo, lo + job.lanes)
-        run_block(Block(workspace, points, record), job, exactly, plain)
+        record = rows_of(job.record, lo, lo + lanes)
+        run(Block(workspace, job.points[lo : lo + lanes], record), job)
         close_records(record, is_set(job.interrupt))
-        lo = job.lanes * claim(job.claimed)
+        lo = lanes * claim(job.claimed)
 
 
 @jit
 def take_exact(job):
-    """Run blocks with the rule ``exact``: the work of one thread."""
-    take_blocks(job, True, False)
+    """Do the work of one thread with the rule ``exact``."""
+    take_blocks(job, run_exact, EXACT_COLUMNS)
 
 
 @jit
 def take_plain(job):
-    """Run blocks with the rule ``plain``: the work of one thread."""
-    take_blocks(job, False, True)
+    """Do the work of one thread with the rule ``plain``."""
+    take_blocks(job, run_plain, 0)
 
 
 @jit
 def take_shortened(job):
-    """Run blocks with the rules ``reduced-step`` and ``cubic``: the work of one thread."""
-    take_blocks(job, False, False)
+    """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
+    take_blocks(job, run_shortened, CHORD_COLUMNS)
 
 
 def run_blocks(threads: int, job: KernelJob) -> None:
