@@ -64,7 +64,12 @@ def shown_range(values: Sequence[float | str]) -> str:
     if any(isinstance(value, str) for value in values):
         return ", ".join(sorted({str(value) for value in values}))
     low, high = min(map(float, values)), max(map(float, values))
-    return f"{low:.6g}" if low == high else f"{low:.6g} .. {high:.6g}"
+    if low == high:
+        return f"{low:.6g}"
+    digits = 6  # and more where these do not show a hundredth of the range
+    while digits < 17 and abs(high - low) < 10.0 ** (2 - digits) * max(abs(low), abs(high)):
+        digits += 1
+    return f"{low:.{digits}g} .. {high:.{digits}g}"
 
 
 def shown_count(number: int, noun: str) -> str:

@@ -5,6 +5,7 @@ As in ``main.py``, what a command needs is imported inside it.
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +25,9 @@ from sweeps.cli.plot import draw
 from sweeps.cli.run import run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
+from sweeps.text import shortest
+
+_NUMBER = r"-?[0-9.]+(?:e[-+]?[0-9]+)?"
 
 Pieces = Annotated[
     list[str],
@@ -95,6 +99,9 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _name(file: Path, axes: dict[str, tuple[float, float]]) -> str:
-    """Name a file by the pieces that it holds."""
-    pieces = [f"{name}-{low:g}-{high:g}" for name, (low, high) in axes.items()]
-    return "-".join([file.stem, *pieces]) + ".h5"
+    """Name a file by the pieces that it holds, and not by what a file of a zoom was named for."""
+    stem = file.stem
+    for name in axes:
+        stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
+    pieces = [f"{name}-{shortest(low)}-{shortest(high)}" for name, (low, high) in axes.items()]
+    return "-".join([stem, *pieces]) + ".h5"

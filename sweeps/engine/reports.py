@@ -19,7 +19,7 @@ from sweeps.store import (
     per_point,
     status_counts,
 )
-from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, table
+from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, shown_range, table
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -128,7 +128,7 @@ def _axis(name: str, values: np.ndarray, unit: str) -> str:
     """Describe an axis: its ends, its unit and the number of its values."""
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
-    ends = f"{values[0]:g} .. {values[-1]:g}" + ("" if unit == "1" else f" [{unit}]")
+    ends = shown_range(values.tolist()) + ("" if unit == "1" else f" [{unit}]")
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 
 

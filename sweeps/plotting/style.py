@@ -65,7 +65,7 @@ STYLE: dict[Any, Any] = {
     "figure.titlesize": "medium",
     "figure.figsize": [5.0, 3.2],
     "axes.linewidth": 0.6,
-    "axes.formatter.useoffset": False,
+    "axes.formatter.offset_threshold": 5,  # digits that all labels would share
     "agg.path.chunksize": 10000,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",

@@ -152,6 +152,15 @@ def test_a_zoom_that_cannot_be(pieces, reason):
 
 
 @pytest.mark.slow
+def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends():
+    accepted("run", "sweep.yaml", "--quiet")
+    accepted("zoom", "small.h5", "omega=2:2.5", "-o", "small-omega-2-2.5.h5")
+    said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")
+    assert said.stdout.splitlines()[-1] == "small-omega-2.1234567-2.1234568.png"
+    assert "omega = 2.1234567 .. 2.1234568 [rad/time], 5 values" in said.stderr
+
+
+@pytest.mark.slow
 def test_a_map_and_the_exact_orbits():
     accepted("run", "sweep.yaml", "--quiet", "--set", "record.diagnostics=[period]")
     assert accepted("plot", "small.h5", "--kind", "map") == "small-map.png\n"

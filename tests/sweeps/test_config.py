@@ -362,5 +362,5 @@ def test_to_yaml_is_complete_and_keeps_the_order():
     assert list(plain["start"]) == ["v0", "x0"]
     assert plain["record"] == {
         "transient": 200, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
-        "diagnostics": [],
+        "diagnostics": ["period"],
     }  # fmt: skip
