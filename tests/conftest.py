@@ -4,8 +4,14 @@ Campaigns of thousands of cases run only where ``-m`` names them.
 """
 
 import importlib.util
+import signal
 import sys
 from pathlib import Path
+
+# A shell that starts the tests behind a job ignores Ctrl-C, and would hand that on to the processes
+# that the tests interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # By path: with tests/ on sys.path, tests/vibroimpact would shadow the package.
 _spec = importlib.util.spec_from_file_location("naive", Path(__file__).parent / "naive.py")

@@ -61,6 +61,7 @@ class Window:
         self.requests: list[str] = []
         self.problems: list[str] = []
         self.tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.tab.set_default_timeout(300_000)  # that only a hang reaches [ms]
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
         self.tab.goto(address or explorer.address)
@@ -69,7 +70,7 @@ class Window:
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
         """Wait until a condition holds, nothing is computed, and the browser has the picture."""
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 300.0
         while time.monotonic() < deadline:
             if condition() and self.page.worker.idle and self.painted():
                 return
@@ -80,7 +81,7 @@ class Window:
 
     def tiles(self, name: str, shape: tuple[int, int]) -> None:
         """Wait until a map of this shape is in the browser, and nothing is computed."""
-        deadline = time.monotonic() + 100.0
+        deadline = time.monotonic() + 300.0
         while time.monotonic() < deadline:
             code = "{return m.data.image[0]?.shape}"
             if self.page.worker.idle and self.model(f"{name} pixels", code) == [*shape]:

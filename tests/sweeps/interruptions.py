@@ -49,7 +49,7 @@ CALLS = (
     "close", "lseek", "futex", "mmap", "munmap", "newfstatat",
 )  # fmt: skip
 #: How long a run may take to answer a signal, on a machine that does other things [s].
-PATIENCE = 60.0
+PATIENCE = 300.0
 
 _FORKS = """
 import gc, json, os, signal, sys

@@ -84,7 +84,7 @@ def test_a_signal_ends_a_run(folder, number):
     command = [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *endless]
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + 300
         while not Path("small.h5.part").exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         run.send_signal(number)
@@ -103,7 +103,7 @@ def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
         try:
             writer = os.open("pipe.yaml", os.O_WRONLY)  # which waits for the command to read
             run.send_signal(signal.SIGTERM)
-            _, stderr = run.communicate(timeout=60)
+            _, stderr = run.communicate(timeout=300)
         finally:
             run.kill()
     os.close(writer)

@@ -103,7 +103,7 @@ def test_an_interrupt_takes_the_tasks_off_the_cluster(monkeypatch, client, small
     on_write(monkeypatch, 2, stop)
     with pytest.raises(KeyboardInterrupt):
         run_sweep(load(CONFIG), "out.h5", client=client)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while left := [key for keys in left_on(client) for key in keys]:
         assert time.monotonic() < deadline, left
         time.sleep(0.05)
@@ -134,7 +134,7 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
     assert len(written) == len(set(written)) == 15
     run_sweep(load(CONFIG, "record.transient=2000"), "here.h5")
     assert_same_bits("out.h5")
-    client.wait_for_workers(WORKERS, timeout=60)
+    client.wait_for_workers(WORKERS, timeout=300)
 
 
 @pytest.mark.slow
@@ -169,7 +169,7 @@ def scheduler(tmp_path_factory):
 
     try:
         process = dask("scheduler", "--host", "127.0.0.1", "--port", "0")
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + 300
         while not (found := re.search(r"tcp://127\.0\.0\.1:\d+", log.read_text())):
             assert time.monotonic() < deadline
             time.sleep(0.05)

@@ -257,7 +257,7 @@ def test_only_the_newest_request_is_finished():
         for i in (1, 2, 3):
             started.clear()
             worker.ask([step(i)])
-            assert started.wait(5)
+            assert started.wait(300)
         assert shown == [0]
         worker.ask([step(0)])
         time.sleep(0.2)
@@ -292,7 +292,7 @@ def test_without_bokeh_the_extra_is_named(monkeypatch):
 
 def command(*arguments, cwd):
     run = [sys.executable, "-m", "sweeps.cli", *map(str, arguments)]
-    return subprocess.run(run, cwd=cwd, capture_output=True, text=True, timeout=100)
+    return subprocess.run(run, cwd=cwd, capture_output=True, text=True, timeout=300)
 
 
 @pytest.mark.slow

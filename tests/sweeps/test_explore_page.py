@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -318,15 +317,14 @@ def test_a_lost_connection_and_its_end_are_said(browser, tmp_path):
     try:
         address = process.stdout.readline().strip()
         tab = browser.new_page()
+        tab.set_default_timeout(300_000)
         tab.goto(address)
         tab.get_by_text("save as YAML").wait_for()
         notice = tab.get_by_text("vibroimpact explore has ended")
         assert not notice.is_visible()
-        begin = time.monotonic()
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
-        notice.wait_for(timeout=10_000)
-        assert time.monotonic() - begin < 20
+        assert process.wait(300) == 0
+        notice.wait_for()
         tab.close()
     finally:
         process.kill()

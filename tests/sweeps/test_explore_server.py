@@ -52,7 +52,7 @@ def started(*options, **variables):
         try:
             yield process, process.stdout.readline().strip()
             process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 0
+            assert process.wait(300) == 0
         finally:
             process.kill()
             streams["stderr"].close()
@@ -65,7 +65,7 @@ def test_ctrl_c_ends_the_command_at_once_with_0():
 
 
 def answer(address, path, **headers):
-    connection = http.client.HTTPConnection("127.0.0.1", urlsplit(address).port, timeout=30)
+    connection = http.client.HTTPConnection("127.0.0.1", urlsplit(address).port, timeout=300)
     connection.request("GET", path, headers=headers)
     response = connection.getresponse()
     status, text = response.status, response.read().decode()

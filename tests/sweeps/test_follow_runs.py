@@ -118,7 +118,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
 
     def full(self, block, results):
         for _ in range(6):  # the 5 values of the first block, and one of the second
-            assert begun.acquire(timeout=60)
+            assert begun.acquire(timeout=300)
         raise Failed("the disk is full")
 
     monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
