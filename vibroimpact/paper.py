@@ -1,6 +1,6 @@
 """The paper's procedure to the letter, eqs (1)-(10): scalar, slow, and an oracle.
 
-This file shares no code with the kernel. It shows what the kernel mends. After an impact the next
+This file shares no code with the kernel, and shows what that corrects. After an impact the next
 step starts at t_0 + T_r, so the grid is no longer uniform. The step starts with the acceleration of
 eq. (10), which is that before the impact: after the impact it is off by 2h (1 + R) v. So the scheme
 is of first order if h > 0, and misses the fourth impact of the third case at T = 2 pi/100. If

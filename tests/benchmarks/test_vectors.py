@@ -48,7 +48,7 @@ WORKSPACE = new_workspace(EXACT_COLUMNS)
 
 
 def test_the_hot_loops_are_packed_and_fused():
-    """Of plain stepping, of the strides of the other rules, and of gliding with exact impacts."""
+    """Of plain stepping, of the strides of the other rules, and of a step with exact impacts."""
     lanes, added, table = WORKSPACE.lanes, WORKSPACE.added[0], one_period(0.0, 100).table
     stride = lanes, LANES, table, 0, STRIDE
     assert packed(time_stepping.plain_lanes, (*stride, False)) >= 2 * FUSED  # and while recording

@@ -44,7 +44,7 @@ LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-
 
 @numba.njit(error_model="numpy")
 def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
-    """Mend one step from each state: nothing about it is right but that its fields are floats."""
+    """Take one step from each state: nothing about it is right but that its fields are floats."""
     most = 0
     for k in range(states.shape[0]):
         x, v, x_T, v_T, theta, s, c, step = states[k]

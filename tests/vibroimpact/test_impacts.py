@@ -54,7 +54,7 @@ def preload(level, f=1.0, p=1.0, omega=1.0):
 
 
 def run(pt, rule, integrator, x, v, theta, T, resting=False):
-    """One mended step: state, rest, the rows of its events, time rested and status."""
+    """One step with impacts: state, rest, the rows of its events, time rested and status."""
     scratch, chosen = new_scratch(), INTEGRATORS[integrator]
     s, c = math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, T, pt)

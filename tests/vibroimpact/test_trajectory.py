@@ -135,8 +135,8 @@ def test_a_tangential_landing_rests_until_the_force_turns(
 def test_the_third_case_has_four_impacts_per_period_and_the_plain_step_finds_three(integrator):
     """h = R = 0.5, 20 periods at the paper's step: 60 without the procedure, 80 with it."""
     plain = simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 100)
-    mended = simulate(oscillator(0.5, 0.5), 20, integrator, "reduced-step", 100)
-    assert (len(plain.impact_t), len(mended.impact_t)) == (60, 80)
+    shortened = simulate(oscillator(0.5, 0.5), 20, integrator, "reduced-step", 100)
+    assert (len(plain.impact_t), len(shortened.impact_t)) == (60, 80)
     assert len(simulate(oscillator(0.5, 0.5), 20, integrator, "plain", 2000).impact_t) == 80
 
 
@@ -187,9 +187,9 @@ def test_the_penetration_is_of_the_order_of_one_step_and_the_reduced_step_has_no
         step = PERIOD / n * plain.impact_v.max()
         assert 0.05 * step < plain.max_penetration <= step
         assert plain.x.max() == plain.max_penetration
-        mended = simulate(oscillator(*PAPER[case]), 20, integrator, "reduced-step", n)
-        assert mended.max_penetration <= 1e-15
-        assert mended.x.max() <= 1e-15
+        shortened = simulate(oscillator(*PAPER[case]), 20, integrator, "reduced-step", n)
+        assert shortened.max_penetration <= 1e-15
+        assert shortened.x.max() <= 1e-15
 
 
 # --- what a trajectory holds ---

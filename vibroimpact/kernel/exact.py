@@ -1,7 +1,7 @@
 """The loop of exact impacts: all lanes take a step, and those that met the stop are corrected.
 
-All lanes glide over a step, into their second rows. Those that may have met the stop are listed,
-and corrected in columns side by side. Where that proves nothing, the lane goes through
+All lanes take a step as if there were no stop, into their second rows. Those that may have met it
+are listed, and corrected in columns side by side. Where that proves nothing, the lane goes through
 ``exact_step`` alone, as a single orbit does.
 """
 

@@ -34,7 +34,7 @@ EVENTS_SHAPE = (3 * MAX_FLIGHTS + 3, 4)
 
 
 class Scratch(NamedTuple):
-    """Memory for mending one step: its events, and the coefficients of a flight."""
+    """Memory for one step with impacts: its events, and the coefficients of a flight."""
 
     events: np.ndarray
     coefficients: np.ndarray
