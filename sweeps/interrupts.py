@@ -30,7 +30,7 @@ _this_thread = threading.local()
 
 
 class Cancelled(BaseException):
-    """The work was given up, because a signal came or nobody needs the result any more.
+    """The work was cancelled, because a signal came or nobody needs the result any more.
 
     It is no ``Exception``, so that no library takes it for a failure.
     """

@@ -1,6 +1,6 @@
-"""The kind of motion at each point of a sweep: periodic, with rest, chaotic, or not known.
+"""The regime at each point of a sweep: periodic, with rest, chaotic, or not known.
 
-The kind of a point is what its record shows. The first of these that holds decides:
+The regime of a point is what its record shows. The first of these that holds decides:
 
 1. not computed, failed, or unbounded: by ``status``;
 2. with rest: the mass rested on the stop during the record, after a complete chatter or, with

@@ -2,9 +2,9 @@
 
 A scene is not one point but 64 neighbours of it: whole blocks of lanes, as a sweep has them, and
 impacts that fall on different places within a step. Or it is 64 points of a sweep. Errors are root
-mean squares over them, against the exact engine, and free of units: displacements, speeds and times
-are divided by V / omega, V and 2 pi / omega, with V the speed of the fastest true impact of the
-point, or of its section where it has no impact.
+mean squares over them, against the rule ``exact``, and free of units: displacements, speeds and
+times are divided by V / omega, V and 2 pi / omega, with V the speed of the fastest true impact of
+the point, or of its section where it has no impact.
 """
 
 from __future__ import annotations

@@ -44,21 +44,21 @@ def check_csv(path: Path | None) -> None:
     check_target(path, "table")
 
 
-def inches(text: str | None) -> float | None:
-    """Read a width with its unit, or None if no width is given."""
+def inches(option: str, text: str | None) -> float | None:
+    """Read a length with its unit, or None if none is given."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*([0-9.]+)\s*(in|cm|mm|pt)\s*", text)
     try:
-        width = float(match[1]) / _PER_INCH[match[2]] if match else math.nan
+        length = float(match[1]) / _PER_INCH[match[2]] if match else math.nan
     except ValueError:
-        width = math.nan
-    if not 1.0 <= width <= 40.0:
+        length = math.nan
+    if not 1.0 <= length <= 40.0:
         raise Refused(
-            f"--width {text} is not allowed; expected: a length from 1in to 40in, as 3.4in, 8.6cm, "
-            "86mm or 245pt"
+            f"{option} {text} is not allowed; expected: a length from 1in to 40in, as 3.4in, "
+            "8.6cm, 86mm or 245pt"
         )
-    return width
+    return length
 
 
 def interval(text: str) -> tuple[float, float] | None:

@@ -109,6 +109,12 @@ Width = Annotated[
     str | None,
     typer.Option(metavar="LENGTH", help="Width of the picture, e.g. 3.4in, 8.6cm or 86mm."),
 ]
+Height = Annotated[
+    str | None, typer.Option(metavar="LENGTH", help="Height of the picture, likewise.")
+]
+Resolution = Annotated[
+    int | None, typer.Option(metavar="N", help="Pixels per inch, 300 if not given.")
+]
 Title = Annotated[
     str | None, typer.Option(metavar="TEXT", help="Instead of that of the sweep; may be empty.")
 ]
@@ -133,6 +139,8 @@ def plot(
     below: Below = None,
     periods: Periods = None,
     width: Width = None,
+    height: Height = None,
+    dpi: Resolution = None,
     title: Title = None,
     xlim: AbscissaLimits = None,
     ylim: OrdinateLimits = None,
@@ -149,13 +157,16 @@ def plot(
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
     page = {
-        "width": inches(width),
+        "width": inches("--width", width),
+        "height": inches("--height", height),
+        "dpi": dpi,
         "title": title,
         "xlim": limits("--xlim", xlim),
         "ylim": limits("--ylim", ylim),
     }
-    if periods is not None and periods < 1:
-        raise Refused(f"--periods {periods} is not allowed; expected: an integer >= 1")
+    for option, number in (("--periods", periods), ("--dpi", dpi)):
+        if number is not None and number < 1:
+            raise Refused(f"{option} {number} is not allowed; expected: an integer >= 1")
     options = {
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,

@@ -143,7 +143,7 @@ _OTHER_NAMES = {
     "diagnostics": "quantities compute",
     "axis": "parameter along",
     "levels": "depth",
-    "num": "n count number points steps size",
+    "num": "n count number points steps step size increment by delta",
     "spacing": "scale",
 }
 #: Other names of `start` and `stop` in a range; elsewhere these words mean other things.

@@ -20,7 +20,7 @@ from pydantic import (
     model_validator,
 )
 
-from sweeps.text import nearest, suggestion
+from sweeps.text import nearest, shortest, suggestion
 
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
@@ -53,9 +53,13 @@ def plain_integer(value: object) -> object:
     return value
 
 
-def _not_empty(values: tuple[float, ...]) -> tuple[float, ...]:
+def _distinct(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Refuse an empty list, and one that has a value twice."""
     if not values:
         raise ValueError("is empty")
+    if len(set(values)) < len(values):
+        twice = next(value for value in values if values.count(value) > 1)
+        raise ValueError(f"has the value {shortest(twice)} twice")
     return values
 
 
@@ -127,8 +131,9 @@ class Range(Group):
         """Refuse a range without values, and one that is too wide."""
         if self.spacing == "log" and min(self.start, self.stop) <= 0.0:
             raise ValueError("has log spacing, which needs start > 0 and stop > 0")
-        if self.num == 1 and self.start != self.stop:
-            raise ValueError("has num: 1, which needs start and stop to be equal")
+        if (self.num == 1) != (self.start == self.stop):
+            needs = "be equal" if self.num == 1 else "differ"
+            raise ValueError(f"has num: {self.num}, which needs start and stop to {needs}")
         if not math.isfinite(self.stop - self.start):
             raise ValueError("is too wide for a floating-point number")
         return self
@@ -146,7 +151,7 @@ Values = Annotated[
     | Annotated[
         tuple[Number, ...],
         # Not min_length, which counts the valid items only.
-        AfterValidator(_not_empty),
+        AfterValidator(_distinct),
         Field(json_schema_extra={"minItems": 1}),
         Tag("<list>"),
     ]

@@ -22,6 +22,8 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     `sweeps.load_config`.
     """
     if not is_sweep(path):
+        if path.suffix == ".h5" and path.is_file():
+            raise Refused(f"{path} is no file of a sweep; a configuration has another ending")
         with raised_at_once():  # a pipe may never be written to
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:

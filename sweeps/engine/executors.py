@@ -1,4 +1,4 @@
-"""Executors that compute the blocks of a sweep: a thread here, or a Dask cluster (``cluster.py``).
+"""What computes the blocks of a sweep: a thread here, or a Dask cluster (``cluster.py``).
 
 The main thread only waits for results, and writes them. So it hears Ctrl-C and SIGTERM at once.
 """

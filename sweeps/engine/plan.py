@@ -122,7 +122,7 @@ def _unit(config: SweepConfig) -> str:
 
 
 def _memory_per_point(config: SweepConfig) -> int:
-    """Return the bytes of the results of a point of the grid, and of the log for its samples."""
+    """Return the bytes of the results of a point of the grid, and of the record of its samples."""
     widths = most_widths(config)
     in_one_direction = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
     return in_one_direction * max(1, len(config.directions))

@@ -77,7 +77,7 @@ def plot(
         default the first. Where an axis was followed up and down, ``direction`` picks one; by
         default a `bifurcation` shows both, the other pictures the first.
     page : Page, optional
-        Width, title and limits.
+        Size, title and limits.
     command : str
         For the metadata: the command that draws it.
     **options
@@ -104,7 +104,8 @@ def plot(
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
         if kind not in kinds:
             raise Refused(f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}")
-    with mpl.rc_context(user_style()):
+    style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})
+    with mpl.rc_context(style):
         figure = KINDS[kind].draw(dataset, at=at, page=page, **options)
         save(figure, output, description(dataset, command))
     return output

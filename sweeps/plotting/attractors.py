@@ -76,6 +76,12 @@ def attractor_diagram(
         As for `sweeps.plotting.bifurcation`.
     """
     free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
+    if free and not parameter_axes(dataset):
+        raise Refused(
+            f"a diagram of attractors is over a swept parameter, and only {listed(free)} "
+            f"{'was' if len(free) == 1 else 'were'} swept"
+            + ("; the picture of both is basins" if len(free) == 2 else "")
+        )
     parameters = dataset.isel(dict.fromkeys(free, 0))
     (axis,) = chosen_axes(parameters, axes, 1, "diagram of attractors")
     coordinate = choose_coordinate(dataset, coordinate)

@@ -33,6 +33,10 @@ class Page:
     ----------
     width : float, optional
         Of the figure [inch], by default that of matplotlib's ``figure.figsize``.
+    height : float, optional
+        Of the figure [inch], by default what its panels, its title and its legend take.
+    dpi : int, optional
+        Pixels per inch, by default matplotlib's ``savefig.dpi``.
     title : str, optional
         Instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
@@ -40,6 +44,8 @@ class Page:
     """
 
     width: float | None = None
+    height: float | None = None
+    dpi: int | None = None
     title: str | None = None
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
@@ -97,7 +103,7 @@ at : mapping of str to float, optional
     Values of the swept axes that are not drawn: the nearest of the grid is taken, by default the
     first. Where an axis was followed both ways, ``direction`` picks one.
 page : Page, optional
-    Width, title and limits.
+    Size, title and limits.
 ax : Axes, optional
     The panel to draw into, by default that of a new figure.
 
@@ -167,6 +173,8 @@ def finish(
             figure.make_room(figure.suptitle(text, wrap=True))
         if handles:
             figure.add_legend(handles, legend_title)
+        if page.height is not None:
+            figure.set_figheight(page.height)
     else:
         if page.title is not None:
             panel.set_title(page.title)

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.regimes import has_result
 from sweeps.analysis.selection import COORDINATES, Selection, config_of, listed, recorded_coordinate
+from sweeps.config.schema import DIAGNOSTICS
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -129,6 +130,10 @@ def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequ
         raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
     available = scalars(dataset)
     for name in below:
+        if name in DIAGNOSTICS and name not in dataset:
+            raise Refused(
+                f"the file has no {name}: run the sweep again with record.diagnostics: [{name}]"
+            )
         if name not in available:
             raise Refused(
                 f"{name or repr(name)} cannot be drawn below a diagram; choose from: "

@@ -92,9 +92,10 @@ def write_file(
             with h5py.File(draft, "w", libver="earliest") as file:
                 describe(file, schema, compressed=compressed)
                 for name in schema.variables:
+                    dataset = file[name]
                     for box, array in parts(name):
                         check()
-                        file[name][box] = array
+                        dataset[box] = array
                         draft.refuse_error()
                 file.attrs["duration"] = seconds()
         finally:  # instead of what HDF5 says of it

@@ -187,6 +187,10 @@ def only_writer(path: Path) -> Iterator[None]:
         lock = FileLock(name)
         lock.acquire(blocking=False)
     except Timeout:
+        if not os.path.lexists(name):
+            raise StoreError(
+                f"no file can be made in the folder {real.parent} of the output {path.name}"
+            ) from None
         number = re.search(rb"\d+", _lock_text(name))
         holder = number[0].decode() if number else "of an unknown number"
         raise StoreError(

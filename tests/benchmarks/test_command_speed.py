@@ -20,7 +20,7 @@ SWEEP = """\
 name: timed
 oscillator: {{h: 0.1, R: 0.8, omega: {{start: 2.0, stop: 2.6, num: {points}}}, f: 1.0}}
 method: {{integrator: exact, impact: {rule}, steps_per_period: {steps}}}
-record: {{transient: {transient}, periods: {periods}, impacts: 0}}
+record: {{transient: {transient}, periods: {periods}, impacts: 0, diagnostics: []}}
 output: {output}
 """
 

@@ -74,6 +74,11 @@ def test_threads_that_numba_does_not_have(threads):
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
+def test_a_text_is_no_file_of_a_sweep():
+    Path("text.h5").write_text("hello")
+    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
+
+
 @pytest.mark.parametrize("command", ["plot", "info"])
 def test_a_file_that_is_not_a_sweep(command):
     message = refused(command, "sweep.yaml")
@@ -90,6 +95,7 @@ def test_a_file_that_is_not_a_sweep(command):
     [
         (["--kind", "bifurcatoin"], ["bifurcatoin", "bifurcation"]),
         (["--kind", ""], ["no picture ''"]),
+        (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [lyapunov]"]),
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
         (["-o", "link.png"], ["link.png", "replace the data"]),
         (["-o", "folder/../small.h5"], ["small.h5", "replace the data"]),

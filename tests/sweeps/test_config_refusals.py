@@ -37,6 +37,8 @@ from vibroimpact.step.integrators import INTEGRATORS
         ({"h": "[-7, 1]"}, "oscillator.h", "contains -7,", ">= 0"),
         ({"f": "{start: x, stop: 1, num: 2}"}, "oscillator.f.start", "x", "finite number"),
         ({"f": "{start: 0, stop: 1, num: 1}"}, "oscillator.f", "num: 1", "to be equal"),
+        ({"f": "{start: 1, stop: 1, num: 9}"}, "oscillator.f", "num: 9", "to differ"),
+        ({"h": "[0.1, 0.2, 0.1]"}, "oscillator.h", "has the value 0.1 twice", "a finite number"),
         ({"f": "{start: 0, stop: 1, num: 2, spacing: log}"}, "oscillator.f", "log", "start > 0"),
         ({"f": "{start: 0, stop: 1, num: 2, spacing: cubic}"}, "oscillator.f.spacing", "cubic",
          "linear or log"),

@@ -64,7 +64,7 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
 def test_info_lists_the_exact_bifurcations(path):
     result = call("info", str(path), "--bifurcations", "--at", "R=0.9")
     assert result.exit_code == 0, result.output
-    flip = 2.6528859  # the upper edge of the stable window of model.md, section 3
+    flip = 2.6528859  # the upper edge of the stable window
     lines = [line.split() for line in result.output.splitlines()]
     values = [float(words[2]) for words in lines if words[-2:] == ["flip", "1/1"]]
     assert np.abs(np.array(values) - flip).min() < 1e-6

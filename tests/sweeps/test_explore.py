@@ -251,7 +251,7 @@ def test_only_the_newest_request_is_finished():
         return Step("picture", i, lambda: compute(i), lambda result, seconds: shown.append(result))
 
     try:
-        worker.ask([step(0)])  # the first one compiles, and is not given up
+        worker.ask([step(0)])  # the first one compiles, and is not cancelled
         while not worker.idle:
             time.sleep(0.01)
         for i in (1, 2, 3):

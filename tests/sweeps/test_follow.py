@@ -227,7 +227,7 @@ def test_a_single_point_cannot_be_followed(tmp_path):
 
 
 def test_where_attractors_coexist_the_directions_differ():
-    """model.md, section 3: at omega = 1.3 period 1, and period 2 with three impacts."""
+    """At omega = 1.3: period 1, and period 2 with three impacts."""
     sweep = {
         "oscillator": {
             "h": 0.0,
@@ -251,7 +251,7 @@ def test_where_attractors_coexist_the_directions_differ():
 
 
 def test_a_followed_sweep_keeps_to_the_closed_form_branch_up_to_its_flip():
-    """Steps of 1e-3 in omega; the flip is the one of model.md, at 2.65888454668484."""
+    """Steps of 1e-3 in omega; the flip is that of the closed form, at 2.65888454668484."""
     sweep = {
         "oscillator": {
             "h": 0.05,

@@ -180,7 +180,10 @@ def test_width_title_and_limits_by_the_command(draw):
     arguments = ["--kind", "bifurcation", "--width", "86.36mm", "--title", "A title"]
     assert draw(*arguments, "--xlim", "2.5:3", "--ylim", "-0.5:0").exit_code == 0
     assert imread("map-bifurcation.png").shape[1] == pytest.approx(3.4 * 300, abs=1)
-    for option, value in (("--width", "3.4"), ("--width", "0in"), ("--xlim", "3:2"),
+    assert draw(*arguments, "--height", "5cm", "--dpi", "100").exit_code == 0
+    assert imread("map-bifurcation.png").shape[:2] == (pytest.approx(197, abs=1), 340)
+    for option, value in (("--width", "3.4"), ("--width", "0in"), ("--height", "3"), ("--dpi", "0"),
+                          ("--xlim", "3:2"),
                           ("--ylim", "1"), ("--xlim", "nan:1")):  # fmt: skip
         wrong = draw(option, value)
         assert wrong.exit_code == 2

@@ -201,8 +201,8 @@ def test_the_first_impact_from_rest(h, t):
 def test_the_chatter_is_complete_below_the_threshold_and_not_above(h, threshold, n):
     """1e-9 below it the mass rests in every period, 1e-9 above it never does.
 
-    model.md has .4679916560, .2969407830 and .2482790141, where it still rests for 0.9 % of the
-    time and more: so it does in the slow solver, to six digits.
+    An earlier table had .4679916560, .2969407830 and .2482790141, where it still rests for 0.9 % of
+    the time and more: so it does in the slow solver, to six digits.
     """
     printed = {0.5: 0.4679916560, 0.1: 0.2969407830}
     if h in printed:

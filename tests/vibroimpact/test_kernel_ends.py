@@ -120,7 +120,7 @@ def test_nothing_hangs_anywhere(rule, integrator):
 def test_the_fractions_of_time_at_rest(h, R, omega, fraction):
     """The reduced step meets three digits at 6400 steps, the exact rule the slow solver's ten.
 
-    (model.md gives 0.244 for the last; the slow solver and the package agree on 0.24317.)
+    (An earlier table gave 0.244 for the last; the slow solver and the package agree on 0.24317.)
     """
     slow = naive.ExactOrbit(naive.oscillator(h, R, omega), 3)
     true = np.mean(np.diff(slow.rests[1:], axis=1)) * omega / PERIOD
@@ -295,7 +295,7 @@ def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator)
 
 
 def test_a_run_of_days_ends_when_it_is_interrupted():
-    """Also one whose point would take days by itself, and one that is given up before it begins."""
+    """Also one whose point would take days, and one that is interrupted before it begins."""
     interrupt = np.zeros(1, np.int64)
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     timer.start()

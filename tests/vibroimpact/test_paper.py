@@ -66,7 +66,7 @@ def test_both_sides_of_an_impact_are_recorded(procedure):
 
 @pytest.mark.parametrize(("n", "at"), [(100, 12.11), (10_000, 12.4103)])
 def test_the_procedure_stalls_before_the_accumulation(truth, n, at):
-    """T_r = 0 for ever, at the times of model.md, never past the accumulation of the chatter."""
+    """T_r = 0 for ever, at known times, never past the accumulation of the chatter."""
     orbit = truth["stick_R03_w03"]
     run = paper_procedure(orbit.oscillator, 2, n)
     assert run.stalled_at == pytest.approx(at, abs=0.006 if n == 100 else 6e-5)

@@ -124,7 +124,7 @@ def integrate(
 
 
 def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:
-    """Name the results, and withhold those of the points that failed or were given up."""
+    """Name the results, and withhold those of the points that failed or were interrupted."""
     sums, sections = record.sums, record.sections
     pending = sums["status"] == Status.PENDING
     if pending.any():

@@ -120,7 +120,7 @@ def rows_of(record, lo, hi):
 
 @jit(refcounts=False)
 def close_records(record, given_up):
-    """Put the impacts of every point in order; points that were given up are ``PENDING``."""
+    """Put the impacts of every point in order; points that were interrupted are ``PENDING``."""
     for i in range(record.sums.size):
         put_in_order(record.impacts[i], record.sums[i].impacts)
         if given_up:

@@ -47,7 +47,7 @@ class KernelJob(NamedTuple):
     lanes: int  #: Points in a block.
     record: Record  #: Receives the results.
     claimed: np.ndarray  #: The number of blocks taken by the threads, shape (1,).
-    interrupt: np.ndarray  #: Once it is set the points are given up: ``PENDING``. Shape (1,).
+    interrupt: np.ndarray  #: Once it is set the points are left: ``PENDING``. Shape (1,).
 
 
 def lanes_per_block(points: int, threads: int) -> int:

@@ -17,8 +17,8 @@ Nothing is divided by a speed: the equations stay regular where an impact grazes
 taken in equal steps on the Taylor series of ``step.series``, which is the exact flow to rounding.
 
 A root may pass through the stop between its impacts. It does not where no flight meets the stop
-before its end. That is proved on every step as the exact engine does it, by
-``step.flight.first_crossing``; the roots at the launch and at the landing are divided out.
+before its end. That is proved on every step as the rule ``exact`` does it, by
+``step.series.first_crossing``; the roots at the launch and at the landing are divided out.
 
 Unknowns are scaled: speeds by V, displacements by V / omega, so that all are of the order of 1.
 """

@@ -119,7 +119,7 @@ def trace(
     """Log the motion of one parameter point, an array of shape (1,); return the log and the status.
 
     The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It keeps every
-    `every`-th state of the grid, and both sides of every impact. A run that is given up, by
+    `every`-th state of the grid, and both sides of every impact. A run that is ended early, by
     `interrupt` as for ``integrate`` or because its log has more than `most_rows`, has an empty log
     and the status ``PENDING``.
     """
@@ -156,7 +156,7 @@ def trajectories(
     """Log the motion of many parameter points; arguments as for `trace`.
 
     Returns ``trajectory_t``, ``trajectory_x`` and ``trajectory_v``, of shape (n, samples), with NaN
-    after the end of the shorter ones; of a point that was given up, nothing else.
+    after the end of the shorter ones; of a point that was interrupted, nothing else.
     """
     logs = [
         trace(points[i : i + 1], scheme, periods, transient, every, interrupt)[0]
