@@ -1,8 +1,9 @@
-"""Tables: as CSV files, and those of exact branches, curves and bifurcations."""
+"""Tables as CSV and Parquet files, and those of exact branches, curves and bifurcations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,20 +11,17 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_branches import branches
+from sweeps.analysis.grouping import grid_of
 from sweeps.analysis.selection import COORDINATES, Selection, swept_axes
-from sweeps.store.replacing import writing
+from sweeps.errors import Refused
+from sweeps.store import VARIABLES
+from sweeps.store.replacing import check_target, writing
 from sweeps.text import table
+from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
-from importlib.util import find_spec
-
-from sweeps.analysis.grouping import grid_of
-from sweeps.errors import Refused
-from sweeps.store import VARIABLES
-from sweeps.store.replacing import check_target
-from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.status import Status
 
 
 def write_csv(

@@ -189,9 +189,7 @@ class SweepConfig(Group):
         """Refuse to follow what is not swept."""
         if follow is None or "oscillator" not in info.data:
             return follow
-        lengths = {
-            name: len(np.unique(as_array(value))) for name, value in info.data["oscillator"].items()
-        }
+        lengths = {name: length(value) for name, value in info.data["oscillator"].items()}
         if lengths[follow.axis] < 2:
             swept = [name for name, number in lengths.items() if number > 1]
             raise MisplacedError(

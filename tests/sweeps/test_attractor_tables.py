@@ -109,8 +109,8 @@ def test_a_diagram_has_a_colour_for_each_attractor(computed_starts, tmp_path):
     ("draw", "options", "text"),
     [
         (basins, {"at": {"R": 0.5}}, "R cannot be fixed here"),
-        (attractor_diagram, {}, "a diagram of attractors|single point"),
-        (attractor_diagram, {"coordinate": "pie"}, "single point|no pie"),
+        (attractor_diagram, {}, "only x0, v0 were swept; the picture of both is basins"),
+        (attractor_diagram, {"coordinate": "pie"}, "over a swept parameter"),
     ],
 )
 def test_pictures_that_do_not_fit_are_refused(computed_starts, draw, options, text):

@@ -210,7 +210,7 @@ def test_a_followed_sweep_is_not_scaled():
 )  # fmt: skip
 def test_bad_input(tmp_path, follow, message):
     path = tmp_path / "sweep.yaml"
-    lines = "oscillator: {h: 0.1, R: [0.8, 0.7], omega: {start: 1, stop: 2, num: 5}, f: [1, 1]}\n"
+    lines = "oscillator: {h: 0.1, R: [0.8, 0.7], omega: {start: 1, stop: 2, num: 5}, f: [1]}\n"
     path.write_text(f"{lines}follow: {follow}\n")
     with pytest.raises(ConfigError, match=message):
         load_config(path)
