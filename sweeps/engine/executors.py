@@ -32,7 +32,7 @@ _WAIT = 0.1
 
 
 class _Compilation(event.Listener):
-    """Ends a cancelled compilation before the next pass over a function: each takes 2 s at most."""
+    """Ends a cancelled compilation before the next pass over a function: each takes 3 s at most."""
 
     def on_start(self, event: event.Event) -> None:
         check()
