@@ -22,7 +22,7 @@ from bokeh.models import (
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.explorer import picture
-from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
+from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
 from sweeps.explorer.view import View, Window, bounds
 from sweeps.explorer.words import axis_label
 from sweeps.explorer.worker import Step
@@ -30,17 +30,26 @@ from sweeps.plotting.style import STATUS_COLOURS, VERMILION
 
 #: The coarse picture has so many times fewer columns.
 COARSER = 4
-#: The window of the ordinate before the first picture, which nobody else asks for. The browser goes
-#: back to it where the first zoom is undone, and then it stands for one that holds all points.
-UNSEEN = (-0.123456789, 0.123456789)
+#: The window of the ordinate before the first picture, which nobody else asks for.
+_UNSEEN = (-0.123456789, 0.123456789)
 #: A canvas has no fewer columns and rows, and no more are computed.
 _LEAST, _MOST = 16, 4096
 
-#: Says which picture is on the screen: what is drawn in one frame is there in the next.
-_PAINTED = (
-    "const number = cb_obj.data.number[0];"
-    "requestAnimationFrame(() => requestAnimationFrame(() => {to.value = number}))"
-)
+#: Sets the window that fits a picture, unless the user has moved the one before it: only the
+#: browser knows that at once, and the server need not know. Then says which picture is on the
+#: screen: what is drawn in one frame is there in the next.
+_PAINTED = """
+const number = pixels.data.number[0], [before, [start, end]] = pixels.data.fit[0];
+if (y.start === before[0] && y.end === before[1]) y.setv({start, end}, {sync: false});
+requestAnimationFrame(() => requestAnimationFrame(() => {painted.value = number}));
+"""
+#: Undo of the first zoom, and reset, go back to the window before the first picture.
+_RESET = f"""
+if (y.start === {_UNSEEN[0]} && y.end === {_UNSEEN[1]} && pixels.data.fit !== undefined) {{
+  const [start, end] = pixels.data.fit[0][1];
+  y.setv({{start, end}}, {{sync: false}});
+}}
+"""
 
 
 def numbers(config: SweepConfig) -> Results:
@@ -92,8 +101,8 @@ class Diagram(PixelFigure):
         self._report = report
         #: The last picture that was computed.
         self.kept: Shown | None = None
-        #: The window of the ordinate that holds all points, as it was set last.
-        self.fitted: Window = UNSEEN
+        #: The windows of the ordinate that held all points, the newest last.
+        self.fitted: list[Window] = [_UNSEEN]
         #: The ordinate of the view and its window, None for that of the points.
         self._ordinate: tuple[str, Window | None] = ("", None)
         #: Columns and rows of the canvas; 0 as long as the browser has not said.
@@ -102,7 +111,10 @@ class Diagram(PixelFigure):
         self.set_colours(picture.ramp())
         #: The number of the picture that the browser has painted last, and that was sent last.
         self.painted, self.sent = NumericInput(visible=False, value=0), 0
-        self.source.js_on_change("data", CustomJS(args={"to": self.painted}, code=_PAINTED))
+        y = self.figure.y_range
+        models = {"pixels": self.source, "painted": self.painted, "y": y}
+        self.source.js_on_change("data", CustomJS(args=models, code=_PAINTED))
+        y.js_on_change("start", CustomJS(args=models, code=_RESET))
         self._strips = self._new_strips()
         self.mark = Span(
             dimension="height", location=0.0, visible=False, line_color=VERMILION, line_width=2,
@@ -133,8 +145,9 @@ class Diagram(PixelFigure):
         allowed = bounds(view.axis, view.values)
         x, y = (axis_label(name, view.units) for name in (view.axis, view.ordinate))
         self.set_axis("x", x, view.xlim, view.axis in view.log, allowed)
-        ylim = self.fitted if view.ylim is None else view.ylim
-        self.set_axis("y", y, ylim, log=False, allowed=None)
+        now = self.windows[1]  # the browser may have fitted a newer picture by itself
+        fit = now if now in self.fitted else self.fitted[-1]
+        self.set_axis("y", y, view.ylim or fit, log=False, allowed=None)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def steps(self, view: View) -> list[Step]:
@@ -181,13 +194,12 @@ class Diagram(PixelFigure):
         """Show a picture, the window that fits it, and the points that failed."""
         self.sent += 1
         edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
-        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent])
-        # A picture of an older view may come after the window of a newer one was set, or after the
-        # browser has sent a window that is not read yet.
-        fits = self.windows[1] == self.fitted
-        if (shown.view.ordinate, None) == self._ordinate and fits:
-            self.fitted = shown.window
-            set_range(self.figure.y_range, shown.window)
+        before = self.fitted[-1]
+        # A picture of an older view may come after the window of a newer one was set.
+        if (shown.view.ordinate, None) == self._ordinate and shown.window != before:
+            self.fitted.append(shown.window)
+        fit = [(before, self.fitted[-1])]
+        self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=fit)
         for outcome, (source, item) in self._strips.items():
             x = shown.values[shown.results["status"] == outcome]
             if len(x) or len(source.data["x"]):

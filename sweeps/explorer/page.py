@@ -19,7 +19,7 @@ from sweeps.engine.plan import check_memory
 from sweeps.errors import ConfigError, StoreError, SweepError
 from sweeps.explorer.branches import Branches
 from sweeps.explorer.controls import Controls, meaning
-from sweeps.explorer.diagram import UNSEEN, Diagram, Shown
+from sweeps.explorer.diagram import Diagram, Shown
 from sweeps.explorer.maps import Map
 from sweeps.explorer.motion import MotionPanel
 from sweeps.explorer.saving import write_yaml
@@ -193,7 +193,7 @@ class LivePage:
     def _as_zoomed(self, view: View) -> View:
         """Return a view with the window that the figure has."""
         xlim, ylim = self.diagram.windows
-        fits = ylim == UNSEEN or (view.ylim is None and ylim == self.diagram.fitted)
+        fits = ylim in self.diagram.fitted
         (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
         view = replace(view, xlim=xlim, ylim=None if fits else ylim)
         return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)

@@ -3,6 +3,7 @@
 import base64
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -72,7 +73,7 @@ class Window:
         """Wait until a condition holds, nothing is computed, and the browser has the picture."""
         deadline = time.monotonic() + 300.0
         while time.monotonic() < deadline:
-            if condition() and self.page.worker.idle and self.painted():
+            if self.idle() and condition() and self.painted():
                 return
             self.tab.wait_for_timeout(20)
         raise AssertionError(
@@ -84,10 +85,18 @@ class Window:
         deadline = time.monotonic() + 300.0
         while time.monotonic() < deadline:
             code = "{return m.data.image[0]?.shape}"
-            if self.page.worker.idle and self.model(f"{name} pixels", code) == [*shape]:
+            if self.idle() and self.model(f"{name} pixels", code) == [*shape]:
                 return
             self.tab.wait_for_timeout(20)
         raise AssertionError(f"no map: {self.page.controls.error.text}")
+
+    def idle(self) -> bool:
+        """Whether all that was asked for is computed, and the server has sent it."""
+        sent = threading.Event()
+        if self.page.worker.idle:
+            self.page.document.add_next_tick_callback(sent.set)
+            sent.wait(300.0)
+        return sent.is_set()
 
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""

@@ -4,6 +4,8 @@ import re
 import signal
 import subprocess
 import sys
+import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +107,24 @@ def test_undo_of_the_first_zoom_shows_all_points_again(window):
     window.settle(lambda: page.view.ylim is not None)
     window.tool("undo")
     window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
+    page = window.page
+    sending, sent = threading.Event(), threading.Event()
+
+    def paint():
+        """Send a picture that fits another window, while the browser's zoom is not read yet."""
+        sending.set()
+        sent.wait(300.0)
+        page.diagram._paint(replace(page.shown, window=(-9.0, 9.0)), 0.0)
+
+    page.document.add_next_tick_callback(paint)
+    assert sending.wait(300.0)
+    window.model("diagram", "{m.y_range.setv({start: -0.5, end: -0.25})}")
+    sent.set()
+    window.settle(lambda: page.view.ylim == (-0.5, -0.25))
     np.testing.assert_array_equal(window.pixels(), expected(page))
 
 
