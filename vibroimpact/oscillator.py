@@ -12,7 +12,7 @@ configuration, files and axis labels all read it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any, Self
@@ -118,6 +118,13 @@ def whole(name: str, value: object, least: int, most: int) -> int:
         if least <= number <= most:
             return number
     raise ValueError(f"{name} must be an integer from {least:,} to {most:,}, not {_shown(value)}")
+
+
+def one_of(name: str, value: object, allowed: Collection[str]) -> str:
+    """Return `value`, or refuse what is none of the allowed words."""
+    if not isinstance(value, str) or value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(allowed)}, not {_shown(value)}")
+    return value
 
 
 def refuse_other(name: str, value: object, kind: type) -> None:
@@ -280,7 +287,7 @@ class Oscillator:
         return np.array([(*values, x0, v0)], dtype=POINT)
 
 
-def refuse_invalid(points: np.ndarray, beyond_stop: bool) -> None:
+def refuse_invalid(points: object, beyond_stop: bool) -> None:
     """Refuse an array that is not of valid parameter points; some start `beyond_stop`.
 
     Raises

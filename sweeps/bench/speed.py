@@ -138,9 +138,9 @@ def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
 
 
 @jit(refcounts=False)
-def _multiply_adds(sums: np.ndarray, times: int) -> None:
+def _multiply_adds(sums, times):  # type: ignore[no-untyped-def]  # numba types it
     """Do nothing but fused multiply-adds; each sum waits only for its own."""
-    widest_vectors()  # type: ignore[call-arg]  # numba gives the context
+    widest_vectors()
     for _ in range(times):
         for i in range(_SUMS):
             y = sums[i]

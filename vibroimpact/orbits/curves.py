@@ -14,7 +14,7 @@ from vibroimpact.orbits.branches import Branch, both_directions, branch, without
 from vibroimpact.orbits.family import CONDITIONS, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of, unit_of_speed
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
-from vibroimpact.oscillator import refuse_other
+from vibroimpact.oscillator import one_of, refuse_other
 
 #: Kinds of curves.
 KINDS = tuple(filter(None, CONDITIONS))
@@ -57,9 +57,9 @@ def bifurcation_curve(
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, not {kind!r}")
-    for bounds in (first, second):
+    one_of("kind", kind, KINDS)
+    ranges: tuple[object, object] = (first, second)
+    for bounds in ranges:
         if not isinstance(bounds, (tuple, list)) or len(bounds) != 3:
             raise ValueError(f"a parameter needs (name, low, high), not {bounds!r}")
     axes = [ContinuationParameter.of(orbit.oscillator, *bounds) for bounds in (first, second)]

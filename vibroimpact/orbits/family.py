@@ -18,7 +18,7 @@ from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, parameters_at
 from vibroimpact.orbits.detection import ROUNDING, test_functions
 from vibroimpact.orbits.flights import first_penetration, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
-from vibroimpact.oscillator import Oscillator
+from vibroimpact.oscillator import Oscillator, one_of
 
 #: What all orbits of a family have in common: nothing, or a bifurcation.
 CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
@@ -47,8 +47,7 @@ class ContinuationParameter:
     @classmethod
     def of(cls, osc: Oscillator, name: str, low: float, high: float) -> ContinuationParameter:
         """Check a range; TypeError or ValueError if there is no such parameter or range."""
-        if name not in _NAMES:
-            raise ValueError(f"parameter must be one of {', '.join(_NAMES)}, not {name!r}")
+        one_of("parameter", name, _NAMES)
         for value in (low, high):
             replace(osc, **{name: value})
         if not low < high:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.oscillator import whole
+from vibroimpact.oscillator import one_of, whole
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import least_stable_steps
@@ -151,14 +151,9 @@ def scheme_of(
     A ValueError says which name is unknown or which number is not in its range, that the rule does
     not take the integrator, or that the rule ``exact`` needs more steps.
     """
-    if isinstance(phase, bool) or not isinstance(phase, Real) or not 0.0 <= phase < 2.0 * math.pi:
-        raise ValueError(f"phase must be a number from 0 to below 2 pi, not {phase!r}")
-    for name, value, table in (
-        ("integrator", integrator, INTEGRATORS),
-        ("impact", impact, IMPACT_RULES),
-    ):
-        if not isinstance(value, str) or value not in table:
-            raise ValueError(f"{name} must be one of {', '.join(table)}, not {value!r}")
+    first = _phase(phase)
+    one_of("integrator", integrator, INTEGRATORS)
+    one_of("impact", impact, IMPACT_RULES)
     if impact == "exact" and integrator != "exact":
         raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
     steps = steps_per_period
@@ -173,6 +168,14 @@ def scheme_of(
             )
     return Scheme(
         (IMPACT_RULES[impact].code, INTEGRATORS[integrator].code),
-        lead_in(float(phase), steps, at_section),
-        one_period(float(phase), steps),
+        lead_in(first, steps, at_section),
+        one_period(first, steps),
     )
+
+
+def _phase(phase: object) -> float:
+    """Return the phase of a section as a float, or refuse it."""
+    if not isinstance(phase, bool) and isinstance(phase, Real):
+        if phase < 2.0 * math.pi and not phase < 0.0:
+            return float(phase)
+    raise ValueError(f"phase must be a number from 0 to below 2 pi, not {phase!r}")
