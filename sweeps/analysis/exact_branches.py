@@ -7,7 +7,7 @@ the points are from their orbits is found from the points alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,7 @@ from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
+from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import period_class
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
 _NAMES = [field.name for field in fields(Oscillator)]
 #: Longer orbits are neither seeds nor followed, nor more branches than this.
 MOST_PERIODS, MOST_BRANCHES = 8, 60
+#: How far a branch may be from the lines between its points, as a share of the ranges: a seventh of
+#: a pixel of a picture.
+CHORD_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -146,14 +150,9 @@ def branches(
 
 def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
     """Return what `branches` does."""
-    items = found.branches
+    items = _smooth(found, phase)
     special = [point for item in items for point in item.special]
-    # Not item.orbit(i), which may number its impacts from another impact than the branch.
-    orbits = [
-        PeriodicOrbit(item.orbit(i).oscillator, item.m, item.phases[i], item.speeds[i])
-        for item in items
-        for i in range(len(item.values))
-    ]
+    orbits = [orbit for item in items for orbit in _orbits(item)]
     data: dict[str, Any] = {
         "stable": ("point", np.concatenate([np.empty(0, bool), *(b.stable for b in items)])),
         "kind": ("special", np.array([point.kind for point in special], "U11")),
@@ -174,6 +173,33 @@ def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
         "range": [found.low, found.high],
     }  # fmt: skip
     return dataset_of(items, "branch", (found.parameter,), data, about)
+
+
+def _smooth(found: BranchSet, phase: float) -> list[Branch]:
+    """Return the branches with as many points as a picture of any coordinate needs."""
+
+    def shown(orbit: PeriodicOrbit) -> list[np.ndarray]:
+        values = orbit_coordinates(orbit, phase)
+        values["impact_phase"] = values["impact_phase"] % (2.0 * np.pi)
+        return list(values.values())
+
+    records = [shown(orbit) for item in found.branches for orbit in _orbits(item)]
+    columns = zip(*records, strict=True)
+    extents = [float(np.ptp(np.concatenate(column))) or 1.0 for column in columns]
+
+    def drawn(orbit: PeriodicOrbit) -> np.ndarray:
+        return np.concatenate([y / extent for y, extent in zip(shown(orbit), extents, strict=True)])
+
+    return [
+        with_short_chords(item, found.low, found.high, drawn, CHORD_TOLERANCE)
+        for item in found.branches
+    ]
+
+
+def _orbits(item: Branch) -> Iterator[PeriodicOrbit]:
+    """Yield the orbits of a branch, which number their impacts alike, unlike `Branch.orbit`."""
+    for value, *impacts in zip(item.values, item.phases, item.speeds, strict=True):
+        yield PeriodicOrbit(item.oscillator_at(value), item.m, *impacts)
 
 
 def dataset_of(

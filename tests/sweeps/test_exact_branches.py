@@ -12,6 +12,7 @@ from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
 from sweeps.plotting.canvas import Page
+from sweeps.plotting.exact import parts_of
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator
 
@@ -163,6 +164,29 @@ def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
         for line in drawn:
             steps = np.abs(np.diff(line.get_ydata(), axis=0))
             assert steps.max() < 0.5
+
+
+@pytest.mark.parametrize("coordinate", ["poincare_x", "poincare_v"])
+def test_the_line_is_exact_between_its_points(tmp_path, coordinate):
+    """Its orbit in closed form is on it, also where the impact passes the section."""
+    with computed(tmp_path, "record.phase=1.3", "oscillator.R=0.8") as dataset:
+        found = branches(dataset)
+        lines = [part for part in parts_of(found, coordinate) if part.y.shape[1:] == (1,)]
+    column = {"poincare_x": 0, "poincare_v": 1}[coordinate]
+    off = []
+    for omega in np.linspace(2.4, FLIPS[1], 500)[:-1].tolist():
+        oscillator = Oscillator(h=0.05, R=0.8, omega=omega, f=1.0)
+        orbit = one_impact_orbit(oscillator)
+        (state,) = naive.after_impact(oscillator, 1, orbit.v, orbit.phase, 1.3)
+        drawn = [
+            float(np.interp(omega, line.x, line.y[:, 0]))
+            for line in lines
+            if line.x[0] <= omega <= line.x[-1]
+        ]
+        off.append(min(np.abs(np.array(drawn) - state[column]), default=0.0))
+    extent = float(np.ptp(np.concatenate([line.y for line in lines])))
+    assert 0.0 < max(off) < 2e-4 * extent
+    assert sum(np.array(off) == 0.0) < 3  # the gap at a jump is no wider than that
 
 
 def test_the_branches_are_a_dataset_and_a_table(exact, tmp_path):

@@ -91,20 +91,21 @@ class Branch:
     special: list[SpecialPoint]
     oscillator: Oscillator
 
-    def _oscillator(self, value: Any) -> Oscillator:
+    def oscillator_at(self, value: Any) -> Oscillator:
+        """Return the oscillator at a value of the parameter, or at two of a curve."""
         values = np.atleast_1d(value).tolist()
         return replace(self.oscillator, **dict(zip(self.parameters, values, strict=True)))
 
     def orbit(self, i: int) -> PeriodicOrbit:
         """Return the orbit at a point of the branch."""
-        osc = self._oscillator(self.values[i])
+        osc = self.oscillator_at(self.values[i])
         if self.q == 0:
             return free_orbit(osc)
         return orbit_of(osc, self.m, self.phases[i], self.speeds[i])
 
     def at(self, value: float) -> list[PeriodicOrbit]:
         """Return the orbits of a branch at a value of its parameter, in the order of the branch."""
-        osc, orbits_there = self._oscillator(value), []
+        osc, orbits_there = self.oscillator_at(value), []
         away = self.values - value
         crossed = (away[:-1] * away[1:] < 0.0) | (away[:-1] == 0.0)
         crossed[-1:] |= away[-1:] == 0.0

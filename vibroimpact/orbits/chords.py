@@ -1,0 +1,124 @@
+"""More points on a branch, until straight lines between them show it.
+
+A continuation steps as far as its corrector and its test functions allow. What is drawn of the
+orbits may bend between two of its points, and jump where an impact passes the section.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.orbits.branches import Branch
+from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
+from vibroimpact.orbits.orbit import PeriodicOrbit
+
+#: A chord is near the branch if its middle is, and those of its halves: one middle alone may be a
+#: point of inflection.
+_CHECKS = 2
+
+
+def with_short_chords(
+    found: Branch,
+    low: float,
+    high: float,
+    drawn: Callable[[PeriodicOrbit], np.ndarray],
+    tolerance: float,
+) -> Branch:
+    """Return a branch with so many points that what is drawn of it stays near their chords.
+
+    Parameters
+    ----------
+    found : Branch
+        In one parameter.
+    low, high : float
+        The range of the parameter.
+    drawn : callable
+        Returns what is drawn of an orbit over the parameter, as shares of its ranges, shape (k,).
+    tolerance : float
+        How far from a chord it may be, as a share of the ranges. So near, too, are the points on
+        both sides of a jump.
+
+    Returns
+    -------
+    Branch
+        The added points are orbits to rounding, as all others.
+    """
+    if len(found.values) < 2:
+        return found
+    (name,) = found.parameters
+    osc = replace(found.oscillator, **{name: float(found.values[0])})
+    orbit = PeriodicOrbit(osc, found.m, found.phases[0], found.speeds[0])
+    family = OrbitFamily(orbit, (ContinuationParameter(name, low, high),))
+    chords = _Chords(family, drawn, tolerance)
+    z = np.stack([found.phases, found.speeds / family.speed], axis=2).reshape(len(found.values), -1)
+    places = [chords.place(X) for X in np.column_stack([z, found.values / family.spans])]
+    index, added = [], []
+    for i, (begin, end) in enumerate(pairwise(places), 1):
+        between = [place.X for place in chords.between(begin, end)]
+        index += [i] * len(between)
+        added += between
+    if not added:
+        return found
+    X, stable = np.array(added), found.stable[1:] | found.stable[:-1]
+    phases, speeds = family.impacts(X)
+    return replace(
+        found,
+        values=np.insert(found.values, index, family.kept(X)[:, 0]),
+        stable=np.insert(found.stable, index, stable[np.array(index) - 1]),
+        phases=np.insert(found.phases, index, phases, axis=0),
+        speeds=np.insert(found.speeds, index, speeds, axis=0),
+    )
+
+
+class _Place(NamedTuple):
+    """The unknowns of an orbit, (2 q + 1,), and where it is drawn: its abscissa, its ordinates."""
+
+    X: np.ndarray
+    x: float
+    y: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Chords:
+    """The chords of a branch; as in `with_short_chords`."""
+
+    family: OrbitFamily
+    drawn: Callable[[PeriodicOrbit], np.ndarray]
+    tolerance: float
+
+    def place(self, X: np.ndarray) -> _Place:
+        """Return where an orbit is drawn."""
+        osc, impacts = self.family.oscillator(X), self.family.impacts(X)
+        return _Place(X, float(X[-1]), self.drawn(PeriodicOrbit(osc, self.family.m, *impacts)))
+
+    def between(self, begin: _Place, end: _Place, checks: int = _CHECKS) -> Iterator[_Place]:
+        """Yield the points that are needed between two, in order."""
+        middle = self._middle(begin, end)
+        if middle is None:
+            return
+        checks = _CHECKS if self._is_off(begin, middle, end) else checks - 1
+        if checks:
+            yield from self.between(begin, middle, checks)
+        yield middle
+        if checks:
+            yield from self.between(middle, end, checks)
+
+    def _middle(self, begin: _Place, end: _Place) -> _Place | None:
+        """Return the orbit halfway between two of a branch; None if none is found."""
+        family, chord = self.family, end.X - begin.X
+        guess = begin.X + 0.5 * chord
+        X = family.corrected(guess, chord[None, :]) if family.q else guess
+        if X is None or family.distance(X, guess) > family.distance(guess, begin.X):
+            return None
+        return self.place(X) if family.parameters[0].holds(family.values(X).item()) else None
+
+    def _is_off(self, begin: _Place, middle: _Place, end: _Place) -> bool:
+        """Whether an ordinate of the middle is too far from its chord."""
+        across, up = end.x - begin.x, end.y - begin.y
+        away = across * (middle.y - begin.y) - up * (middle.x - begin.x)
+        return bool((np.abs(away) > self.tolerance * np.hypot(across, up)).any())
