@@ -1,15 +1,15 @@
 """The exact branches of the periodic motions along a line of computed points.
 
 Every periodic motion in the file is a seed: the orbit that it is on is found by Newton's method,
-and followed with all that its flips and grazes lead to (`vibroimpact.orbits.branch_set`). How far
-the points are from their orbits is found from the points alone.
+and followed with all that its flips and grazes lead to (`vibroimpact.orbits.branch_set`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,11 +23,11 @@ from sweeps.analysis.selection import (
     listed,
     orbit_coordinates,
     oscillator_of,
-    recorded_coordinate,
     select,
 )
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
+from sweeps.text import shown_count
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.chords import with_short_chords
@@ -36,12 +36,11 @@ from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import period_class
 from vibroimpact.status import Status
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _NAMES = [field.name for field in fields(Oscillator)]
 #: Longer orbits are neither seeds nor followed, nor more branches than this.
 MOST_PERIODS, MOST_BRANCHES = 8, 60
+#: Classes that the summary names.
+_MOST_NAMES = 8
 #: How far a branch may be from the lines between its points, as a share of the ranges: a seventh of
 #: a pixel of a picture.
 CHORD_TOLERANCE = 1e-4
@@ -78,13 +77,14 @@ class Line:
             np.where(known, m, 0), np.where(known, q, 0),
         )  # fmt: skip
 
-    def seeds(self) -> list[int]:
-        """Return the middle of every run of points of one class, the longest runs first."""
+    def runs(self) -> list[tuple[int, int]]:
+        """Return the middle and the length of every run of periodic points of one class."""
         classes = self.m * (1 + int(self.q.max(initial=0))) + self.q
         begins = np.flatnonzero(np.diff(classes, prepend=-1))
         lengths = np.diff(begins, append=len(classes))
-        order = np.argsort(-lengths, kind="stable")
-        return [i for i in (begins + lengths // 2)[order].tolist() if self.m[i] > 0]
+        middles = begins + lengths // 2
+        known = self.m[middles] > 0
+        return list(zip(middles[known].tolist(), lengths[known].tolist(), strict=True))
 
     def orbit(self, i: int) -> PeriodicOrbit:
         """Return the orbit that a periodic point is on; OrbitError if none is found."""
@@ -100,8 +100,14 @@ def branches(
     axis: str | None = None,
     at: Selection | None = None,
     check: Callable[[], object] = lambda: None,
+    *,
+    classes: Collection[tuple[int, int]] = (),
+    most: int = MOST_BRANCHES,
 ) -> xr.Dataset:
-    """Follow the orbits of all periodic motions of a sweep along one axis.
+    """Follow the orbits of the periodic motions of a sweep along one axis.
+
+    The branches of motions that are in the file come first, the most frequent class first, and then
+    those that these lead to.
 
     Parameters
     ----------
@@ -113,6 +119,10 @@ def branches(
         Values of the other swept axes; by default the first.
     check : callable, optional
         Is called before each branch; what it raises ends the work.
+    classes : collection of (int, int), optional
+        m and q of the motions to follow, by default all of at most ``MOST_PERIODS`` periods.
+    most : int, optional
+        No more branches are followed.
 
     Returns
     -------
@@ -135,20 +145,48 @@ def branches(
     lines = lines_of(dataset, axis, at)
     low = min(float(line.values[0]) for line in lines)
     high = max(float(line.values[-1]) for line in lines)
-    found = BranchSet(axis, low, high, MOST_BRANCHES, MOST_PERIODS, check)
-    for line in lines:
-        for i in line.seeds():
-            if line.m[i] > MOST_PERIODS:
-                found.given_up[f"motions of more than {MOST_PERIODS} periods"] += 1
-                continue
+    longest = max((m for m, _ in classes), default=MOST_PERIODS)
+    found = BranchSet(axis, low, high, most, longest, classes, check)
+    left_out: dict[str, Counter[tuple[int, int]]] = {}
+    for line, i, length in _seeds(lines):
+        mq = int(line.m[i]), int(line.q[i])
+        reason = ""
+        if classes and mq not in classes:
+            continue
+        if mq[0] > longest:
+            reason = f"of more than {longest} periods"
+        else:
             try:
-                found.grow(line.orbit(i))
+                reason = "" if found.add(line.orbit(i)) else f"beyond the first {most} branches"
             except OrbitError as error:
-                found.given_up[f"motions of which {error}"] += 1
-    return _as_dataset(found, lines[0].phase)
+                reason = f"of which {error}"
+        if reason:
+            left_out.setdefault(reason, Counter())[mq] += length
+    found.grow()
+    return _as_dataset(found, lines[0].phase, left_out)
 
 
-def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
+def _seeds(lines: Sequence[Line]) -> list[tuple[Line, int, int]]:
+    """Return a point of each run of a class and the length of the run, in the order to follow them.
+
+    The longest run of each class comes first, the most frequent class before the others.
+    """
+    runs = [(line, *run) for line in lines for run in line.runs()]
+    points: Counter[tuple[int, int]] = Counter()
+    for line, i, length in runs:
+        points[int(line.m[i]), int(line.q[i])] += length
+    seen: Counter[tuple[int, int]] = Counter()
+    ordered = []
+    for line, i, length in sorted(runs, key=lambda run: -run[2]):
+        mq = int(line.m[i]), int(line.q[i])
+        ordered.append((seen[mq], -points[mq], (line, i, length)))
+        seen[mq] += 1
+    return [run for *_, run in sorted(ordered, key=lambda item: item[:2])]
+
+
+def _as_dataset(
+    found: BranchSet, phase: float, left_out: Mapping[str, Counter[tuple[int, int]]]
+) -> xr.Dataset:
     """Return what `branches` does."""
     items = _smooth(found, phase)
     special = [point for item in items for point in item.special]
@@ -167,7 +205,7 @@ def _as_dataset(found: BranchSet, phase: float) -> xr.Dataset:
         table = _padded([record[name] for record in records])
         data[name] = ("point", variable.record), table[: len(orbits)]
         data[f"special_{name}"] = ("special", variable.record), table[len(orbits) :]
-    lines = _summary(found)
+    lines = _summary(found, left_out)
     about = {
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
         "range": [found.low, found.high],
@@ -234,87 +272,26 @@ def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
     return table
 
 
-def _summary(found: BranchSet) -> list[str]:
-    """Say in lines what was found, and what was given up."""
-    classes = sorted({(branch.m, branch.q) for branch in found.branches})
-    if not classes:
-        return ["no exact orbit is found"]
-    names = [f"{m}/{q}" for m, q in classes]
-    shown = listed(names[:8]) + (", ..." if len(names) > 8 else "")
+def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]]) -> list[str]:
+    """Say in lines what was found, and which motions and how many branches were not followed."""
+    classes = {(branch.m, branch.q) for branch in found.branches}
+    names = listed([f"{m}/{q}" for m, q in sorted(classes)][:_MOST_NAMES])
+    names += ", ..." if len(classes) > _MOST_NAMES else ""
     noun = "branch" if len(found.branches) == 1 else "branches"
-    lines = [f"{len(found.branches)} exact {noun} of {shown}"]
-    if found.given_up:
-        texts = [f"{count} {reason}" for reason, count in sorted(found.given_up.items())]
-        lines.append(f"not followed: {'; '.join(texts)}")
-    return lines
-
-
-def compare(
-    dataset: xr.Dataset, axis: str, at: Selection | None = None, coordinate: str = "poincare_x"
-) -> list[str]:
-    """Say in lines, for each direction and class, how far points are from their exact orbits."""
-    texts = []
-    for line in lines_of(dataset, axis, at):
-        way = f"{line.dataset[DIRECTION].item()}: " if DIRECTION in line.dataset.coords else ""
-        said = [
-            _said(f"{m}/{q}", axis, points)
-            for (m, q), points in deviations(line, coordinate).groupby(["m", "q"])
+    lines = [
+        f"{len(found.branches)} exact {noun} of {names}" if names else "no exact orbit is found"
+    ]
+    for reason, motions in left_out.items():
+        texts = [
+            f"{m}/{q} ({shown_count(count, 'point')})" for (m, q), count in motions.most_common()
         ]
-        texts += [way + text for text in said or ["no point follows a stable exact orbit"]]
-    return texts
-
-
-def deviations(line: Line, coordinate: str) -> pd.DataFrame:
-    """Compare the periodic points of a line with the stable orbits that they are on.
-
-    A row for each point with such an orbit of its own class has ``m``, ``q``, the axis, ``size``
-    (the largest deviation in its record, in the unit of the coordinate), and ``settled`` (whether
-    the multipliers reduce a deviation to rounding within the transient).
-    """
-    import pandas as pd
-
-    records = recorded_coordinate(line.dataset, coordinate).values
-    transient = int(line.dataset["section"].values[0]) - 1
-    rows = []
-    for i in np.flatnonzero((line.q > 0) & (line.m <= MOST_PERIODS)).tolist():
-        try:
-            orbit = line.orbit(i)
-        except OrbitError:
-            continue
-        if orbit.stable and (orbit.m, orbit.q) == (line.m[i], line.q[i]):
-            exact = orbit_coordinates(orbit, line.phase)[coordinate]
-            size = _distance(records[i], exact, coordinate)
-            decay = float(np.abs(orbit.multipliers).max()) ** (transient / orbit.m)
-            settled = decay < np.finfo(float).eps
-            rows.append((orbit.m, orbit.q, float(line.values[i]), size, settled))
-    return pd.DataFrame(rows, columns=["m", "q", line.axis, "size", "settled"])
-
-
-def _said(name: str, axis: str, points: pd.DataFrame) -> str:
-    """Say in one line how far points of one class are from their orbits."""
-    worst, settled = points.loc[points["size"].idxmax()], points["size"][points["settled"]]
-    text = (
-        f"{name}: {len(points):,} points follow a stable orbit; largest deviation "
-        f"{worst['size']:.1e} at {axis} = {worst[axis]:g}"
-    )
-    if len(settled) == len(points):
-        return text
-    if not len(settled):
-        return f"{text}; the transient has died out at none of them"
-    return (
-        f"{text}, and {settled.max():.1e} at the {len(settled):,} where the transient has died out"
-    )
-
-
-def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
-    """Return the largest distance of a record from an orbit that starts at any of its points."""
-    record = record[np.isfinite(record)]
-    starts = [np.resize(np.roll(orbit, -k), record.shape) for k in range(len(orbit))]
-    apart = np.abs(record - np.array(starts))
-    if coordinate == "impact_phase":
-        apart %= 2.0 * np.pi
-        apart = np.minimum(apart, 2.0 * np.pi - apart)
-    return float(apart.max(axis=1, initial=0.0).min())
+        lines.append(f"not followed, {reason}: {listed(texts)}")
+    if missing := [f"{m}/{q}" for m, q in found.classes if (m, q) not in classes]:
+        lines.append(f"no orbit of {listed(missing)} is found")
+    if found.given_up:
+        counted = [f"{count} {reason}" for reason, count in sorted(found.given_up.items())]
+        lines.append(f"not followed: {'; '.join(counted)}")
+    return lines
 
 
 def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:

@@ -86,7 +86,7 @@ def bifurcations(found: xr.Dataset) -> pd.DataFrame:
     return frame[~(step <= 1e-10 * frame["value"].abs().clip(lower=1.0))]
 
 
-def describe(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> str:
+def describe(dataset: xr.Dataset, axis: str, at: Selection | None = None, **chosen: Any) -> str:
     """List the bifurcations on all branches of the motions along one line of a sweep.
 
     Each has a line: the value to twelve digits, the kind, and m/q. The text is empty where there
@@ -95,7 +95,7 @@ def describe(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> str
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
     if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
         return ""
-    found = branches(dataset, axis, at)
+    found = branches(dataset, axis, at, **chosen)
     rows = [
         [f"{axis} = {point.value:.12g}", point.kind, f"{point.m}/{point.q}"]
         for point in bifurcations(found).itertuples()

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,7 +30,35 @@ Resume = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output.")]
 SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
 
+Classes = Annotated[
+    str | None,
+    typer.Option(
+        metavar="M/Q,...", help="Of the exact branches only those of these classes, as 1/1,3/3."
+    ),
+]
+MostBranches = Annotated[
+    int | None, typer.Option("--most", metavar="N", help="Follow at most N exact branches.")
+]
+
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
+
+
+def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
+    """Read which exact branches are to be followed, as arguments of `sweeps.branches`."""
+    chosen: dict[str, Any] = {}
+    if classes is not None:
+        pairs = [re.fullmatch(r"\s*([1-9]\d*)/(\d+)\s*", text) for text in classes.split(",")]
+        if not all(pairs):
+            raise Refused(
+                f"--classes {classes} is not allowed; expected: periods/impacts of one class or "
+                "several, as 1/1,3/3"
+            )
+        chosen["classes"] = [(int(pair[1]), int(pair[2])) for pair in pairs if pair]
+    if most is not None:
+        if most < 1:
+            raise Refused(f"--most {most} is not allowed; expected: an integer >= 1")
+        chosen["most"] = most
+    return chosen
 
 
 def check_csv(path: Path | None) -> None:

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.cli.options import (
+    Classes,
+    MostBranches,
+    branch_options,
     check_csv,
     inches,
     limits,
@@ -135,6 +138,8 @@ def plot(
     coordinate: Coordinate = None,
     quantity: Quantity = None,
     exact: Exact = False,
+    classes: Classes = None,
+    most: MostBranches = None,
     csv: ExactTable = None,
     below: Below = None,
     periods: Periods = None,
@@ -156,6 +161,8 @@ def plot(
     check_csv(csv)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
+    if not exact and (classes or most is not None):
+        raise Refused("--classes and --most are not allowed here; expected: with --exact")
     page = {
         "width": inches("--width", width),
         "height": inches("--height", height),
@@ -171,7 +178,7 @@ def plot(
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
         "quantity": quantity,
-        "exact": exact or None,
+        "exact": branch_options(classes, most) if exact else None,
         "below": tuple(below) if below else None,
         "periods": periods,
     }
@@ -227,15 +234,19 @@ def _exact(
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, what to say, and a table."""
     from sweeps.analysis import tables
-    from sweeps.analysis.exact_branches import branches, compare
+    from sweeps.analysis.deviations import compare
+    from sweeps.analysis.exact_branches import branches
     from sweeps.analysis.exact_curves import curves, map_axes
     from sweeps.plotting.lines import select_line
 
-    axes = options.get("axes", ())
+    axes, chosen = options.get("axes", ()), options["exact"]
     if kind == "map":
+        if chosen:
+            raise Refused("classes and most choose exact branches, which a map does not show")
         found = curves(dataset, map_axes(dataset, axes), cut)
         return found, found.attrs["summary"].split("\n"), tables.curve_table(found)
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
-    found = branches(dataset, axis, cut)
-    lines = compare(dataset, axis, cut, coordinate) + found.attrs["summary"].split("\n")
+    found = branches(dataset, axis, cut, **chosen)
+    compared = compare(dataset, axis, cut, coordinate, chosen.get("classes", ()))
+    lines = compared + found.attrs["summary"].split("\n")
     return found, lines, tables.branch_table(found)

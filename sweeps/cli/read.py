@@ -5,12 +5,23 @@ As in ``main.py``, what a command needs is imported inside it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sweeps.cli.options import SweepFile, check_csv, named, say, say_moved, selection_of
+from sweeps.cli.options import (
+    Classes,
+    MostBranches,
+    SweepFile,
+    branch_options,
+    check_csv,
+    named,
+    say,
+    say_moved,
+    selection_of,
+)
 from sweeps.errors import Refused
 
 if TYPE_CHECKING:
@@ -64,6 +75,8 @@ def info(
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="Where to cut another parameter; repeatable."),
     ] = None,
+    classes: Classes = None,
+    most: MostBranches = None,
     csv: Annotated[
         Path | None,
         typer.Option("--csv", metavar="FILE", help="Write every bifurcation to it."),
@@ -78,14 +91,20 @@ def info(
 
     if config and bifurcations:
         raise Refused("--config and --bifurcations exclude each other; give one of them")
-    for option, value in (("axis", axis), ("at", " ".join(at or ())), ("csv", csv)):
+    for option, value in (
+        ("axis", axis),
+        ("at", " ".join(at or ())),
+        ("csv", csv),
+        ("classes", classes),
+        ("most", most),
+    ):
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     check_csv(csv)
     cuts = selection_of(at)
     with open_sweep(file) as dataset, named(file):
         if bifurcations:
-            _show_bifurcations(dataset, axis, cuts, csv)
+            _show_bifurcations(dataset, axis, cuts, csv, branch_options(classes, most))
         elif config:
             say(dataset.attrs["configuration"], end=False)
         else:
@@ -95,7 +114,11 @@ def info(
 
 
 def _show_bifurcations(
-    dataset: xr.Dataset, axis: str | None, cuts: Selection, csv: Path | None
+    dataset: xr.Dataset,
+    axis: str | None,
+    cuts: Selection,
+    csv: Path | None,
+    chosen: Mapping[str, Any],
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file."""
     from sweeps.analysis import bifurcations, tables
@@ -109,7 +132,7 @@ def _show_bifurcations(
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)
-    if text := tables.describe(dataset, along, cuts):
+    if text := tables.describe(dataset, along, cuts, **chosen):
         say(text)
     if csv is not None:
         bifurcations.write_csv(csv, along, items)

@@ -172,7 +172,7 @@ def test_a_map_and_the_exact_orbits():
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
     accepted("run", "sweep.yaml", "--quiet", "--overwrite", *cut)
     followed, *_, picture = accepted("plot", "small.h5", "--exact").splitlines()
-    assert re.match(r"1/1: \d points follow a stable orbit; largest deviation \d", followed)
+    assert re.match(r"1/1: \d points on a stable orbit; largest deviation \d", followed)
     assert picture == "small.png"
 
 

@@ -1,4 +1,5 @@
 import csv
+from collections import Counter
 
 import naive
 import numpy as np
@@ -6,7 +7,8 @@ import pytest
 
 from sweep_files import run_in
 from sweeps import branches, open_sweep
-from sweeps.analysis.exact_branches import Line, _distance, compare, deviations
+from sweeps.analysis.deviations import _distance, compare, deviations
+from sweeps.analysis.exact_branches import Line
 from sweeps.analysis.selection import COORDINATES, select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
@@ -164,6 +166,23 @@ def test_a_line_breaks_where_the_phase_begins_anew(tmp_path):
         for line in drawn:
             steps = np.abs(np.diff(line.get_ydata(), axis=0))
             assert steps.max() < 0.5
+
+
+def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
+    cut = select(exact, {"R": 0.8}, free=["omega"]).load()
+    m, q = cut["period"].values, cut["period_impacts"].values
+    known = (m > 0) & (cut["rest_fraction"].values == 0.0)
+    points = Counter(zip(m[known].tolist(), q[known].tolist(), strict=True))
+    (first, _), (second, _), *others = points.most_common()
+    found = branches(exact, "omega", {"R": 0.8}, most=2)
+    assert list(zip(found["m"].values, found["q"].values, strict=True)) == [first, second]
+    said = next(line for line in found.attrs["summary"].split("\n") if "beyond the first 2" in line)
+    for (periods, impacts), count in others:
+        if periods <= 8:
+            assert f"{periods}/{impacts} ({count} point" in said
+    chosen = branches(exact, "omega", {"R": 0.8}, classes=[(2, 2), (1, 1), (3, 5)])
+    assert {*zip(chosen["m"].values, chosen["q"].values, strict=True)} == {(1, 1), (2, 2)}
+    assert "no orbit of 3/5 is found" in chosen.attrs["summary"]
 
 
 @pytest.mark.parametrize("coordinate", ["poincare_x", "poincare_v"])

@@ -11,7 +11,8 @@ from matplotlib.colors import to_hex
 from commands import call
 from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.exact_branches import branches, compare
+from sweeps.analysis.deviations import compare
+from sweeps.analysis.exact_branches import branches
 from sweeps.analysis.selection import swept_axes
 from sweeps.engine import executors
 from sweeps.engine import run as runner

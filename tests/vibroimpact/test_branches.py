@@ -183,7 +183,8 @@ def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
     """Two folds, two grazes of the free oscillation, and what lies between them: from one seed."""
     osc = Oscillator(h=0.05, R=0.8, omega=1.5, f=1.0, clearance=1.5)
     tree = BranchSet("omega", 0.4, 1.9)
-    tree.grow(periodic_orbit(osc, 0.0, 0.0))
+    assert tree.add(periodic_orbit(osc, 0.0, 0.0))
+    tree.grow()
     classes = {(one.m, one.q) for one in tree.branches}
     assert {(1, 0), (1, 1), (1, 2), (2, 3)} <= classes
     folds = sorted(value for one in tree.branches for value in special(one, "fold"))
@@ -196,7 +197,8 @@ def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
 def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
     osc = Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0)
     tree = BranchSet("omega", 2.4, 3.5, most_periods=8)
-    tree.grow(one_impact(osc))
+    assert tree.add(one_impact(osc))
+    tree.grow()
     assert sum((one.m, one.q) == (1, 1) for one in tree.branches) == 1
     assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= {
         (one.m, one.q) for one in tree.branches

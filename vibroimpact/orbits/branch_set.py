@@ -1,7 +1,7 @@
-"""Sets of branches: from one orbit to all that its bifurcations lead to.
+"""Sets of branches: from some orbits to all that its bifurcations lead to.
 
 At a flip the orbits of twice the period begin; at a graze an orbit with q impacts becomes one with
-q - 1 or q + 1. So a set grows from one orbit. It has no end where motions are chaotic, so it is
+q - 1 or q + 1. So a set grows from a few orbits. It has no end where motions are chaotic, so it is
 cut: in the length of its orbits, in its branches, and where unstable branches lead to unstable
 ones.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,41 +40,55 @@ class BranchSet:
     high: float
     most_branches: int = 100
     most_periods: int = 64  # of the orbits that are followed
+    classes: Collection[
+        tuple[int, int]
+    ] = ()  # m and q of the orbits that are followed; of none: all
     check: Callable[[], object] = lambda: None  # is called before each branch; may raise
     branches: list[Branch] = field(default_factory=list)
     given_up: Counter[str] = field(default_factory=Counter)  # in words, and how often
+    _queue: list[tuple[int, int, int, int, int, str, PeriodicOrbit]] = field(default_factory=list)
 
-    def grow(self, orbit: PeriodicOrbit) -> None:
-        """Add the branch of an orbit and all that it leads to, shorter orbits first."""
-        if self.holds(orbit):
-            return
-        queue: list[tuple[int, int, int, int, str, PeriodicOrbit]] = []
-        heapq.heappush(queue, (orbit.m, orbit.q, 0, 0, "", orbit))
-        count = 0
-        while queue:
-            self.check()
-            *_, depth, kind, start = heapq.heappop(queue)
+    def add(self, orbit: PeriodicOrbit) -> bool:
+        """Add the branch of an orbit; return whether there was room for it, or it was there."""
+        if not self.holds(orbit):
+            if len(self.branches) >= self.most_branches:
+                return False
+            self._follow("", orbit, 0)
+        return True
+
+    def grow(self) -> None:
+        """Add all that the branches lead to, shorter orbits first."""
+        while self._queue:
+            *_, depth, kind, start = heapq.heappop(self._queue)
             if self._has(start, kind):
                 continue
-            if len(self.branches) >= self.most_branches:
+            if len(self.branches) < self.most_branches:
+                self._follow(kind, start, depth)
+            else:
                 self.given_up[f"branches beyond the first {self.most_branches}"] += 1
+
+    def _follow(self, kind: str, start: PeriodicOrbit, depth: int) -> None:
+        """Add the branch that begins at an orbit, and queue where others begin on it."""
+        self.check()
+        try:
+            grown = _FOLLOW[kind](start, self.parameter, self.low, self.high)
+        except OrbitError as error:
+            self.given_up[str(error)] += 1
+            return
+        self.branches.append(grown)
+        depth = 0 if grown.stable.any() else depth + 1
+        for number, (kind_, onward) in enumerate(_onward(grown)):
+            turns = 2 if kind_ == "flip" else 1
+            m, q = turns * onward.m, turns * onward.q
+            if self.classes and (m, q) not in self.classes:
                 continue
-            try:
-                grown = _FOLLOW[kind](start, self.parameter, self.low, self.high)
-            except OrbitError as error:
-                self.given_up[str(error)] += 1
-                continue
-            self.branches.append(grown)
-            depth = 0 if grown.stable.any() else depth + 1
-            for kind_, onward in _onward(grown):
-                m = onward.m * (2 if kind_ == "flip" else 1)
-                if m > self.most_periods:
-                    self.given_up[f"orbits of more than {self.most_periods} periods"] += 1
-                elif depth > 1:
-                    self.given_up["branches between unstable ones"] += 1
-                else:
-                    count += 1
-                    heapq.heappush(queue, (m, onward.q, count, depth, kind_, onward))
+            if m > self.most_periods:
+                self.given_up[f"orbits of more than {self.most_periods} periods"] += 1
+            elif depth > 1:
+                self.given_up["branches between unstable ones"] += 1
+            else:
+                order = m, onward.q, len(self.branches), number
+                heapq.heappush(self._queue, (*order, depth, kind_, onward))
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Whether an orbit is on one of the branches."""
