@@ -59,6 +59,15 @@ def test_a_motion_that_still_settles_repeats_nothing(multiplier):
     assert period_class(x, np.ones((1, 100)), np.array([1.0]))[0] == 0
 
 
+@pytest.mark.parametrize("turns", [2, 3])
+def test_a_spiral_that_shrinks_is_not_a_cycle_of_its_turns(turns):
+    """Where it is of the size of the tolerance, it is off by more than it, and then by less."""
+    n = np.arange(100)
+    x = 1.0 + 0.75 * TOLERANCE * 0.97**n * np.cos(2.0 * np.pi * n / turns)
+    assert np.abs(x - np.resize(x[:turns], 100)).max() < TOLERANCE < np.ptp(x)
+    assert period_class(x[None], np.ones((1, 100)), np.array([1.0]))[0] == 0
+
+
 def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
     """Period class, and the last four impact speeds."""
     out = integrate(osc.at(x0, v0), transient=transient, periods=periods, impacts=4)

@@ -6,6 +6,8 @@ import numpy as np
 
 #: A motion repeats where its sections do to within this share of their spread about the origin.
 TOLERANCE = 1e-6
+#: It has settled to m periods where it is off by less than this share of what it is off otherwise.
+SETTLED = 0.01
 #: Longest repetition that is looked for [forcing periods].
 LONGEST_PERIOD = 64
 
@@ -24,6 +26,10 @@ def period_class(
     so slowly that it seems to have period 2 m.) m is at most ``LONGEST_PERIOD`` and half the
     record.
 
+    A motion that still goes to an orbit of period d in turns of m periods, as beside a flip, is not
+    of period m either, though its deviations may be within the tolerance by then: they must be less
+    than a hundredth of those from a repetition after any divisor of m.
+
     Parameters
     ----------
     poincare_x, poincare_v : ndarray, shape (n, periods)
@@ -40,13 +46,22 @@ def period_class(
     """
     n, periods = poincare_x.shape
     sections = np.stack([poincare_x, poincare_v])
-    allowed = tolerance * np.abs(sections).max(axis=2, initial=0.0)
+    size = np.abs(sections).max(axis=2, keepdims=True, initial=0.0)
+    sections /= np.where(size == 0.0, 1.0, size)
     period = np.zeros(n, dtype=np.int64)
     for m in range(1, min(LONGEST_PERIOD, periods // 2) + 1):
-        once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= allowed).all(axis=0)
+        once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= tolerance).all(axis=0)
         rows = np.flatnonzero((period == 0) & once)
-        shifted = sections[:, rows][:, :, np.arange(periods) % m]
-        apart = np.abs(sections[:, rows] - shifted).max(axis=2)
-        period[rows[(apart <= allowed[:, rows]).all(axis=0)]] = m
+        off = _off_by(sections[:, rows], m)
+        settled = off <= tolerance
+        for divisor in (d for d in range(1, m) if m % d == 0):
+            settled &= off <= SETTLED * _off_by(sections[:, rows], divisor)
+        period[rows[settled]] = m
     counted = np.nan_to_num(impacts_per_period) * period
     return period, np.rint(counted).astype(np.int64)
+
+
+def _off_by(sections: np.ndarray, m: int) -> np.ndarray:
+    """Return how far records are from repeating their first m sections, at the most, (n,)."""
+    repeated = sections[:, :, np.arange(sections.shape[2]) % m]
+    return np.abs(sections - repeated).max(axis=(0, 2), initial=0.0)
