@@ -10,15 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis import tables
-from sweeps.analysis.regimes import Change, cascades, changes, labels, ratio
-from sweeps.analysis.selection import Selection, chosen_axes, config_of, oscillator_of, select
+from sweeps.analysis.exact_branches import branches, wide_branches
+from sweeps.analysis.regimes import Change, cascades, changes, labels
+from sweeps.analysis.selection import (
+    Selection,
+    chosen_axes,
+    config_of,
+    oscillator_of,
+    select,
+    swept_axes,
+)
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
@@ -26,8 +35,17 @@ from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 
-#: Up to so many bifurcations are listed one by one; of more, each kind in a line.
-_MOST_ROWS = 40
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Up to so many bifurcations of a map are listed one by one; of more, each kind in a line. Of those
+#: whose exact value is not known only so few.
+MOST_ROWS, _MOST_INEXACT = 40, 12
+#: What the kinds mean that are no standard terms.
+_MEANINGS = {
+    "basin": "the motion of one side is stable on the other, too: the start leads to another there",
+    "unknown": "the motions could not be followed to where one of them ends",
+}
 #: What the end of a branch is called in the list: a flight that meets the stop begins in a graze.
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
 _NAMES = tuple(field.name for field in fields(Oscillator))
@@ -135,31 +153,43 @@ class _Orbits:
 
 
 def describe(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
-    """Write bifurcations as a table: one by one, or of a map each kind in a line."""
+    """Write bifurcations as tables: those with an exact value first, or of a map each kind."""
     if not bifurcations:
         return f"the class of the motion does not change along {axis}"
     if is_summary(bifurcations):
-        return _summary(axis, bifurcations)
-    lines = [_row(axis, item) for item in bifurcations]
-    return "\n".join([table(lines), *_cascades(axis, bifurcations)])
+        return "\n".join([_summary(axis, bifurcations), *_meanings(bifurcations)])
+    exact = [item for item in bifurcations if not np.isnan(item.value)]
+    others = [item for item in bifurcations if np.isnan(item.value)]
+    listed = exact if len(others) > _MOST_INEXACT else [*exact, *others]
+    parts = []
+    if listed:
+        head = [axis, "kind", "classes", "between", ""]
+        parts.append(table([[*listed[0].at, *head], *map(_row, listed)]))
+    if len(listed) < len(bifurcations):
+        parts.append(f"{len(others)} changes without an exact value\n{_summary(axis, others)}")
+    lines = [*_cascades(axis, bifurcations), *_meanings(others)]
+    return "\n\n".join([*parts, *(["\n".join(lines)] if lines else [])])
+
+
+def _meanings(bifurcations: Sequence[Bifurcation]) -> list[str]:
+    kinds = {item.kind for item in bifurcations}
+    return [f"{kind}: {text}" for kind, text in _MEANINGS.items() if kind in kinds]
 
 
 def is_summary(bifurcations: Sequence[Bifurcation]) -> bool:
     """Whether there are too many of them to be described one by one."""
-    return len(bifurcations) > _MOST_ROWS and bool(bifurcations[0].at)
+    return len(bifurcations) > MOST_ROWS and bool(bifurcations[0].at)
 
 
-def _row(axis: str, item: Bifurcation) -> list[str]:
+def _row(item: Bifurcation) -> list[str]:
     change = item.change
-    unknown = f"{shown_count(change.between, 'point')} between of no known class"
     return [
-        *(f"{name} = {_shown(value)}" for name, value in item.at.items()),
-        f"{axis} = {change.low:.12g} .. {change.high:.12g}",
-        f"width {change.high - change.low:.1e}",
-        f"{change.before} -> {change.after}",
+        *map(_shown, item.at.values()),
+        "" if np.isnan(item.value) else f"{item.value:.12g}",
         item.kind,
-        "" if np.isnan(item.value) else f"at {item.value:.12g}",
-        unknown if change.between else "",
+        f"{change.before} -> {change.after}",
+        f"{change.low:.12g} .. {change.high:.12g}",
+        f"{shown_count(change.between, 'point')} of no known class" if change.between else "",
     ]
 
 
@@ -183,27 +213,73 @@ def _summary(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
             shown_range([item.change.low for item in items] + [item.change.high for item in items]),
             *(shown_range([item.at[name] for item in items]) for name in bifurcations[0].at),
         ]
-        for (kind, pair), items in ordered[:_MOST_ROWS]
+        for (kind, pair), items in ordered[:MOST_ROWS]
     ]
     lines = [table([head, *rows])]
-    if len(ordered) > _MOST_ROWS:
-        lines.append(f"and {len(ordered) - _MOST_ROWS:,} rarer pairs of classes")
-    lines.append(f"{len(bifurcations):,} changes along {axis}")
+    if len(ordered) > MOST_ROWS:
+        lines.append(f"and {len(ordered) - MOST_ROWS:,} rarer pairs of classes")
+    if bifurcations[0].at:
+        lines.append(f"{len(bifurcations):,} changes along {axis}")
     return "\n".join(lines)
 
 
 def _cascades(axis: str, bifurcations: Sequence[Bifurcation]) -> Iterator[str]:
     """Yield a line for each run of flips: where they are, and the ratios of their distances."""
-    lines: dict[tuple[tuple[str, float | str], ...], list[Change]] = {}
+    lines: dict[tuple[tuple[str, float | str], ...], dict[Change, float]] = {}
     for item in bifurcations:
-        lines.setdefault(tuple(item.at.items()), []).append(item.change)
+        middle = 0.5 * (item.change.low + item.change.high)
+        value = middle if np.isnan(item.value) else item.value
+        lines.setdefault(tuple(item.at.items()), {})[item.change] = value
     for at, line in lines.items():
-        for run in cascades(line):
-            flips = ", ".join(f"{0.5 * (change.low + change.high):.9g}" for change in run)
-            ratios = ", ".join(f"{ratio(run[i : i + 3]):.4g}" for i in range(len(run) - 2))
+        for run in cascades(list(line)):
+            values = np.array([line[change] for change in run])
+            flips = ", ".join(f"{value:.9g}" for value in values)
+            ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(values)))
             where = [f"{name} = {_shown(value)}" for name, value in at]
             text = f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
             yield ", ".join([*where, text])
+
+
+def on_branches(found: xr.Dataset) -> pd.DataFrame:
+    """Return the flips, folds and grazes of `branches`, each once, in the order of their values.
+
+    At a graze m and q are those with the impact that grazes.
+    """
+    import pandas as pd
+
+    names = {
+        "kind": "kind", "special_m": "m", "special_q": "q", "special_value": "value",
+        "special_branch": "branch",
+    }  # fmt: skip
+    frame = pd.DataFrame({names[name]: found[name].values for name in names})
+    frame = frame[frame["kind"].isin(["flip", "fold", "graze"])].sort_values("value", kind="stable")
+    step = frame.groupby(["kind", "m", "q"])["value"].diff()
+    return frame[~(step <= 1e-10 * frame["value"].abs().clip(lower=1.0))]
+
+
+def describe_branches(
+    dataset: xr.Dataset, axis: str, at: Selection | None = None, **chosen: Any
+) -> str:
+    """List the bifurcations on all branches of the motions along one line of a sweep.
+
+    Each has a line: the value to twelve digits, the kind, and m/q; where there are many, those on
+    branches that are hardly ever stable are counted only. The text is empty where there are several
+    lines, or the axis is a start or has a single value.
+    """
+    uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
+    if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
+        return ""
+    found = branches(dataset, axis, at, **chosen)
+    frame = on_branches(found)
+    wide = wide_branches(found)[frame["branch"].to_numpy()]
+    shown = frame if len(frame) <= MOST_ROWS else frame[wide]
+    rows = [
+        [f"{point.value:.12g}", point.kind, f"{point.m}/{point.q}"] for point in shown.itertuples()
+    ]
+    lines = ["", found.attrs["summary"], "", table([[axis, "kind", "class"], *rows])]
+    if left := len(frame) - len(shown):
+        lines.append(f"{left} more on branches that are stable over less than 1 % of the axis")
+    return "\n".join(lines if rows else lines[:2])
 
 
 def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> None:

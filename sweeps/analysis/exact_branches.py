@@ -294,6 +294,16 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
     return lines
 
 
+def wide_branches(found: xr.Dataset) -> np.ndarray:
+    """Return which `branches` are stable over more than a hundredth of the axis, (number,)."""
+    (axis,), (low, high) = found.coords, found.attrs["range"]
+    stable = found["stable"].values[1:] & found["stable"].values[:-1]
+    same = np.diff(found["branch"].values) == 0
+    steps = np.abs(np.diff(found[axis].values)) * (stable & same)
+    sums = np.bincount(found["branch"].values[1:], steps, found.sizes["number"])
+    return sums > 0.01 * (high - low)
+
+
 def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
     """Refuse an axis that the orbits do not depend on, or of a single value."""
     if axis not in _NAMES:

@@ -185,9 +185,3 @@ def cascades(line: Sequence[Change]) -> Iterator[list[Change]]:
                 run = []
             run, reached = [*run, flip], ends[1]
         yield from [run] * (len(run) >= 3)
-
-
-def ratio(run: Sequence[Change]) -> float:
-    """Return (b - a) / (c - b) of the middles a, b, c of three changes."""
-    first, second, third = (0.5 * (change.low + change.high) for change in run)
-    return (second - first) / (third - second)

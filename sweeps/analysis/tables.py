@@ -1,4 +1,4 @@
-"""Tables as CSV and Parquet files, and those of exact branches, curves and bifurcations."""
+"""Tables as CSV and Parquet files, and those of exact branches and curves."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import branches
 from sweeps.analysis.grouping import grid_of
-from sweeps.analysis.selection import COORDINATES, Selection, swept_axes
+from sweeps.analysis.selection import COORDINATES
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES
 from sweeps.store.replacing import check_target, writing
-from sweeps.text import table
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -70,37 +68,6 @@ def curve_table(found: xr.Dataset) -> pd.DataFrame:
     frame[list(found.coords)] = np.concatenate(points)
     frame["special"] = [*[""] * found.sizes["point"], *found["special_kind"].values]
     return frame.sort_values("curve", kind="stable")
-
-
-def bifurcations(found: xr.Dataset) -> pd.DataFrame:
-    """Return the flips, folds and grazes of `branches`, each once, in the order of their values.
-
-    At a graze m and q are those with the impact that grazes.
-    """
-    import pandas as pd
-
-    names = {"kind": "kind", "special_m": "m", "special_q": "q", "special_value": "value"}
-    frame = pd.DataFrame({names[name]: found[name].values for name in names})
-    frame = frame[frame["kind"].isin(["flip", "fold", "graze"])].sort_values("value", kind="stable")
-    step = frame.groupby(["kind", "m", "q"])["value"].diff()
-    return frame[~(step <= 1e-10 * frame["value"].abs().clip(lower=1.0))]
-
-
-def describe(dataset: xr.Dataset, axis: str, at: Selection | None = None, **chosen: Any) -> str:
-    """List the bifurcations on all branches of the motions along one line of a sweep.
-
-    Each has a line: the value to twelve digits, the kind, and m/q. The text is empty where there
-    are several lines, or the axis is a start or has a single value.
-    """
-    uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
-    if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
-        return ""
-    found = branches(dataset, axis, at, **chosen)
-    rows = [
-        [f"{axis} = {point.value:.12g}", point.kind, f"{point.m}/{point.q}"]
-        for point in bifurcations(found).itertuples()
-    ]
-    return "\n".join(["", found.attrs["summary"], *([table(rows)] if rows else [])])
 
 
 #: Points that are held in memory at a time for a CSV file.

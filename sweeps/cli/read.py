@@ -121,7 +121,7 @@ def _show_bifurcations(
     chosen: Mapping[str, Any],
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file."""
-    from sweeps.analysis import bifurcations, tables
+    from sweeps.analysis import bifurcations
     from sweeps.analysis.selection import on_grid
 
     along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
@@ -132,7 +132,7 @@ def _show_bifurcations(
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)
-    if text := tables.describe(dataset, along, cuts, **chosen):
+    if text := bifurcations.describe_branches(dataset, along, cuts, **chosen):
         say(text)
     if csv is not None:
         bifurcations.write_csv(csv, along, items)

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Bbox
 
+from sweeps.analysis.exact_branches import wide_branches
 from sweeps.plotting.style import VERMILION
 
 _STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
@@ -46,13 +47,10 @@ class Part(NamedTuple):
 
 def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
     """Yield what a diagram of a coordinate shows of `sweeps.branches`."""
-    (axis,), (low, high) = found.coords, found.attrs["range"]
-    wide = np.zeros(found.sizes["number"], bool)
+    (axis,), wide = found.coords, wide_branches(found)
     for number in range(len(wide)):
         branch = found.isel(point=found["branch"].values == number)
         x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
-        steps = np.abs(np.diff(x))
-        wide[number] = steps[stable[1:] & stable[:-1]].sum() > 0.01 * (high - low)
         y = _shown(y[:, np.isfinite(y).any(axis=0)], coordinate)
         if not y.shape[1]:  # the free oscillation has no impact
             continue

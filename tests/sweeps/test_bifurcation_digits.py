@@ -37,7 +37,7 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
     path = run_in(tmp_path, f"oscillator: {{{oscillator}}}\n{RECORD}")
     listed = accepted("info", path, "--bifurcations").split("exact branch")[-1].splitlines()[1:]
     printed = {
-        (words[3], words[4], words[2]) for words in map(str.split, listed) if len(words) == 5
+        (words[1], words[2], words[0]) for words in map(str.split, listed) if len(words) == 3
     }
     with open_sweep(path) as dataset:
         found = branches(dataset, axis)

@@ -35,7 +35,7 @@ def path(tmp_path_factory):
 def test_the_flips_of_the_map_are_on_the_closed_form(path):
     with open_sweep(path) as dataset:
         found = curves(dataset)
-    assert found.attrs["changes"] > 10
+    assert found.attrs["changes"] > 5
     assert found.attrs["explained"] == found.attrs["changes"]
     first = int(np.flatnonzero((found["kind"] == "flip") & (found["m"] == 1))[0])
     own = found["curve"].values == first
@@ -66,7 +66,7 @@ def test_info_lists_the_exact_bifurcations(path):
     assert result.exit_code == 0, result.output
     flip = 2.6528859  # the upper edge of the stable window
     lines = [line.split() for line in result.output.splitlines()]
-    values = [float(words[2]) for words in lines if words[-2:] == ["flip", "1/1"]]
+    values = [float(words[0]) for words in lines if words[-2:] == ["flip", "1/1"]]
     assert np.abs(np.array(values) - flip).min() < 1e-6
 
 
