@@ -128,9 +128,10 @@ def branches(
     -------
     Dataset
         Along ``point``, branch after branch: the axis, ``branch`` (its number), ``stable``,
-        ``impact_phase`` and ``impact_v`` (``point``, ``impact``), and ``poincare_x``,
-        ``poincare_v`` and ``poincare_height`` (``point``, ``section``), NaN beyond q and m. Along
-        ``number``: ``m`` and ``q``. Along ``special``: ``kind``, ``special_value``,
+        ``multipliers`` (``point``, ``multiplier``), complex, the larger first, ``impact_phase`` and
+        ``impact_v`` (``point``, ``impact``), and ``poincare_x``, ``poincare_v`` and
+        ``poincare_height`` (``point``, ``section``), NaN beyond q and m. Along ``number``: ``m``
+        and ``q``. Along ``special``: ``kind``, ``special_value``,
         ``special_branch``, ``special_m`` and ``special_q`` of the flips, folds, grazes and ends,
         and their ``special_impact_phase``, and so on. The attribute ``summary`` says what was
         found, ``given_up`` what was not followed; ``range`` has the ends of the axis, and ``phase``
@@ -198,9 +199,11 @@ def _as_dataset(
         "special_m": ("special", np.array([point.orbit.m for point in special], int)),
         "special_q": ("special", np.array([point.orbit.q for point in special], int)),
     }
-    records = [
-        orbit_coordinates(orbit, phase) for orbit in (*orbits, *(point.orbit for point in special))
-    ]
+    all_orbits = [*orbits, *(point.orbit for point in special)]
+    records = [orbit_coordinates(orbit, phase) for orbit in all_orbits]
+    multipliers = np.array([orbit.multipliers for orbit in all_orbits], complex).reshape(-1, 2)
+    data["multipliers"] = ("point", "multiplier"), multipliers[: len(orbits)]
+    data["special_multipliers"] = ("special", "multiplier"), multipliers[len(orbits) :]
     for name, variable in COORDINATES.items():
         table = _padded([record[name] for record in records])
         data[name] = ("point", variable.record), table[: len(orbits)]

@@ -33,28 +33,44 @@ def write_csv(
         frame.to_csv(file, index=False, float_format=float.__repr__, lineterminator="\n")
 
 
-def branch_table(found: xr.Dataset) -> pd.DataFrame:
-    """Return the points of `branches`, and then their special points, which have a kind."""
+def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
+    """Return a row for every section of the orbits of `branches`, or for every impact.
+
+    That is as the `coordinate` has it; they are numbered from 1. The special points, which have a
+    kind, come after all branches. Of an orbit, the row has both Floquet multipliers.
+    """
     import pandas as pd
 
-    (axis,) = found.coords
+    (axis,) = map(str, found.coords)
+    record = COORDINATES[coordinate].record
     number, special = found["branch"].values, found.sizes["special"]
 
     def column(name: str, of_special: str) -> np.ndarray:
         return np.concatenate([found[name].values, found[of_special].values])
 
+    m = np.concatenate([found["m"].values[number], found["special_m"].values])
+    q = np.concatenate([found["q"].values[number], found["special_q"].values])
+    multipliers = column("multipliers", "special_multipliers").T
     columns = {
         "branch": column("branch", "special_branch"),
-        "m": np.concatenate([found["m"].values[number], found["special_m"].values]),
-        "q": np.concatenate([found["q"].values[number], found["special_q"].values]),
-        axis: column(str(axis), "special_value"),
+        "m": m,
+        "q": q,
+        axis: column(axis, "special_value"),
         "stable": [*found["stable"].values.astype(int), *[""] * special],
         "kind": [*[""] * len(number), *found["kind"].values],
     }
-    for name in COORDINATES:
-        records = column(name, f"special_{name}").T
-        columns.update({f"{name}_{i}": record for i, record in enumerate(records, 1)})
-    return pd.DataFrame(columns)
+    for i, multiplier in enumerate(multipliers, 1):
+        columns[f"multiplier_{i}_real"] = multiplier.real
+        columns[f"multiplier_{i}_imag"] = multiplier.imag
+    counts = m if record == "section" else q
+    orbit = np.repeat(np.arange(len(m)), counts)
+    place = np.arange(len(orbit)) - np.repeat(np.cumsum(counts) - counts, counts)
+    frame = pd.DataFrame(columns).iloc[orbit].reset_index(drop=True)
+    frame[record] = place + 1
+    for name, about in COORDINATES.items():
+        if about.record == record:
+            frame[name] = column(name, f"special_{name}")[orbit, place]
+    return frame
 
 
 def curve_table(found: xr.Dataset) -> pd.DataFrame:

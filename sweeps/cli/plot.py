@@ -249,4 +249,4 @@ def _exact(
     found = branches(dataset, axis, cut, **chosen)
     compared = compare(dataset, axis, cut, coordinate, chosen.get("classes", ()))
     lines = compared + found.attrs["summary"].split("\n")
-    return found, lines, tables.branch_table(found)
+    return found, lines, tables.branch_table(found, coordinate)

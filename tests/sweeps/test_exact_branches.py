@@ -1,8 +1,8 @@
-import csv
 from collections import Counter
 
 import naive
 import numpy as np
+import pandas as pd
 import pytest
 
 from sweep_files import run_in
@@ -226,16 +226,28 @@ def test_the_branches_are_a_dataset_and_a_table(exact, tmp_path):
     flips = found["special_value"].values[found["kind"].values == "flip"]
     for flip in FLIPS.values():
         assert np.abs(flips - flip).min() < 1e-13
-    path = tmp_path / "branches.csv"
-    write_csv(path, branch_table(found))
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == found.sizes["point"] + found.sizes["special"]
-    assert float(rows[0]["omega"]) == found["omega"].values[0]
-    for name in COORDINATES:
-        assert float(rows[0][f"{name}_1"]) == found[name].values[0, 0]
-    kinds = [row["kind"] for row in rows]
-    assert kinds == [""] * found.sizes["point"] + found["kind"].values.tolist()
+    for coordinate, record in (("poincare_v", "section"), ("impact_v", "impact")):
+        path = tmp_path / f"{record}.csv"
+        write_csv(path, branch_table(found, coordinate))
+        rows = pd.read_csv(path)
+        assert (
+            len(rows)
+            == np.isfinite(found[coordinate]).sum()
+            + np.isfinite(found[f"special_{coordinate}"]).sum()
+        )
+        on_one = rows[(rows["branch"] == 0) & rows["kind"].isna()]
+        assert (
+            on_one[record].eq(1).all() and on_one["omega"].tolist() == one["omega"].values.tolist()
+        )
+        assert on_one[coordinate].tolist() == one[coordinate].values[:, 0].tolist()
+        for row in on_one.itertuples():
+            closed = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=row.omega, f=1.0))
+            multiplier = row.multiplier_1_real + 1j * row.multiplier_1_imag
+            assert np.abs(closed.multipliers - multiplier).min() < 1e-9
+        double = rows[(rows["m"] == 2) & (rows["q"] == 2)]
+        assert double[record].tolist()[:4] == [1, 2, 1, 2]
+        kinds = rows[rows["kind"].notna() & (rows[record] == 1)]["kind"]
+        assert set(kinds) == set(found["kind"].values)
 
 
 def test_what_has_no_exact_orbit_is_refused(exact, tmp_path):
