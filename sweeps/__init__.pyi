@@ -1,6 +1,8 @@
 from .analysis.attractors import attractors as attractors
 from .analysis.exact_branches import branches as branches
 from .analysis.exact_curves import curves as curves
+from .analysis.integrity import integrity as integrity
+from .analysis.knocks import knocks as knocks
 from .config.loading import ConfigError as ConfigError
 from .config.loading import load_config as load_config
 from .config.sweep import SweepConfig as SweepConfig

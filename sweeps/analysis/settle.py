@@ -149,7 +149,7 @@ class _Extension:
             self._dataset[name].isel(section=-1).values.ravel()
             for name in ("poincare_x", "poincare_v")
         ]
-        return _at_states(self._dataset, slice(None), *last)
+        return at_states(self._dataset, slice(None), *last)
 
     def _record(
         self, at: np.ndarray, periods: int, lyapunov: bool = False
@@ -231,7 +231,7 @@ def orbit_speeds(
     increasing.
     """
     config = config_of(dataset)
-    points = _at_states(dataset, at, *states.T)
+    points = at_states(dataset, at, *states.T)
     speeds = []
     for i in range(len(at)):
         results = integrate(
@@ -248,7 +248,7 @@ def orbit_speeds(
     return speeds
 
 
-def _at_states(
+def at_states(
     dataset: xr.Dataset, at: np.ndarray | slice, x: np.ndarray, v: np.ndarray
 ) -> np.ndarray:
     """Return the parameters of points of a file, with states at the section to start from."""

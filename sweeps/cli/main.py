@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import explore as cli_explore
+from sweeps.cli import integrity as cli_integrity
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
@@ -151,6 +152,7 @@ for command in (
     cli_explore.explore,
     cli_plot.plot,
     cli_read.attractors,
+    cli_integrity.integrity,
     cli_read.info,
     cli_read.export,
     schema,

@@ -50,7 +50,7 @@ Kind = Annotated[
     str | None,
     typer.Option(
         metavar="KIND",
-        help="bifurcation, attractors, basins, map, section, impacts or trajectory.",
+        help="bifurcation, attractors, basins, integrity, map, section, impacts or trajectory.",
     ),
 ]
 AxisNames = Annotated[

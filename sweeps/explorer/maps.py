@@ -47,6 +47,7 @@ class Tiles:
 
 def _tiles(config: SweepConfig, x: str, y: str, tab: int) -> Tiles:
     """Compute a map, and put its points into kinds as the files' pictures do."""
+    from sweeps.analysis.attractors import attractors
     from sweeps.plotting.attractors import basin_cells
     from sweeps.plotting.maps import failed_cells, period_cells
 
@@ -54,7 +55,10 @@ def _tiles(config: SweepConfig, x: str, y: str, tab: int) -> Tiles:
     results = numbers(config)
     seconds = perf_counter() - begin
     cut = dataset_of(config, config.grid.axes, results).transpose(y, x, ...)
-    cells = basin_cells(cut, extensions=0) if tab == BASINS else period_cells(cut)
+    if tab == BASINS:
+        cells = basin_cells(cut, attractors(cut, extensions=0))
+    else:
+        cells = period_cells(cut)
     pixels = np.zeros(cut["status"].shape, np.uint8)
     kinds = []
     for cell in (*cells, *failed_cells(cut["status"].values)):

@@ -17,6 +17,7 @@ from sweeps.errors import Refused
 from sweeps.plotting.attractors import attractor_diagram, basins
 from sweeps.plotting.canvas import PAGE, Page
 from sweeps.plotting.diagram import bifurcation
+from sweeps.plotting.integrity import integrity
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.motion import impacts, section, trajectory
 from sweeps.plotting.saving import check_picture, description, save
@@ -43,6 +44,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, whole=STARTS),
     "basins": Kind(basins, whole=("x0", "v0")),
+    "integrity": Kind(integrity, whole=("x0", "v0")),
     "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),
     "section": Kind(section),
     "impacts": Kind(impacts),

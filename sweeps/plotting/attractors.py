@@ -14,7 +14,6 @@ from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import Selection, chosen_axes, config_of, listed, select, swept_axes
-from sweeps.analysis.settle import EXTENSIONS
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -38,18 +37,17 @@ def basins(
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     panel = canvas.new_panel(ax, page)
-    handles = draw_cells(panel, starts, basin_cells(starts))
+    handles = draw_cells(panel, starts, basin_cells(starts, attractors(starts)))
     page.set_limits(panel)
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, starts, handles, title)
 
 
-def basin_cells(starts: xr.Dataset, extensions: int = EXTENSIONS) -> list[Cells]:
-    """Return the starts over ``x0`` and ``v0`` that reach each of their `attractors`."""
-    result = attractors(starts, extensions=extensions)
-    reached = result["attractor"].values
+def basin_cells(starts: xr.Dataset, result: xr.Dataset) -> list[Cells]:
+    """Return the starts, shape (v0, x0), that reach each of their `attractors`, the result."""
+    reached = result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
     return [
-        Cells(_describe(row), _colour(row), reached == row.number) for row in rows(starts, result)
+        Cells(_describe(row), colour_of(row), reached == row.number) for row in rows(starts, result)
     ]
 
 
@@ -124,26 +122,26 @@ def _draw_rows(
     for i, row in enumerate(table):
         periodic = row.motion is Regime.PERIODIC
         rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.motion)
-        series.setdefault((not periodic, rank, _colour(row)), []).append(i)
+        series.setdefault((not periodic, rank, colour_of(row)), []).append(i)
     for (scattered, _, colour), places in sorted(series.items()):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
         (points,) = panel.plot(x, y[np.isfinite(y)], "o", color=colour, rasterized=True)
         size, zorder = (0.5, 2.0) if scattered else (1.3, 3.0)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
-        text = _class_names([table[i] for i in places])
+        text = class_names([table[i] for i in places])
         text = "other periodic attractors" if colour == OTHER_ATTRACTORS else text
         panel.plot([], [], "o", color=colour, markersize=4.0, markeredgewidth=0, label=text)
 
 
-def _colour(row: Row) -> str:
+def colour_of(row: Row) -> str:
     """Return the colour of an attractor, or of its kind of motion."""
     if row.motion is not Regime.PERIODIC:
         return REGIMES[row.motion][1]
     return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS
 
 
-def _class_names(attractor: Sequence[Row]) -> str:
+def class_names(attractor: Sequence[Row]) -> str:
     """Name the classes, or the kind of motion, of one attractor over several parameter points."""
     motion = attractor[0].motion
     if motion is not Regime.PERIODIC:
@@ -154,4 +152,4 @@ def _class_names(attractor: Sequence[Row]) -> str:
 def _describe(row: Row) -> str:
     """Write the class, the impact speeds and the share of an attractor at one parameter point."""
     speeds = f"{shown_speeds(row)}; " if len(row.speeds) else ""
-    return f"{_class_names([row])}: {speeds}{100.0 * row.fraction:.1f} %"
+    return f"{class_names([row])}: {speeds}{100.0 * row.fraction:.1f} %"

@@ -1,0 +1,191 @@
+"""How large a disturbance each attractor takes: the integrity measures of its basin.
+
+Over the starts x0 and v0 of one parameter point, the global integrity measure is the share of the
+basin, the integrity factor the radius of the largest disc in it, and the local integrity measure
+the distance from the points of the attractor at the section, all m of a periodic one, to the
+nearest start outside (Soliman & Thompson 1989, J. Sound Vib. 135, 453-475; Rega & Lenci 2005,
+Nonlinear Anal. 63, 902-914). Distances are between starts, and so are right to their spacing.
+
+Outside are the starts that reach another attractor, have no result or have not settled, and what is
+beyond the window, where nothing is known. No state is beyond the stop, so that no disturbance leads
+there: where the window reaches the stop, a disc is cut off by the stop, and nothing is outside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
+from sweeps.analysis.grouping import GridIndex
+from sweeps.analysis.regimes import Regime
+from sweeps.analysis.selection import config_of, listed, swept_axes
+from sweeps.analysis.settle import at_states
+from sweeps.errors import Refused
+from sweeps.text import table
+from vibroimpact import integrate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: The variables that `integrity` adds.
+_MEANING = {
+    "integrity_factor": "radius of the largest disc in the basin",
+    "disc_x": "displacement at the centre of the disc",
+    "disc_v": "velocity at the centre of the disc",
+    "factor_at_edge": "whether the edge of the window decided the integrity factor",
+    "local_integrity": "distance from the attractor to the nearest start outside its basin",
+    "local_at_edge": "whether the edge of the window decided the local integrity measure",
+}
+
+
+def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
+    """Measure how large a disturbance each attractor takes, at every parameter point.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        An opened sweep over evenly spaced x0 and v0, with ``period`` and a section at
+        omega t = 0, where the starts are.
+    weight : float, optional
+        w in the distance sqrt(dx^2 + (w dv)^2) of two states [time], by default 1 / p.
+
+    Returns
+    -------
+    Dataset
+        That of `sweeps.attractors`, whose ``fraction`` is the global integrity measure. In the same
+        shape, NaN for what is no attractor: ``integrity_factor`` [length] with the centre
+        (``disc_x``, ``disc_v``) of the disc, and ``local_integrity`` [length], 0 for an attractor
+        that leaves the window. ``factor_at_edge`` and ``local_at_edge`` say where the edge of the
+        window decided: there the measure is a lower bound.
+
+    Raises
+    ------
+    Refused
+        If the file has no period or section, or no such axes; if the section is at another phase,
+        or the sweep was followed; if the weight is not a positive number.
+    """
+    _refuse_unfit(dataset, weight)
+    found, config = attractors(dataset), config_of(dataset)
+    starts = found["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
+    x, v = starts["x0"].values, starts["v0"].values
+    grid = (-1, found.sizes["coexisting"])
+    number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
+    at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED_MOTIONS))
+    state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
+    points = at_states(dataset, np.flatnonzero(GridIndex.of(dataset).start == 0)[at[0]], *state)
+    periods = np.where(m[at] > 0, m[at], config.record.periods)  # of the others, over a record
+    longest = int(periods.max(initial=1))
+    records = integrate(
+        points, **config.integration, transient=0, periods=longest, at_section=True, impacts=0
+    )
+    sections = np.stack([records["poincare_x"], records["poincare_v"]], axis=2)
+    measures = np.full((len(_MEANING), *number.shape), np.nan)
+    for n, (i, k) in enumerate(zip(*at, strict=True)):
+        basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
+        w = 1.0 / points["p"][n] if weight is None else weight
+        states = sections[n, : periods[n]]
+        measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
+    for (name, meaning), values in zip(_MEANING.items(), measures, strict=True):
+        shaped = values.reshape(found["number"].shape)
+        shaped = shaped == 1.0 if name.endswith("edge") else shaped
+        found[name] = (found["number"].dims, shaped, {"long_name": meaning})
+    return found
+
+
+def measures_of(
+    basin: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    weight: float,
+    clearance: float,
+    states: np.ndarray,
+) -> tuple[float, ...]:
+    """Return the measures, in the order of ``_MEANING``, of an attractor with states (n, 2).
+
+    The starts in its basin have the shape (x, v), of increasing, evenly spaced values.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    step, unit = np.array([x[1] - x[0], v[1] - v[0]]), np.array([1.0, weight])
+    # One row more at each side is outside, but for where the window reaches the stop.
+    at_stop = clearance - x[-1] < 0.5 * step[0]
+    padded = np.pad(basin, ((1, 0 if at_stop else 1), (1, 1)))
+    away, nearest = distance_transform_edt(padded, sampling=step * unit, return_indices=True)
+    places = 1.0 + (states - [x[0], v[0]]) / step
+    cells = tuple(np.clip(np.rint(places), 0, np.subtract(away.shape, 1)).astype(int).T)
+    apart = np.hypot(*((places - nearest[:, *cells].T) * step * unit).T)
+    apart[away[cells] == 0.0] = 0.0
+    near = tuple(cell[apart.argmin()] for cell in cells)
+    disc = np.unravel_index(away.argmax(), away.shape)
+    outside = nearest[:, *np.transpose([disc, near])]
+    at_edge = ((outside < 1) | (outside.T > basin.shape).T).any(axis=0)
+    return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], apart.min(), at_edge[1]
+
+
+def _refuse_unfit(dataset: xr.Dataset, weight: float | None) -> None:
+    """Refuse a sweep whose starts make no window at the phase of its section."""
+    axes, config = swept_axes(dataset), config_of(dataset)
+    if not {"x0", "v0"} <= set(axes):
+        raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
+    if weight is not None and not 0.0 < weight < math.inf:
+        raise Refused(f"weight = {weight!r} is not allowed; expected: a positive number")
+    if config.follow is not None:
+        raise Refused("integrity needs starts at every point: run the sweep again without follow")
+    if config.record.phase != 0.0:
+        raise Refused(
+            f"the starts are at omega t = 0, and the section is at {config.record.phase:g}: run "
+            "the sweep again with record.phase: 0"
+        )
+    for name in ("x0", "v0"):
+        steps = np.diff(np.sort(dataset[name].values))
+        if not len(steps) or np.ptp(steps) > 1e-6 * steps.max():
+            raise Refused(f"the values of {name} are not evenly spaced; expected: start, stop, num")
+
+
+def table_of(found: xr.Dataset) -> pd.DataFrame:
+    """Return a row for each attractor of `integrity` and, where they are there, `knocks`."""
+    axes = [str(name) for name in found["attractors"].dims]
+    frame = found.drop_dims(["x0", "v0"]).to_dataframe(dim_order=[*axes, "coexisting"])
+    frame = frame[frame["integrity_factor"].notna()].reset_index()
+    motions = frame["motion"].map(lambda motion: Regime(motion).name.lower())
+    m, q = (frame[name].astype(str) for name in "mq")
+    frame["class"] = motions.where(frame["m"] == 0, m + "/" + q)
+    added = [name for name in found if name in _MEANING or str(name).startswith("knock_")]
+    return frame[[*axes, "number", "class", "fraction", *added]]
+
+
+def describe(frame: pd.DataFrame, weight: float | None) -> str:
+    """Write the rows of `table_of` for the terminal."""
+    axes = list(frame.columns[: list(frame).index("number")])
+    head = [*axes, "attractor", "class", "share", "integrity factor", "local integrity"]
+    head += ["least knock"] if "knock_ends" in frame else []
+    body = []
+    for row in frame.to_dict("records"):
+        cells = [f"{row[axis]:.6g}" for axis in axes]
+        cells += [str(row["number"]), row["class"], f"{row['fraction']:.4f}"]
+        for name, edge in (("integrity_factor", "factor"), ("local_integrity", "local")):
+            cells.append(f"{'>= ' if row[f'{edge}_at_edge'] else ''}{row[name]:.4g}")
+        if "knock_ends" in row:
+            cells.append(shown_knock(row))
+        body.append(cells)
+    w = "1 / p" if weight is None else f"{weight:g}"
+    return (
+        f"{table([head, *body])}\n"
+        f"distances: sqrt(dx^2 + (w dv)^2), w = {w}, at omega t = 0; >=: the window's edge decided"
+    )
+
+
+def shown_knock(row: Mapping[str, Any]) -> str:
+    """Write a knock: its size, the phase of its moment, and where it leads."""
+    if math.isnan(row["knock_harmful"]):
+        return "-"
+    ends = row["knock_ends"]
+    to = f"to {ends}" if ends >= 0 else "to what is not known"
+    notes = "" if row["knock_certified"] else ", not certified"
+    notes += ", fractal: the least tried" if row["knock_fractal"] else ""
+    return f"{row['knock_harmful']:+.9g} at omega t = {row['knock_phase']:.4f}, {to}{notes}"

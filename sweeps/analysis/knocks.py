@@ -1,0 +1,209 @@
+"""The least knock that takes a periodic motion to another attractor.
+
+A knock is a sudden change of velocity alone, in either direction, as a blow makes. Many sizes are
+tried at moments all over the motion and just after every impact, until no moment has a smaller
+harmful one; then at moments ever closer to the worst. The interval between the last harmless and
+the first harmful size is divided until it is 1e-9 of the knock. Where that meets more than one
+change within 1e-4 of the knock, the boundary is fractal, or too fine to tell, and the knock is the
+least of those tried.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from sweeps.analysis.attractors import attractors
+from sweeps.analysis.regimes import Regime
+from sweeps.analysis.section_distance import section_distance
+from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.errors import Refused
+from vibroimpact import (
+    OrbitError,
+    Oscillator,
+    PeriodicOrbit,
+    integrate,
+    periodic_orbit,
+    simulate,
+)
+from vibroimpact.status import Status
+from vibroimpact.trajectory import exact_samples
+
+_TURN = 2.0 * math.pi
+#: Moments in a forcing period, and sizes of a scan at each; sizes at the worst moment.
+_MOMENTS, _SIZES, _FINEST = 64, 256, 16384
+#: A motion ends on an orbit that it is so near to, as a share of the orbit's size.
+_NEARNESS = 1e-6
+#: Forcing periods that a motion is followed until it ends on an attractor, and those recorded then.
+_FOLLOWED, _RECORD = (200, 800, 3200, 12800), 32
+
+
+class Knock(NamedTuple):
+    """A change of velocity that takes a motion to another attractor, and one that is harmless."""
+
+    phase: float = math.nan
+    x: float = math.nan
+    v: float = math.nan
+    harmless: float = math.nan
+    harmful: float = math.nan
+    ends: int = -1
+    certified: bool = False
+    fractal: bool = False
+
+
+def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
+    """Find the least knock that takes each periodic motion of a parameter point to another one.
+
+    Parameters
+    ----------
+    starts : Dataset
+        A cut through an opened sweep at one parameter point, over x0 and v0, by exact impacts.
+    found : Dataset, optional
+        From `sweeps.attractors` or `sweeps.integrity` of it.
+
+    Returns
+    -------
+    Dataset
+        `found`, and of each attractor: ``knock_phase``, omega t of the worst moment, in
+        [0, 2 pi m) [rad]; ``knock_x``, ``knock_v``, the motion then; ``knock_harmful`` and
+        ``knock_harmless``, changes of velocity with their sign, less than 1e-9 of them apart;
+        ``knock_ends``, the number of the attractor that the harmful one leads to, -1: not known;
+        ``knock_certified``, whether both motions came to an attractor with no impact missed; and
+        ``knock_fractal``. NaN where no knock up to the height of the window of v0 is harmful, and
+        where the motion is not periodic.
+
+    Raises
+    ------
+    Refused
+        If the sweep has other parameter axes or another impact rule.
+    """
+    if config_of(starts).method.impact != "exact" or set(starts["status"].dims) != {"x0", "v0"}:
+        raise Refused("a knock needs the impact rule exact, and a sweep cut at one parameter point")
+    found = attractors(starts) if found is None else found
+    motions, limit = _Motions(starts, found), float(np.ptp(starts["v0"].values))
+    numbers = found["number"].values.tolist()
+    rows = [
+        motions.worst(number, limit) if number in motions.orbits else Knock() for number in numbers
+    ]
+    columns = zip(Knock._fields, zip(*rows, strict=True), strict=True)
+    return found.assign({f"knock_{name}": ("coexisting", list(column)) for name, column in columns})
+
+
+class _Motions:
+    """The attractors of a parameter point, and on which of them a motion ends."""
+
+    def __init__(self, starts: xr.Dataset, found: xr.Dataset) -> None:
+        self._config, self._oscillator = config_of(starts), oscillator_of(starts)
+        self.orbits: dict[int, PeriodicOrbit] = {}
+        self._others = dict.fromkeys(Regime, -1)
+        names = ("number", "motion", "m", "section_x", "section_v")
+        for number, motion, m, x, v in zip(*(found[name].values for name in names), strict=True):
+            if motion in (Regime.REST, Regime.CHAOTIC):
+                self._others[motion] = int(number)
+            elif motion == Regime.PERIODIC:
+                with suppress(OrbitError):  # as for too many periods: what ends there is unknown
+                    orbit = periodic_orbit(
+                        self._oscillator, x, v, int(m), self._config.record.phase
+                    )
+                    self.orbits[int(number)] = orbit
+
+    def _ends(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where motions from states (n, 2) end, -1: unknown, and which are certified."""
+        o = self._oscillator
+        points = np.repeat(o.at(o.clearance), len(states))
+        points["x0"], points["v0"] = states.T
+        number, certified = np.full(len(states), -1), np.ones(len(states), bool)
+        left = np.arange(len(states))
+        for periods in _FOLLOWED:
+            results = integrate(
+                points[left],
+                **self._config.integration,
+                transient=periods - _RECORD,
+                periods=_RECORD,
+                phase=phase,
+                at_section=True,
+                impacts=0,
+            )
+            last = np.stack([results["poincare_x"][:, -1], results["poincare_v"][:, -1]], axis=1)
+            certified[left] &= results["status"] == Status.CERTIFIED
+            number[left[results["rest_fraction"] > 0.0]] = self._others[Regime.REST]
+            for one, orbit in self.orbits.items():
+                cycle = orbit.sections(phase)
+                size = _NEARNESS * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
+                units = size, size * o.omega
+                apart = section_distance(last[:, None], cycle, o.clearance, np.array(o.R), units)
+                number[left[apart.min(axis=1) <= 1.0]] = one
+            points["x0"][left], points["v0"][left] = last.T
+            left = left[(number[left] < 0) & np.isfinite(last[:, 0])]
+            if not left.size:
+                break
+        number[left] = self._others[Regime.CHAOTIC]  # which nothing but time tells
+        return number, certified
+
+    def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock | None:
+        """Return the first harmful of the changes along ways (k, sizes) from states (n, 2), if any.
+
+        All of a size come at once; the states are one forcing period apart.
+        """
+        knocked = np.tile(states[:, None, None], (1, *ways.shape, 1))
+        knocked[..., 1] += ways
+        ends = self._ends(phase % _TURN, knocked.reshape(-1, 2))
+        number, certified = (values.reshape(knocked.shape[:3]) for values in ends)
+        harmful = number != home
+        if not harmful.any():
+            return None
+        size = int(harmful.any(axis=(0, 1)).argmax())
+        turn, way = np.argwhere(harmful[:, :, size])[0]
+        (x, v), (low, high) = states[turn], ways[way, size - 1 : size + 1]
+        to, fractal = number[turn, way, size], np.count_nonzero(np.diff(harmful[turn, way])) > 1
+        known = to >= 0 and certified[turn, way, size - 1 : size + 1].all()
+        return Knock(phase + _TURN * turn, x, v, low, high, to, bool(known), bool(fractal))
+
+    def _least(self, home: int, phase: float, limit: float, count: int) -> Knock | None:
+        """Return the least of so many sizes up to a limit that is harmful at a phase, if any is."""
+        sizes = limit * np.arange(count + 1) / count
+        return self._first(
+            home, phase, self.orbits[home].sections(phase), np.stack([sizes, -sizes])
+        )
+
+    def _divided(self, home: int, knock: Knock, parts: int, times: int) -> Knock:
+        """Divide the interval of a knock so many times, at its first change."""
+        fractal = False
+        for _ in range(times):
+            sizes = np.linspace(knock.harmless, knock.harmful, parts + 1)
+            state = np.array([[knock.x, knock.v]])
+            knock = self._first(home, knock.phase, state, sizes[None]) or knock
+            fractal |= knock.fractal
+        return knock._replace(fractal=fractal)
+
+    def worst(self, home: int, limit: float) -> Knock:
+        """Return the least harmful knock up to a limit, over all moments."""
+        width, best, before = _TURN / _MOMENTS, Knock(), math.inf
+        after_impacts = (self.orbits[home].phases + 1e-12) % _TURN
+        while limit < 0.5 * before:
+            before = limit
+            for phase in (*(width * np.arange(_MOMENTS)), *after_impacts):
+                if (knock := self._least(home, float(phase), limit, _SIZES)) is not None:
+                    best, limit = knock, abs(knock.harmful)
+        if math.isnan(best.phase):
+            return best
+        for zoom in range(6):
+            for phase in best.phase + width / 4.0**zoom * np.linspace(-1.0, 1.0, 9):
+                knock = self._least(home, float(phase) % _TURN, abs(best.harmful), _SIZES)
+                if knock is not None:
+                    knock = self._divided(home, knock, _MOMENTS, 3)
+                    best = min(best, knock, key=lambda knock: abs(knock.harmful))
+        finest = self._least(home, best.phase % _TURN, abs(best.harmful), _FINEST)
+        return self._divided(home, finest or best, 16, 4)
+
+
+def at_section(oscillator: Oscillator, phase: float, x: float, v: float) -> tuple[float, ...]:
+    """Return where a motion is when omega t is 2 pi next, to 1e-4 of it, as for a picture."""
+    phase %= _TURN
+    motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
+    t, *state = exact_samples(oscillator, motion.t, motion.x, motion.v)
+    return tuple(float(np.interp(_TURN / oscillator.omega, t, values)) for values in state)

@@ -1,0 +1,146 @@
+"""The erosion profile: integrity measures along a parameter, and basins with discs and knocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse, Patch
+
+from sweeps.analysis.attractor_table import Row, parameter_axes, rows
+from sweeps.analysis.grouping import records
+from sweeps.analysis.integrity import integrity as measured
+from sweeps.analysis.integrity import shown_knock
+from sweeps.analysis.knocks import at_section, knocks
+from sweeps.analysis.selection import Selection, config_of, oscillator_of, select
+from sweeps.plotting import canvas
+from sweeps.plotting.attractors import basin_cells, class_names, colour_of
+from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.labels import CLASSES_TITLE, label_axis, mathtext
+from sweeps.plotting.maps import draw_cells
+
+#: The panels of the profile: a measure, what says whether the edge decided it, and the title.
+_MEASURES = (
+    ("fraction", "", "share of the starts"),
+    ("integrity_factor", "factor_at_edge", "integrity factor: radius of the largest disc"),
+    ("local_integrity", "local_at_edge", "local integrity: distance to the nearest other start"),
+)
+
+
+@picture
+def integrity(
+    dataset: xr.Dataset,
+    *,
+    at: Selection | None = None,
+    page: Page = PAGE,
+    ax: Sequence[Axes] | None = None,
+) -> Figure:
+    """Draw three integrity measures of each attractor over a parameter, and basins at one value.
+
+    The parameter is the longest, and `at` may have the value for the basins. Hollow marks are lower
+    bounds, where the edge of the window decided; the panels are as high as the other marks need.
+    The basins have the largest discs, the attractors at the section, and an arrow for each least
+    knock, from where the motion is at the section next to where the knocked one is. `ax` are four
+    panels, or one for a sweep over x0 and v0 alone; the limits of the page are those of the basins.
+    """
+    along = sorted(parameter_axes(dataset), key=lambda name: -dataset.sizes[name])[:1]
+    cuts = {name: value for name, value in (at or {}).items() if name not in along}
+    line = select(dataset, cuts, free=[*along, "x0", "v0"])
+    found = measured(line)
+    starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
+    there = found.sel({name: float(starts[name]) for name in along})
+    table: dict[int, list[Row]] = {}
+    for row in rows(line, found):
+        table.setdefault(row.number, []).append(row)
+    *profile, panel = _new_panels(page, bool(along)) if ax is None else ax
+    if along:
+        _draw_profile(profile, found, along[0], table)
+        for each in profile:
+            each.axvline(float(starts[along[0]]), color="black", linewidth=0.6, linestyle=":")
+        label_axis(profile[-1].xaxis, line[along[0]])
+        symbol = line[along[0]].attrs["symbol"]
+        panel.set_title(f"basins at ${symbol}={mathtext(float(starts[along[0]]))}$", loc="left")
+    drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
+    handles = draw_cells(panel, drawn, basin_cells(starts, there))
+    handles += [
+        Patch(color=colour_of(appearances[0]), label=class_names(appearances))
+        for number, appearances in table.items()
+        if number not in there["number"]
+    ]
+    handles += _draw_disturbances(panel, starts, there)
+    page.set_limits(panel)
+    title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
+    return canvas.finish(panel, page, line, handles, title)
+
+
+def _new_panels(page: Page, profile: bool) -> list[Axes]:
+    """Return the panels of the measures, if there is an axis for them, and that of the basins."""
+    heights = [0.35, 0.5, 0.5, 1.0] if profile else [1.0]
+    panels = canvas.Picture(page, sum(heights)).subplots(
+        len(heights), height_ratios=heights, squeeze=False
+    )[:, 0]
+    for panel in panels[:-2]:
+        panel.sharex(panels[-2])
+        panel.tick_params(labelbottom=False)
+    return list(panels)
+
+
+def _draw_profile(
+    panels: Sequence[Axes], found: xr.Dataset, axis: str, table: dict[int, list[Row]]
+) -> None:
+    """Draw the measures of each attractor over the axis, in its colour."""
+    for panel, (name, at_edge, title) in zip(panels, _MEASURES, strict=True):
+        panel.set_title(title, loc="left")
+        highest = 0.0
+        for number, appearances in table.items():
+            mine = (found["number"] == number) & found["integrity_factor"].notnull()
+            y = found[name].where(mine).max("coexisting")
+            bound = found[at_edge].where(mine, False).any("coexisting") if at_edge else y.isnull()
+            highest = float(y.where(~bound).max().fillna(0.0).clip(min=highest))
+            colour = colour_of(appearances[0])
+            panel.plot(found[axis], y, "o-", color=colour, markersize=2.5, linewidth=1.0)
+            (marks,) = panel.plot(found[axis], y.where(bound), "o", color=colour, markersize=2.5)
+            marks.set_markerfacecolor("white")
+        panel.set_ylim(0.0, 1.1 * highest or 1.0)
+
+
+def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> list[Artist]:
+    """Draw discs, the attractors at the section and knocks; return their handles."""
+    oscillator = oscillator_of(starts)
+    line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
+    exact = config_of(starts).method.impact == "exact"
+    there = knocks(starts, there) if exact else there
+    handles: list[Artist] = [
+        Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
+    ]
+    for k, row in enumerate(rows(starts, there)):
+        one = {str(name): there[name].values[k].item() for name in there if there[name].ndim == 1}
+        if not one["integrity_factor"] > 0.0:
+            continue  # no attractor
+        size = 2.0 * one["integrity_factor"]
+        disc = Ellipse((one["disc_x"], one["disc_v"]), size, size * oscillator.p, fill=False)
+        panel.add_patch(disc).set(**line)
+        names = ("poincare_x", "poincare_v")
+        x, v = (records(starts, name, np.array([row.point]))[0, -row.m :] for name in names)
+        panel.plot(x, v, "o", color="black", markersize=3.5, markeredgecolor="white")
+        if exact and math.isfinite(one["knock_harmful"]):
+            at = one["knock_phase"], one["knock_x"]
+            begin, end = (
+                at_section(oscillator, *at, one["knock_v"] + change)
+                for change in (0.0, one["knock_harmful"])
+            )
+            panel.annotate(
+                "", (end[0], end[1]), (begin[0], begin[1]), arrowprops={"arrowstyle": "->", **line}
+            )
+            text = f"least knock of {row.name}: {shown_knock(one)}"
+            handles.append(
+                Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **line)
+            )
+    return handles

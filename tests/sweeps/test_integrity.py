@@ -1,0 +1,178 @@
+"""Integrity measures against an exhaustive search, knocks against motions followed otherwise."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commands import accepted, refused
+from sweep_files import run_in
+from sweeps import Refused, integrity, knocks, open_sweep
+from sweeps.analysis.integrity import measures_of
+from sweeps.plotting import plot
+from vibroimpact import integrate
+from vibroimpact.oscillator import POINT
+
+#: The free oscillation (1/0) and a motion with an impact in two periods (2/1).
+CONFIG = """\
+oscillator: {h: 0.1, R: 0.8, omega: [2.6, 2.7], f: 1.0, clearance: 0.6}
+start: {x0: {start: -3.0, stop: 0.6, num: 31}, v0: {start: -3.0, stop: 3.0, num: 41}}
+record: {transient: 200, periods: 8, impacts: 4}
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """Return the file of two parameter points, opened."""
+    with open_sweep(run_in(tmp_path_factory.mktemp("two"), CONFIG)) as dataset:
+        yield dataset
+
+
+def outside(inside, x, v, at_stop):
+    """Return every start that is not inside, and the starts of one more row around the window."""
+    dx, dv = x[1] - x[0], v[1] - v[0]
+    more_x, more_v = np.r_[x[0] - dx, x, x[-1] + dx], np.r_[v[0] - dv, v, v[-1] + dv]
+    around = np.ones((len(more_x), len(more_v)), bool)
+    around[1:-1, 1:-1] = ~inside
+    around[-1] &= not at_stop
+    return np.stack([grid[around] for grid in np.meshgrid(more_x, more_v, indexing="ij")], axis=1)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.2], ids=["at the stop", "before the stop"])
+@pytest.mark.parametrize("weight", [0.4, 3.0])
+def test_measures_equal_an_exhaustive_search(gap, weight):
+    rng = np.random.default_rng(3)
+    x, v = np.linspace(-2.0, 0.5, 26), np.linspace(-1.0, 3.0, 33)
+    edges = set()
+    for share in (0.5, 0.9, 0.99, 1.0):
+        inside = rng.random((26, 33)) < share
+        others, unit = outside(inside, x, v, gap == 0.0), [1.0, weight]
+        starts = np.stack([grid[inside] for grid in np.meshgrid(x, v, indexing="ij")], axis=1)
+        away = np.sqrt((((starts[:, None] - others) * unit) ** 2).sum(axis=2)).min(axis=1)
+        states = starts[rng.integers(len(starts), size=3)] + rng.uniform(-0.02, 0.02, (3, 2))
+        states[:, 0] = np.minimum(states[:, 0], 0.5 + gap)
+        measures = measures_of(inside, x, v, weight, 0.5 + gap, states)
+        radius, *centre, at_edge, local, _ = measures
+        assert radius == pytest.approx(away.max())
+        assert away[np.abs(starts - centre).sum(axis=1).argmin()] == pytest.approx(radius)
+        cell = np.hypot(x[1] - x[0], weight * (v[1] - v[0]))
+        nearest = np.sqrt((((states[:, None] - others) * unit) ** 2).sum(axis=2)).min()
+        assert local == pytest.approx(nearest, abs=cell)
+        edges.add(at_edge)
+    assert edges == {False, True}
+    leaves = np.array([[-1.0, 0.0], [-9.0, 0.0]])
+    assert measures_of(inside, x, v, weight, 0.5, leaves)[-2:] == (0.0, True)
+
+
+def test_the_measures_of_each_attractor_along_an_axis(two):
+    found = integrity(two)
+    assert found["number"].values.tolist() == [[0, 1], [0, 1]]
+    x, v = two["x0"].values, two["v0"].values
+    for i, k in np.ndindex(2, 2):
+        one = found.isel(omega=i, coexisting=k)
+        inside = (found["attractor"].isel(omega=i) == one["number"]).transpose("x0", "v0").values
+        others = outside(inside, x, v, at_stop=True)
+        start = np.zeros(1, POINT)
+        for name in ("h", "R", "omega", "f", "p", "clearance"):
+            start[name] = two["omega"][i] if name == "omega" else two[name]
+        start["x0"], start["v0"] = one["section_x"], one["section_v"]
+        m = int(one["m"])
+        run = integrate(start, transient=0, periods=m, at_section=True)
+        points = np.stack([run["poincare_x"][0], run["poincare_v"][0]], axis=1)
+        assert len(points) == (1, 2)[k]
+        nearest = np.sqrt(((points[:, None] - others) ** 2).sum(axis=2)).min()
+        assert one["local_integrity"] == pytest.approx(nearest, abs=0.2)
+        assert one["local_integrity"] <= one["integrity_factor"] + 0.1
+        assert inside[
+            np.abs(x - one["disc_x"].item()).argmin(), np.abs(v - one["disc_v"].item()).argmin()
+        ]
+    assert (integrity(two, weight=2.0)["integrity_factor"] > found["integrity_factor"]).all()
+
+
+def impacts_per_period(two, phase, x, velocities):
+    """Return the impacts per period of motions from x at a phase, after 4,000 periods."""
+    points = np.zeros(len(velocities), POINT)
+    for name in ("h", "R", "f", "p", "clearance"):
+        points[name] = two[name]
+    points["omega"], points["x0"], points["v0"] = 2.6, x, velocities
+    options = {"phase": phase % (2.0 * np.pi), "at_section": True}
+    return integrate(points, transient=4000, periods=4, **options)["impacts_per_period"]
+
+
+@pytest.mark.slow
+def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two):
+    found = knocks(two.isel(omega=0))
+    home = {0: 0.0, 1: 0.5}
+    assert found["knock_ends"].values.tolist() == [1, 0]
+    assert found["knock_certified"].all() and not found["knock_fractal"].any()
+    for k in range(2):
+        phase, x, v, harmless, harmful = (
+            found[f"knock_{name}"].values[k] for name in ("phase", "x", "v", "harmless", "harmful")
+        )
+        assert 0.0 < (harmful - harmless) / harmful <= 1e-9
+        both = impacts_per_period(two, phase, x, v + np.array([harmless, harmful]))
+        assert both.tolist() == [home[k], home[1 - k]]
+        smaller = np.linspace(-1.0, 1.0, 4001) * abs(harmless)
+        assert (impacts_per_period(two, phase, x, v + smaller) == home[k]).all()
+        start = found["section_x"].values[k], found["section_v"].values[k]
+        for x, v, phase in motion(two, *start):
+            ends = impacts_per_period(two, phase, x, v + 0.999 * smaller[::10])
+            assert (ends == home[k]).all()
+
+
+def motion(two, x, v):
+    """Yield states of a motion of at most two periods, and their phases."""
+    from vibroimpact import Oscillator, simulate
+
+    names = ("h", "R", "f", "p", "clearance")
+    osc = Oscillator(**{name: two[name].item() for name in names}, omega=2.6)
+    run = simulate(osc, 2, x0=x, v0=v)
+    inside = run.v <= np.where(run.x < 0.6, np.inf, 0.0)  # after an impact, not before it
+    for t, x, v in zip(run.t[inside], run.x[inside], run.v[inside], strict=True):
+        yield x, v, 2.6 * t
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("start.x0=0", "integrity needs x0 and v0 as axes; the file has omega, v0"),
+        ("start.x0=[-3, -1, 0]", "the values of x0 are not evenly spaced"),
+        ("record.phase=0.5", "the starts are at omega t = 0, and the section is at 0.5"),
+        ("follow={axis: omega}", "run the sweep again without follow"),
+    ],
+)
+def test_a_sweep_without_a_window_is_refused(override, message, tmp_path):
+    few = "record={transient: 0, periods: 2}", "start={x0: [-2, -1, 0], v0: [-1, 0, 1]}"
+    path = run_in(tmp_path, CONFIG, *few, override)
+    assert message in refused("integrity", path)
+
+
+def test_other_requests_are_refused(two):
+    with pytest.raises(Refused, match=r"weight = 0\.0 is not allowed"):
+        integrity(two, weight=0.0)
+    with pytest.raises(Refused, match="a sweep cut at one parameter point"):
+        knocks(two)
+
+
+@pytest.mark.slow
+def test_the_command_and_the_picture(two):
+    file = two.encoding["source"]
+    lines = accepted("integrity", file, "--weight", 2).splitlines()
+    assert [line.split()[:3] for line in lines[1:3]] == [["2.6", "0", "1/0"], ["2.6", "1", "2/1"]]
+    assert "w = 2, at omega t = 0" in lines[-1]
+    text = accepted("integrity", file, "--at", "omega=2.6", "--csv", "a.csv")
+    assert "to 1" in text and "to 0" in text
+    assert len(Path("a.csv").read_text().splitlines()) == 3
+    plot(two, "a.svg", "integrity", {"omega": 2.7})
+    assert "least knock of 2/1" in Path("a.svg").read_text()
+
+
+def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
+    few = "start={x0: {start: -2, stop: 0, num: 5}, v0: {start: -2, stop: 2, num: 5}}"
+    method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
+    file = run_in(tmp_path, CONFIG, few, *method)
+    assert "least knock" not in accepted("integrity", file)
+    with open_sweep(file) as dataset:
+        plot(dataset, "a.png", "integrity")
+        with pytest.raises(Refused, match="a knock needs the impact rule exact"):
+            knocks(dataset)
