@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, shown_speeds
 from sweeps.analysis.attractors import attractors
@@ -30,17 +33,32 @@ def basins(
 ) -> Figure:
     """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
 
-    x0 and v0 were both swept, and the period was recorded.
+    The periodic attractors are marked if the section has the phase of the starts, 0. x0 and v0
+    were both swept, and the period was recorded.
     """
     axes = swept_axes(dataset)
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     panel = canvas.new_panel(ax, page)
-    handles = draw_cells(panel, starts, basin_cells(starts, attractors(starts)))
+    result = attractors(starts)
+    handles = draw_cells(panel, starts, basin_cells(starts, result))
     page.set_limits(panel)
+    if config_of(dataset).record.phase == 0.0:  # that of the starts
+        handles += _mark_attractors(panel, starts, rows(starts, result))
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, starts, handles, title)
+
+
+def _mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> list[Artist]:
+    """Mark the periodic attractors at the section; return a mark for the legend, if any."""
+    at = np.array([row.point for row in table if row.m], int)
+    x, v = (records(starts, name, at) for name in ("poincare_x", "poincare_v"))
+    look: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "markersize": 4.0}
+    for i, row in enumerate(row for row in table if row.m):
+        panel.plot(x[i, -row.m :], v[i, -row.m :], "o", scalex=False, scaley=False, **look)
+    mark = Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)
+    return [mark] if len(at) else []
 
 
 def basin_cells(starts: xr.Dataset, result: xr.Dataset) -> list[Cells]:

@@ -18,6 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sweeps.errors import Refused
 from sweeps.plotting.labels import mathtext, status_name
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.lines import widened
@@ -51,11 +52,19 @@ class Page:
     ylim: tuple[float, float] | None = None
 
     def set_limits(self, panel: Axes) -> None:
-        """Set the limits that are given."""
-        if self.xlim is not None:
-            panel.set_xlim(self.xlim)
-        if self.ylim is not None:
-            panel.set_ylim(self.ylim)
+        """Set the limits that are given; Refused if nothing is drawn within them."""
+        for name, given, ends in (
+            ("xlim", self.xlim, panel.dataLim.intervalx),
+            ("ylim", self.ylim, panel.dataLim.intervaly),
+        ):
+            if given is None:
+                continue
+            if given[1] < ends[0] or ends[1] < given[0]:
+                raise Refused(
+                    f"there is nothing to draw with {name} = {given[0]:g}:{given[1]:g}; the data "
+                    f"range from {ends[0]:.6g} to {ends[1]:.6g}"
+                )
+            (panel.set_xlim if name == "xlim" else panel.set_ylim)(given)
 
 
 PAGE = Page()

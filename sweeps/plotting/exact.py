@@ -19,6 +19,7 @@ from sweeps.plotting.style import VERMILION
 _STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
 #: What the legend calls the lines, with their dashes.
 LINES: dict[str, Any] = {_STABLE: "-", _UNSTABLE: (0, (4, 2))}
+_THIN_LINES = "stable over less than 1 % of the axis"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
 #: The lines over the points of one direction and of two: of two directions the markers are to be
@@ -26,6 +27,9 @@ MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
 _OVER_BOTH: dict[str, Any] = {"color": "black", "linewidth": 0.4}
 _THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
+#: Curves of a map that may have a name, how long they are, and how far names are apart, as shares
+#: of the panel.
+_MOST_NAMES, _LONG, _ROOM = 24, 0.25, 0.1
 #: How the curves of each kind are drawn.
 _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
 
@@ -90,11 +94,12 @@ def draw_branches(
 ) -> dict[str, list[Line2D]]:
     """Draw `sweeps.branches`, solid where stable; return what was drawn, by its name."""
     look = _OVER_BOTH if two_directions else _OVER_ONE
-    drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, *MARKERS)}
+    drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin in parts_of(found, coordinate):
         if name in LINES:
             stroke = look | _THIN if thin else look
-            drawn[name] += panel.plot(x, y, zorder=4, label="_", ls=LINES[name], **stroke)
+            lines = panel.plot(x, y, zorder=4, label="_", ls=LINES[name], **stroke)
+            drawn[_THIN_LINES if thin else name] += lines
             continue
         seen = np.isfinite(y)
         x = np.broadcast_to(x[:, None], y.shape)
@@ -122,6 +127,31 @@ def _is_seen(line: Line2D, view: Bbox) -> bool:
     return bool(path.intersects_bbox(view, filled=False))
 
 
+def _name_curves(panel: Axes, found: xr.Dataset, values: np.ndarray) -> None:
+    """Write m/q beside the long curves of the shortest orbits, where there is room."""
+    places = panel.transAxes.inverted().transform(panel.transData.transform(values.T))
+    curves = [places[found["curve"].values == number] for number in range(found.sizes["number"])]
+    lengths = [float(np.abs(np.diff(curve, axis=0)).sum()) for curve in curves]
+    taken = np.empty((0, 2))
+    order = np.lexsort((-np.array(lengths), found["q"].values, found["m"].values))
+    for number in [i for i in order.tolist() if lengths[i] > _LONG][:_MOST_NAMES]:
+        curve = curves[number]
+        inside = curve[((curve > 0.05) & (curve < 0.95)).all(axis=1)]
+        if not len(inside):
+            continue
+        away = np.abs(inside[:, None] - taken).max(axis=2).min(axis=1, initial=np.inf)
+        place = inside[len(inside) // 2] if not len(taken) else inside[np.argmax(away)]
+        if away.max() < _ROOM:
+            continue
+        m, q = (int(found[name].values[number]) for name in ("m", "q"))
+        edge = [withStroke(linewidth=1.5, foreground="white")]
+        text = panel.text(
+            place[0], place[1], f"{m}/{q}", transform=panel.transAxes, size="x-small", zorder=6
+        )
+        text.set(path_effects=edge, clip_on=True)
+        taken = np.vstack([taken, place])
+
+
 def draw_curves(panel: Axes, found: xr.Dataset) -> list[Line2D]:
     """Draw `sweeps.curves` over a map of its axes; return a line or mark of each kind, with labels.
 
@@ -129,13 +159,14 @@ def draw_curves(panel: Axes, found: xr.Dataset) -> list[Line2D]:
     """
     limits = panel.get_xlim(), panel.get_ylim()
     values = np.stack([found[axis].values for axis in found.coords])
-    look: dict[str, Any] = {"color": "black", "linewidth": 0.7}
+    look: dict[str, Any] = {"color": "black", "linewidth": 0.5}
     handles = {}
     for number, kind in enumerate(found["kind"].values):
         line = values[:, found["curve"].values == number]
-        edge = [withStroke(linewidth=1.3, foreground="white")]  # seen on black, too
+        edge = [withStroke(linewidth=0.9, foreground="white", alpha=0.5)]  # seen on black, too
         panel.plot(*line, zorder=4, path_effects=edge, ls=_CURVES[kind], **look)
         handles[kind] = Line2D([], [], ls=_CURVES[kind], label=kind, **look)
+    _name_curves(panel, found, values)
     marked = np.isin(found["special_kind"].values, ["cusp", "flip"])
     if marked.any():
         (marks,) = panel.plot(*found["special_values"].values[marked].T, "D", color="black")

@@ -139,6 +139,8 @@ def log_map(
     rests = (cut["rest_fraction"].values > 0.0) & (not at_rest)
     positive = np.ma.masked_where(rests | ~(values > 0.0), values)
     shown = positive.compressed()
+    if not len(shown) and not rests.any() and has_result(cut["status"].values).all():
+        raise Refused(f"there is nothing to draw: {name} is 0 at every point")
     low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
     norm = LogNorm(low, max(high, low * 1.001))
     _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, cut[name])
@@ -203,9 +205,9 @@ def parameter_map(
     cut = select(dataset, at, free=chosen).sortby(chosen).transpose(ordinate, abscissa, ...)
     panel = canvas.new_panel(ax, page)
     handles = draw_cells(panel, cut, QUANTITIES[quantity](panel, cut))
+    page.set_limits(panel)
     if exact is not None:
         handles += draw_curves(panel, exact)
-    page.set_limits(panel)
     return canvas.finish(panel, page, cut, handles, CLASSES_TITLE if quantity == "period" else None)
 
 

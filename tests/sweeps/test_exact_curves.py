@@ -12,6 +12,7 @@ from sweep_files import run_in
 from sweeps import curves, load_config, open_sweep, run_sweep
 from sweeps.analysis import exact_curves
 from sweeps.errors import Refused
+from sweeps.plotting import parameter_map
 from vibroimpact.orbits.branches import Branch, SpecialPoint
 from vibroimpact.orbits.continuation import MOST_POINTS
 from vibroimpact.orbits.orbit import PeriodicOrbit
@@ -43,6 +44,9 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
     curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
     assert np.abs(curve - 1.0).max() < 1e-12
     assert (found["special_kind"].values[found["special_curve"].values == first] == "edge").all()
+    with open_sweep(path) as dataset:
+        panel = parameter_map(dataset, exact=found).axes[0]
+    assert "1/1" in [text.get_text() for text in panel.texts]
 
 
 @pytest.mark.slow

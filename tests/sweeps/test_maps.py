@@ -273,6 +273,12 @@ def test_requests_that_do_not_fit_are_refused(tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_quantity_that_is_zero_everywhere_is_no_picture():
+    dataset = hand_made(max_penetration={...: 0.0})
+    with pytest.raises(Refused, match="max_penetration is 0 at every point"):
+        parameter_map(dataset, quantity="max_penetration")
+
+
 def test_one_axis_makes_no_map():
     with pytest.raises(Refused, match="a map has 2 swept axes; the file has only omega"):
         parameter_map(hand_made(axes={"omega": OMEGA}))

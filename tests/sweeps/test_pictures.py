@@ -16,6 +16,7 @@ from PIL import Image
 from commands import call
 from sweep_files import run_in
 from sweeps import branches, open_sweep, plotting
+from sweeps.errors import Refused
 from sweeps.plotting import Page
 from vibroimpact import Oscillator, one_impact_orbit
 
@@ -196,6 +197,25 @@ def test_a_page_sets_title_and_limits(dataset):
     assert figure.get_suptitle() == "Mine"
     assert figure.axes[0].get_xlim() == (2.5, 3.0) and figure.axes[0].get_ylim() == (-0.4, 0.1)
     assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
+
+
+@pytest.mark.parametrize(("name", "ends"), [("xlim", (5.0, 6.0)), ("ylim", (1.0, 2.0))])
+def test_limits_without_data_are_refused(dataset, name, ends):
+    with pytest.raises(Refused, match=f"nothing to draw with {name} = .*; the data range from"):
+        plotting.bifurcation(dataset, page=Page(**{name: ends}))
+
+
+def test_the_attractors_are_marked_in_their_basins(files):
+    """The free oscillation, at its closed form, and one impact in a period, at its own."""
+    with open_sweep(files / "starts.h5") as dataset:
+        panel = plotting.basins(dataset).axes[0]
+    marks = np.concatenate([line.get_xydata() for line in panel.lines])
+    osc = Oscillator(h=0.1, R=0.8, omega=2.6, f=1.0, clearance=0.6)
+    stiffness = (1.0 - osc.omega**2) + 2j * osc.h * osc.omega
+    amplitude = -osc.f / stiffness
+    free = np.array([amplitude.imag, osc.omega * amplitude.real])
+    assert np.abs(marks - free).max(axis=1).min() < 1e-9
+    assert panel.get_xlim() == pytest.approx((-3.35, 0.85))
 
 
 @pytest.mark.slow
