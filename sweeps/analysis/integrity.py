@@ -182,8 +182,8 @@ def describe(frame: pd.DataFrame, weight: float | None) -> str:
 
 def shown_knock(row: Mapping[str, Any]) -> str:
     """Write a knock: its size, the phase of its moment, and where it leads."""
-    if math.isnan(row["knock_harmful"]):
-        return "-"
+    if not math.isfinite(row["knock_harmful"]):
+        return "-" if math.isnan(row["knock_harmful"]) else "none up to the height of the window"
     ends = row["knock_ends"]
     to = f"to {ends}" if ends >= 0 else "to what is not known"
     notes = "" if row["knock_certified"] else ", not certified"

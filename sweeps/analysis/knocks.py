@@ -49,7 +49,7 @@ class Knock(NamedTuple):
     x: float = math.nan
     v: float = math.nan
     harmless: float = math.nan
-    harmful: float = math.nan
+    harmful: float = math.inf
     ends: int = -1
     certified: bool = False
     fractal: bool = False
@@ -73,8 +73,8 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
         ``knock_harmless``, changes of velocity with their sign, less than 1e-9 of them apart;
         ``knock_ends``, the number of the attractor that the harmful one leads to, -1: not known;
         ``knock_certified``, whether both motions came to an attractor with no impact missed; and
-        ``knock_fractal``. NaN where no knock up to the height of the window of v0 is harmful, and
-        where the motion is not periodic.
+        ``knock_fractal``. ``knock_harmful`` is inf where no knock up to the height of the window of
+        v0 is harmful, and NaN where the motion is not periodic.
 
     Raises
     ------
@@ -87,7 +87,8 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
     motions, limit = _Motions(starts, found), float(np.ptp(starts["v0"].values))
     numbers = found["number"].values.tolist()
     rows = [
-        motions.worst(number, limit) if number in motions.orbits else Knock() for number in numbers
+        motions.worst(number, limit) if number in motions.orbits else Knock(harmful=math.nan)
+        for number in numbers
     ]
     columns = zip(Knock._fields, zip(*rows, strict=True), strict=True)
     return found.assign({f"knock_{name}": ("coexisting", list(column)) for name, column in columns})
@@ -180,25 +181,37 @@ class _Motions:
             fractal |= knock.fractal
         return knock._replace(fractal=fractal)
 
+    def _at(self, home: int, phase: float, limit: float) -> Knock:
+        """Return the least harmful knock at a phase, to 1e-6 of it, or one without a size."""
+        knock = self._least(home, phase % _TURN, limit, _MOMENTS)
+        return Knock() if knock is None else self._divided(home, knock, _MOMENTS, 3)
+
     def worst(self, home: int, limit: float) -> Knock:
         """Return the least harmful knock up to a limit, over all moments."""
-        width, best, before = _TURN / _MOMENTS, Knock(), math.inf
+        width, before = _TURN / _MOMENTS, math.inf
         after_impacts = (self.orbits[home].phases + 1e-12) % _TURN
+        moments = np.sort([*(width * np.arange(_MOMENTS)), *after_impacts]).tolist()
         while limit < 0.5 * before:
             before = limit
-            for phase in (*(width * np.arange(_MOMENTS)), *after_impacts):
-                if (knock := self._least(home, float(phase), limit, _SIZES)) is not None:
-                    best, limit = knock, abs(knock.harmful)
-        if math.isnan(best.phase):
+            for phase in moments:
+                limit = _size(self._least(home, phase, limit, _SIZES) or Knock(harmful=limit))
+        everywhere = [self._at(home, phase, 1.02 * limit) for phase in moments]
+        sizes, best = np.array([_size(knock) for knock in everywhere]), Knock()
+        lowest = np.isfinite(sizes) & (sizes <= np.minimum(np.roll(sizes, 1), np.roll(sizes, -1)))
+        for knock in (everywhere[i] for i in np.flatnonzero(lowest)):
+            for zoom in range(7):
+                near = knock.phase + width / 4.0**zoom * np.linspace(-1.0, 1.0, 9)
+                tried = (self._at(home, phase, _size(knock)) for phase in near.tolist())
+                knock = min(knock, *tried, key=_size)
+            best = min(best, knock, key=_size)
+        if math.isinf(_size(best)):
             return best
-        for zoom in range(6):
-            for phase in best.phase + width / 4.0**zoom * np.linspace(-1.0, 1.0, 9):
-                knock = self._least(home, float(phase) % _TURN, abs(best.harmful), _SIZES)
-                if knock is not None:
-                    knock = self._divided(home, knock, _MOMENTS, 3)
-                    best = min(best, knock, key=lambda knock: abs(knock.harmful))
-        finest = self._least(home, best.phase % _TURN, abs(best.harmful), _FINEST)
+        finest = self._least(home, best.phase % _TURN, _size(best), _FINEST)
         return self._divided(home, finest or best, 16, 4)
+
+
+def _size(knock: Knock) -> float:
+    return abs(knock.harmful)
 
 
 def at_section(oscillator: Oscillator, phase: float, x: float, v: float) -> tuple[float, ...]:

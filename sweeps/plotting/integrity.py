@@ -17,7 +17,6 @@ from matplotlib.patches import Ellipse, Patch
 from sweeps.analysis.attractor_table import Row, parameter_axes, rows
 from sweeps.analysis.grouping import records
 from sweeps.analysis.integrity import integrity as measured
-from sweeps.analysis.integrity import shown_knock
 from sweeps.analysis.knocks import at_section, knocks
 from sweeps.analysis.selection import Selection, config_of, oscillator_of, select
 from sweeps.plotting import canvas
@@ -26,11 +25,11 @@ from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.labels import CLASSES_TITLE, label_axis, mathtext
 from sweeps.plotting.maps import draw_cells
 
-#: The panels of the profile: a measure, what says whether the edge decided it, and the title.
+#: The panels of the profile: the measure, what says whether the edge decided it, and the title.
 _MEASURES = (
     ("fraction", "", "share of the starts"),
-    ("integrity_factor", "factor_at_edge", "integrity factor: radius of the largest disc"),
-    ("local_integrity", "local_at_edge", "local integrity: distance to the nearest other start"),
+    ("integrity_factor", "factor_at_edge", "integrity factor, a radius"),
+    ("local_integrity", "local_at_edge", "local integrity, a distance"),
 )
 
 
@@ -139,8 +138,17 @@ def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> li
             panel.annotate(
                 "", (end[0], end[1]), (begin[0], begin[1]), arrowprops={"arrowstyle": "->", **line}
             )
-            text = f"least knock of {row.name}: {shown_knock(one)}"
+            text = (
+                rf"{row.name}: ${one['knock_harmful']:+.4g}$ at $\omega t={one['knock_phase']:.4g}$"
+            )
             handles.append(
-                Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **line)
+                Line2D(
+                    [],
+                    [],
+                    marker=r"$\rightarrow$",
+                    linestyle="",
+                    label=f"least knock, {text}",
+                    **line,
+                )
             )
     return handles

@@ -37,6 +37,7 @@ def random_sweep(tmp_path):
         name="a test",
         fixed=FIXED,
         diagnostics=(),
+        phase=0.5,
         **changed,
     ):
         fixed = {key: value for key, value in fixed.items() if key not in axes}
@@ -47,7 +48,7 @@ def random_sweep(tmp_path):
             "start": {key: values.pop(key) for key in ("x0", "v0")},
             "oscillator": values,
             "method": {"integrator": "newmark", "impact": "cubic", "steps_per_period": 64},
-            "record": {"transient": 1000, "periods": 7, "phase": 0.5},
+            "record": {"transient": 1000, "periods": 7, "phase": phase},
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
         path = tmp_path / f"{len(opened)}.h5"

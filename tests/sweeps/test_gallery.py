@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import sweeps
-from sweeps import attractors, load_config, open_sweep, run_sweep
+from sweeps import attractors, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime, classify
 from sweeps.plotting import plot
@@ -228,6 +228,18 @@ def test_period_map(scene):
         f"oscillator.omega={values(2.0, 2.64, 2.68, 4.0, 6.0)}",
     )
     assert classes(dataset)[5:] == ["1/1", "1/1", "2/2", "2/1", "3/1"]
+
+
+@pytest.mark.slow
+def test_integrity(scene):
+    """The disc of 2/1 is of .64 at 2.6 and shrinks to its end before 2.75, where 1/0 is alone."""
+    few = "start.x0.num=73", "start.v0.num=121"  # one start in 0.05
+    found = integrity(scene("integrity", f"oscillator.omega={values(2.6, 2.74, 2.75)}", *few))
+    assert found["m"].values.tolist() == [[1, 2], [1, 2], [1, -1]]
+    factor, local = found["integrity_factor"].values, found["local_integrity"].values
+    assert_allclose(factor[:2, 1], [0.64, 0.38], atol=0.06)
+    assert_allclose(local[:2, 1], [0.20, 0.06], atol=0.06)
+    assert found["factor_at_edge"].values[2, 0] and found["local_at_edge"].values[2, 0]
 
 
 @pytest.mark.slow

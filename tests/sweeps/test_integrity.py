@@ -164,7 +164,7 @@ def test_the_command_and_the_picture(two):
     assert "to 1" in text and "to 0" in text
     assert len(Path("a.csv").read_text().splitlines()) == 3
     plot(two, "a.svg", "integrity", {"omega": 2.7})
-    assert "least knock of 2/1" in Path("a.svg").read_text()
+    assert "least knock, 2/1" in Path("a.svg").read_text()
 
 
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):

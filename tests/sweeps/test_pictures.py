@@ -87,6 +87,7 @@ NARROW = [
     ("map.h5", "impacts", {"at": {"omega": 2.8}}),
     ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
     ("starts.h5", "basins", {}),
+    ("starts.h5", "integrity", {}),
 ]
 
 

@@ -82,7 +82,8 @@ def test_a_point_that_failed_is_titled_so(random_sweep):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_every_kind_is_written_in_every_format(random_sweep, tmp_path, kind, ending, start):
     output = tmp_path / f"a.{ending}"
-    dataset = random_sweep({"x0": R - 2.0, "v0": R, "omega": OMEGA}, diagnostics=["period"])
+    axes = {"x0": R - 2.0, "v0": R, "omega": OMEGA}
+    dataset = random_sweep(axes, diagnostics=["period"], phase=0.0)
     assert plot(dataset, output, kind) == output
     assert output.read_bytes().startswith(start)
 
@@ -119,7 +120,7 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
         (
             {"kind": "pie"},
-            "no picture 'pie'; choose one of bifurcation, attractors, basins, map, sec",
+            "no picture 'pie'; choose one of bifurcation, attractors, basins, integrity, map, sec",
         ),
         ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
