@@ -255,6 +255,11 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
     assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
     assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
+    radii = [
+        float(text) for text in re.findall(r"; disc (?:&gt;= )?([\d.]+)<", page.basins.legend.text)
+    ]
+    np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
+    assert len(radii) == 2 and min(radii) > 0.1
     window.click(0.7, 0.6, "basins")
     window.settle(lambda: page.view.tab == 0)
     assert page.view.values["x0"] == pytest.approx(-0.9, abs=0.05)
