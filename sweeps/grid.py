@@ -9,9 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroimpact.oscillator import POINT, mesh
+from vibroimpact.oscillator import POINT, mesh, parameters_of
 
 Block = tuple[slice, ...]
+
+#: The axis of a sweep over the rows of a table.
+TABLE = "point"
 
 
 def box_shape(block: Block) -> tuple[int, ...]:
@@ -24,6 +27,15 @@ def block_points(block: Block) -> int:
     return math.prod(box_shape(block))
 
 
+def as_table(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return columns of equal length as a structured array, the values of the axis ``TABLE``."""
+    length = len(next(iter(columns.values())))
+    table = np.empty(length, [(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        table[name] = values
+    return table
+
+
 @dataclass(frozen=True)
 class Grid:
     """The Cartesian product of the swept axes.
@@ -31,13 +43,20 @@ class Grid:
     Parameters
     ----------
     axes : mapping of str to ndarray
-        The swept parameters and their values, slowest first.
+        The swept parameters and their values, slowest first; or ``TABLE`` alone, with a structured
+        array: a field for every column, named like a parameter or carried along.
     fixed : mapping of str to float
         The value of every parameter that is not swept.
     """
 
     axes: Mapping[str, np.ndarray]
     fixed: Mapping[str, float]
+
+    @property
+    def swept(self) -> dict[str, np.ndarray]:
+        """The values of every parameter that is not fixed, along its axis."""
+        parts = (parameters_of(axis, values) for axis, values in self.axes.items())
+        return {name: values for part in parts for name, values in part.items()}
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -82,8 +101,9 @@ class Grid:
         points = np.empty(len(numbers), POINT)
         for name, value in self.fixed.items():
             points[name] = value
-        for name, values in reversed(list(self.axes.items())):
-            points[name] = values[numbers % len(values)]
+        for axis, values in reversed(list(self.axes.items())):
+            for name, column in parameters_of(axis, values).items():
+                points[name] = column[numbers % len(values)]
             numbers = numbers // len(values)
         return points
 

@@ -320,7 +320,8 @@ def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarr
     Parameters
     ----------
     axes : mapping of str to ndarray
-        The values of each swept parameter, slowest first.
+        The values of each swept parameter, slowest first; or, of parameters that vary together, a
+        structured array with a field for each, whose other fields are ignored.
     fixed : mapping of str to float
         The value of every other parameter.
 
@@ -329,10 +330,18 @@ def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarr
     ndarray of dtype POINT, shape (n,)
         The Cartesian product of the axes in C order.
     """
-    coordinates = np.meshgrid(*axes.values(), indexing="ij")
+    rows = np.meshgrid(*(np.arange(len(values)) for values in axes.values()), indexing="ij")
     points = np.empty(math.prod(map(len, axes.values())), dtype=POINT)
     for name, value in fixed.items():
         points[name] = value
-    for name, coordinate in zip(axes, coordinates, strict=True):
-        points[name] = coordinate.ravel()
+    for (axis, values), row in zip(axes.items(), rows, strict=True):
+        for name, column in parameters_of(axis, values).items():
+            points[name] = column[row.ravel()]
     return points
+
+
+def parameters_of(axis: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the parameters that vary along an axis of `mesh`, by name, shape (n,) each."""
+    if values.dtype.names is None:
+        return {axis: values}
+    return {name: values[name] for name in values.dtype.names if name in PARAMETERS}

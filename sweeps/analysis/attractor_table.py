@@ -12,12 +12,14 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis import tables
-from sweeps.analysis.grouping import STARTS, GridIndex, records
+from sweeps.analysis.grouping import SETS, STARTS, GridIndex, records
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import Selection, listed, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
 from sweeps.errors import Refused
+from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
+from vibroimpact.oscillator import PARAMETERS
 
 #: Kinds of motion that are listed but are not attractors.
 _UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
@@ -63,8 +65,9 @@ class Row(NamedTuple):
 
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Name the swept axes that are not starts."""
-    return tuple(name for name in swept_axes(dataset) if name not in STARTS)
+    """Name the swept axes, or the columns of a table, of parameters that are not starts."""
+    names = [name for name in columns_of(dataset) if name in PARAMETERS] or swept_axes(dataset)
+    return tuple(name for name in names if name not in STARTS)
 
 
 def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
@@ -85,10 +88,11 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     is_there = frame["number"].values >= 0
     frame = frame[is_there]
     points = GridIndex.of(dataset)
-    file = np.empty((points.count, len(points.start) // points.count), np.int64)
+    file = np.empty((points.count, int(points.start.max()) + 1), np.int64)
     file[points.parameter, points.start] = np.arange(len(points.start))
     parameter = np.flatnonzero(is_there) // result.sizes["coexisting"]
     place = file[parameter, frame["representative"]]
+    swept = {name: points.points[name][place] for name in parameter_axes(dataset)}
     speeds = _speeds(dataset, place, frame["q"].values)
     hidden = np.flatnonzero(~frame["settled"] & (frame["q"] > 0))
     orbits = frame.iloc[hidden]
@@ -98,7 +102,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
         speeds[i] = values
     return [
         Row(
-            dict(zip(axes, row.Index[:-1] if axes else (), strict=True)),
+            {name: values[i].item() for name, values in swept.items()},
             row.number,
             Regime(row.motion),
             row.m,
@@ -168,11 +172,13 @@ def _over_parameters(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
     number = attrgetter("number")
     by_number = groupby(sorted(rows(dataset, result), key=number), number)
     lines = [table([head, *(_summary(list(appearances), axes) for _, appearances in by_number)])]
-    starts = result["attractor"].size // counted.size
+    starts, where = result["attractor"].size, "in all"
+    if SETS not in counted.dims:
+        starts, where = starts // counted.size, "at each"
     for count, times in zip(*np.unique(counted.values, return_counts=True), strict=True):
         found = shown_count(count, "attractor")
         lines.append(f"{found} at {times:,} of {counted.size:,} parameter points")
-    return [*lines, f"{shown_count(starts, 'start')} at each"]
+    return [*lines, f"{shown_count(starts, 'start')} {where}"]
 
 
 def classes(appearances: Sequence[Row], most: int = 3) -> str:

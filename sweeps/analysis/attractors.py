@@ -1,7 +1,8 @@
 """The distinct attractors of a sweep: which exist at a point, and which starts reach each.
 
-A parameter point is a point of the grid without its starts. Each start there is on one of its
-attractors, according to its kind of motion (`sweeps.analysis.regimes`):
+A parameter point is a point of the grid without its starts, or a set of parameters in a table. Each
+start there is on one of its attractors, according to its kind of motion
+(`sweeps.analysis.regimes`):
 
 - periodic motions are the same attractor if they have the same number m of forcing periods and
   the same section states within a tolerance, wherever in the cycle each record ends. Impacts need
@@ -27,7 +28,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_links import ExactLinks
-from sweeps.analysis.grouping import GridIndex, Groups, group_periodic
+from sweeps.analysis.grouping import SETS, GridIndex, Groups, group_periodic
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import config_of
@@ -60,7 +61,8 @@ def attractors(
     -------
     Dataset
         ``attractor``, in the shape of ``status``: the number of the attractor, -1 for none. A
-        number is the same attractor along the axes (`sweeps.analysis.tracking`); the most
+        number is the same attractor along the axes (`sweeps.analysis.tracking`), not among the
+        sets of a table; the most
         frequent periodic one has 0, and those that are not periodic have the last.
         ``followed``, in the same shape: whether the motion had not settled in its record.
         ``attractors`` (parameters...): how many of ``COUNTED_MOTIONS`` were found, a lower bound.
@@ -170,11 +172,12 @@ def _tracked(
     periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
     at = heads[periodic]
     links = None
-    if points.shape and config_of(dataset).method.impact == "exact":
-        axis = points.parameters[int(np.argmax(points.shape))]
+    shape = () if SETS in points.parameters else points.shape  # sets have no neighbours
+    if shape and config_of(dataset).method.impact == "exact":
+        axis = points.parameters[int(np.argmax(shape))]
         links = ExactLinks(dataset, axis, at, groups.last[at], lengths[at])
     tracked = PeriodicAttractors(points.parameter[at], lengths[at], places[at], groups.cycles)
-    _, chain = np.unique(track(points.shape, tracked, links), return_inverse=True)
+    _, chain = np.unique(track(shape, tracked, links), return_inverse=True)
     shares = np.bincount(chain, fraction[periodic])
     number = np.empty(len(heads), np.int64)
     number[periodic] = np.argsort(np.argsort(-shares, kind="stable"))[chain]

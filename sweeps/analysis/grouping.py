@@ -12,11 +12,15 @@ import xarray as xr
 
 from sweeps.analysis.section_distance import Cycles, representatives, shortest_turn
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
-from sweeps.grid import Block, Grid
+from sweeps.errors import Refused
+from sweeps.grid import TABLE, Block, Grid
 from sweeps.store import DIRECTION
+from vibroimpact.oscillator import PARAMETERS, POINT
 
 #: Axes along which the oscillator is the same and only its past differs.
 STARTS = ("x0", "v0", DIRECTION)
+#: The dimension of the sets of parameters of a table.
+SETS = "set"
 #: Section states that are read at a time.
 _PART = 4_000_000
 
@@ -28,24 +32,28 @@ class GridIndex:
     Attributes
     ----------
     shape : tuple of int
-        Of the grid of parameter points, which is that of the file without its ``STARTS``.
+        Of the grid of parameter points, which is that of the file without its ``STARTS``; of a
+        table, the number of its different sets of parameters, if there are several.
     parameters : tuple of str
-        Its axes.
+        Its axes, or ``SETS``.
     parameter, start : ndarray of int, shape (n,)
         The number of the parameter point and of the start, each in C order.
-    values : mapping of str to ndarray, shape (n,)
-        omega, clearance and R.
+    points : ndarray of dtype POINT, shape (n,)
+        Their parameters.
     """
 
     shape: tuple[int, ...]
     parameters: tuple[str, ...]
     parameter: np.ndarray
     start: np.ndarray
-    values: Mapping[str, np.ndarray]
+    points: np.ndarray
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
         """Number the points of an opened sweep, or of a cut through one."""
+        points = points_of(dataset)
+        if TABLE in dataset["status"].dims:
+            return cls(*_sets(points), points)
         sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
         parameters = {name: size for name, size in sizes.items() if name not in STARTS}
 
@@ -60,7 +68,7 @@ class GridIndex:
             tuple(parameters),
             numbers(parameters),
             numbers(STARTS),
-            {name: parameter_at_points(dataset, name) for name in ("omega", "clearance", "R")},
+            points,
         )
 
     @property
@@ -70,9 +78,30 @@ class GridIndex:
 
     def cycles(self, at: np.ndarray, states: np.ndarray) -> Cycles:
         """Return the cycles of section states (x, v) of points, shape (k, m, 2)."""
-        omega, clearance, R = (self.values[name][at] for name in ("omega", "clearance", "R"))
+        omega, clearance, R = (self.points[name][at] for name in ("omega", "clearance", "R"))
         from_stop = states[:, :, 0] - clearance[:, None]
         return Cycles(np.stack([from_stop, states[:, :, 1] / omega[:, None]], axis=2), R)
+
+
+def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndarray, np.ndarray]:
+    """Return the shape and axis of the sets of parameters of a table; each row's set and start."""
+    rows = np.stack([points[name] for name in PARAMETERS if name not in STARTS], axis=1)
+    different, of_row = np.unique(rows, axis=0, return_inverse=True)
+    if len(different) == len(rows) > 1:
+        raise Refused("attractors need several starts, and no rows of the table differ in x0 or v0")
+    order = np.argsort(of_row, kind="stable")
+    start = np.empty(len(rows), np.int64)
+    start[order] = np.arange(len(rows)) - np.searchsorted(of_row[order], of_row[order])
+    several = len(different) > 1
+    return (len(different),) * several, (SETS,) * several, of_row, start
+
+
+def points_of(dataset: xr.Dataset) -> np.ndarray:
+    """Return the points of an opened sweep, of dtype POINT, in C order."""
+    points = np.empty(dataset["status"].size, POINT)
+    for name in PARAMETERS:
+        points[name] = parameter_at_points(dataset, name)
+    return points
 
 
 def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:

@@ -13,7 +13,8 @@ import xarray as xr
 from sweeps.config.loading import parse_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
-from sweeps.store.variables import DIRECTION, VARIABLES, Variable
+from sweeps.grid import TABLE
+from sweeps.store.variables import DIRECTION, VARIABLES, Variable, columns_of
 from sweeps.text import nearest, suggestion
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
@@ -50,7 +51,12 @@ def config_of(dataset: xr.Dataset) -> SweepConfig:
     Raises ConfigError if a file has one that is not valid, as one of another version may be.
     """
     configuration = dataset.attrs["configuration"]
-    return configuration if isinstance(configuration, SweepConfig) else _parsed(configuration)
+    if isinstance(configuration, SweepConfig):
+        return configuration
+    table = columns_of(dataset)
+    if table:
+        return parse_config(configuration, "its configuration", "sweep", points=table)
+    return _parsed(configuration)
 
 
 @lru_cache(maxsize=8)
@@ -145,6 +151,10 @@ def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind:
     Raises Refused if the file has not so many, or not the ones asked for.
     """
     axes = swept_axes(dataset)
+    if TABLE in axes:
+        raise Refused(
+            f"a {kind} needs a swept axis, and the points of this file are the rows of a table"
+        )
     if not axes:
         raise Refused(f"the file holds a single point: a {kind} needs a swept axis")
     for name in requested:

@@ -22,18 +22,17 @@ for at most ``MOST_PERIODS`` forcing periods.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import GridIndex, parameter_at_points
+from sweeps.analysis.grouping import GridIndex, points_of
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
 from sweeps.analysis.regimes import Regime, classify, kinds
 from sweeps.analysis.selection import config_of, oscillator_of
 from vibroimpact import integrate
-from vibroimpact.oscillator import POINT, Oscillator
 from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
 
 #: How often a motion is followed on, four times as long each time.
@@ -252,8 +251,6 @@ def at_states(
     dataset: xr.Dataset, at: np.ndarray | slice, x: np.ndarray, v: np.ndarray
 ) -> np.ndarray:
     """Return the parameters of points of a file, with states at the section to start from."""
-    points = np.empty(x.size, POINT)
-    for name in (field.name for field in fields(Oscillator)):
-        points[name] = parameter_at_points(dataset, name)[at]
+    points = points_of(dataset)[at]
     points["x0"], points["v0"] = x, v
     return points

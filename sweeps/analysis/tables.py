@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps.analysis.grouping import grid_of
 from sweeps.analysis.selection import COORDINATES
 from sweeps.errors import Refused
-from sweeps.store import VARIABLES
+from sweeps.store import VARIABLES, columns_of
 from sweeps.store.replacing import check_target, writing
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -136,15 +136,16 @@ def _scalars(dataset: xr.Dataset) -> xr.Dataset:
         elif VARIABLES[name].record == "exponent":
             for i in range(dataset.sizes["exponent"]):
                 columns[f"{name}_{i + 1}"] = dataset[name].isel(exponent=i, drop=True)
-    return xr.Dataset(columns)
+    return xr.Dataset(columns, attrs=dataset.attrs)
 
 
 def _frame(scalars: xr.Dataset):  # type: ignore[no-untyped-def]
     """Return the rows of points, in C order over the file."""
     names = {int(status): status.name.lower() for status in Status}
     axes = [str(name) for name in scalars["status"].dims]
-    fixed = [name for name in PARAMETERS if name in scalars.coords and name not in axes]
+    columns = dict.fromkeys([*PARAMETERS, *columns_of(scalars)])
+    about = [name for name in columns if name in scalars.coords and name not in axes]
     rows = scalars if axes else scalars.expand_dims("point")
     frame = rows.to_dataframe(dim_order=axes or ["point"]).reset_index()
     frame["status"] = frame["status"].map(names)
-    return frame[[*axes, *fixed, *scalars.data_vars]]
+    return frame[[*axes, *about, *scalars.data_vars]]

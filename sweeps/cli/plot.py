@@ -50,13 +50,15 @@ Kind = Annotated[
     str | None,
     typer.Option(
         metavar="KIND",
-        help="bifurcation, attractors, basins, integrity, map, section, impacts or trajectory.",
+        help="bifurcation, attractors, basins, integrity, map, section, impacts, trajectory or table.",
     ),
 ]
 AxisNames = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="NAME", help="The swept parameter as abscissa; for a map, then the ordinate."
+        metavar="NAME",
+        help="The swept parameter as abscissa; for a map, then the ordinate; of a table, a column "
+        "or a result, repeatable.",
     ),
 ]
 Cuts = Annotated[
@@ -79,7 +81,8 @@ Quantity = Annotated[
     typer.Option(
         metavar="NAME",
         help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
-        "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status.",
+        "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status; of a "
+        "table, the ordinate: any of these that is a number, or a column.",
     ),
 ]
 Exact = Annotated[

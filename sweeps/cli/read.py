@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
     from sweeps.analysis.selection import Selection
 
+#: A longer table does not fit into a YAML file that can be read again.
+_MOST_ROWS = 1000
+
 
 def attractors(
     file: SweepFile,
@@ -106,11 +109,25 @@ def info(
         if bifurcations:
             _show_bifurcations(dataset, axis, cuts, csv, branch_options(classes, most))
         elif config:
-            say(dataset.attrs["configuration"], end=False)
+            say(_configuration(dataset), end=False)
         else:
             from sweeps.engine import reports
 
             say(reports.contents(dataset), end=False)
+
+
+def _configuration(dataset: xr.Dataset) -> str:
+    """Return the configuration of a file, with its table, if that is not too long to be typed."""
+    from sweeps.analysis.selection import config_of
+    from sweeps.store import columns_of
+
+    rows = len(dataset["status"]) if columns_of(dataset) else 0
+    if rows > _MOST_ROWS:
+        raise Refused(
+            f"a table of {rows:,} rows is too long for a YAML file; expected: at most "
+            f"{_MOST_ROWS:,}; export writes the table as CSV, and run takes the file itself"
+        )
+    return config_of(dataset).to_yaml() if rows else str(dataset.attrs["configuration"])
 
 
 def _show_bifurcations(

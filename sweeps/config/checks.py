@@ -21,11 +21,18 @@ _CHUNK = 1 << 16
 def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
     """Return the two points of a grid that need the most steps, with h, p and omega alone.
 
-    The first has the largest h and p, with which exact impacts need the shortest step. At the
-    second the integrator needs the most steps to be stable. The longest stable T is not monotone in
-    h: that of Euler is 2h / p^2, then falls; that of Runge-Kutta has a minimum at h = 0.54 p. But
-    along p, at any h, it has no minimum within the axis, so that the ends of p will do.
+    Of a table, all points are returned. Of a grid, the first has the largest h and p, with which
+    exact impacts need the shortest step. At the second the integrator needs the most steps to be
+    stable. The longest stable T is not monotone in h: that of Euler is 2h / p^2, then falls; that
+    of Runge-Kutta has a minimum at h = 0.54 p. But along p, at any h, it has no minimum within the
+    axis, so that the ends of p will do.
     """
+    if any(isinstance(value, np.ndarray) for _, value in oscillator.items()):
+        columns = {name: as_array(value) for name, value in oscillator.items()}
+        points = np.zeros(max(map(len, columns.values())), POINT)
+        for name in ("h", "p", "omega"):
+            points[name] = columns[name]
+        return points
     h, omega = as_array(oscillator.h), min(extremes(oscillator.omega))
     least_p, most_p = min(extremes(oscillator.p)), max(extremes(oscillator.p))
     points = np.zeros(2, POINT)

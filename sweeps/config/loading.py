@@ -13,10 +13,11 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from sweeps.config.messages import dotted, explained, shown, without_echoes
+from sweeps.config.messages import dotted, explained, shown, source_of, without_echoes
+from sweeps.config.points import read_points
 from sweeps.config.schema import key_list
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Key
+from sweeps.config.values import Key, null
 from sweeps.errors import ConfigError
 from sweeps.text import shortened, shown_count
 
@@ -37,7 +38,7 @@ def load_config(
     ----------
     source : str, Path or mapping
         A YAML file, or what loading one would give: a mapping of its keys, in which arrays of
-        NumPy may stand for lists.
+        NumPy may stand for lists, and a DataFrame or a structured array for ``points``.
     overrides : sequence of str
         ``dotted.key=value`` with the value in YAML, each replacing or adding one key. The last
         name may be one of a range: ``oscillator.omega.start=2.71``.
@@ -49,26 +50,29 @@ def load_config(
     Raises
     ------
     ConfigError
-        If the file cannot be read, is not YAML, or asks for what is not allowed.
+        If a file cannot be read, is not YAML, or asks for what is not allowed.
     """
     if isinstance(source, Mapping):
-        return _checked(_plain(source), "the configuration", {}, overrides)
+        given = {key: value if key == "points" else _plain(value) for key, value in source.items()}
+        return _checked(given, "the configuration", {}, overrides)
     path = Path(source)
     return parse_config(_text(path), str(path), path.stem, overrides)
 
 
-def parse_config(text: str, origin: str, name: str, overrides: Sequence[str] = ()) -> SweepConfig:
+def parse_config(
+    text: str, origin: str, name: str, overrides: Sequence[str] = (), **table: Any
+) -> SweepConfig:
     """Read the configuration of a sweep from a text of YAML, as `load_config` does from a file.
 
     The `origin` is where the text is from, for the errors; the sweep has this name if the text
-    gives none.
+    gives none. Of the file of a sweep, the ``points`` of its `table` are not in the text.
     """
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)
     if not isinstance(data, dict):
         content = shown(data) if data else "empty"
         raise ConfigError(f"{origin}: the file is {content}; expected: {key_list(SweepConfig)}")
-    return _checked({"name": name, **data}, origin, sources, overrides)
+    return _checked({"name": name, **table, **data}, origin, sources, overrides)
 
 
 def _checked(
@@ -77,6 +81,13 @@ def _checked(
     """Return the configuration that `data` with `overrides` describe, or refuse them in words."""
     for override in overrides:
         _override(data, override, sources)
+    if null(data.get("points")) is not None:
+        source = source_of(("points",), sources, origin)
+        try:  # a file that an override names is in the working folder
+            folder = Path() if source.startswith("override") else Path(origin).parent
+            data["points"] = read_points(data["points"], folder)
+        except ValueError as error:
+            raise ConfigError(f"{source}: points: {error}") from None
     try:
         return SweepConfig.model_validate(data)
     except ValidationError as refusal:

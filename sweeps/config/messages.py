@@ -44,9 +44,9 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     """Say in one line where an error of pydantic is, what was given and what is allowed."""
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, MisplacedError):
-        return f"{_source(reason.key, sources, path)}: {dotted(reason.key)}: {reason}"
+        return f"{source_of(reason.key, sources, path)}: {dotted(reason.key)}: {reason}"
     key, group, expected = _located(error["loc"])
-    where = f"{_source(key, sources, path)}: "
+    where = f"{source_of(key, sources, path)}: "
     if error["type"] == "missing":
         return f"{where}{dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
@@ -94,7 +94,7 @@ def _typed(data: Any, key: Key, otherwise: object) -> object:
     return data
 
 
-def _source(key: Key, sources: Mapping[Key, str], path: str) -> str:
+def source_of(key: Key, sources: Mapping[Key, str], path: str) -> str:
     """Where `key` or the closest group around it comes from."""
     groups = (key[:length] for length in range(len(key), -1, -1))
     return next((sources[group] for group in groups if group in sources), path)
@@ -119,6 +119,7 @@ def shown(value: object) -> str:
 
 #: Other names of each key: symbols of the literature, words of other programs.
 _OTHER_NAMES = {
+    "points": "table rows csv",
     "oscillator": "parameters params system model",
     "start": "initial initial_conditions initial_state ic",
     "method": "numerics integration",

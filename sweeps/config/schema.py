@@ -58,7 +58,8 @@ def _parameter(name: str) -> Any:
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
         f"{parameter.meaning}{unit}: {parameter.allowed}; "
-        "to sweep it, a list of such numbers or {start, stop, num, spacing: linear or log}"
+        "to sweep it, a list of such numbers, {start, stop, num, spacing: linear or log}, or a "
+        "column of points"
     )
     return Field(
         ... if parameter.default is None else parameter.default,

@@ -15,6 +15,7 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from sweeps.config.checks import refuse_refinement, refuse_unstable, worst_points
+from sweeps.config.points import with_columns
 from sweeps.config.schema import (
     FollowConfig,
     MethodConfig,
@@ -31,13 +32,14 @@ from sweeps.config.values import (
     Group,
     Key,
     MisplacedError,
+    Table,
     as_array,
     extremes,
     length,
     null,
     one_of,
 )
-from sweeps.grid import Grid
+from sweeps.grid import TABLE, Grid
 from sweeps.text import printable, shortest
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import scales_with_f
@@ -60,13 +62,19 @@ def _group(meaning: str, group: type[Group], **default: Any) -> Any:
 
 
 class SweepConfig(Group):
-    """A sweep of the forced oscillator with impacts over a grid of its parameters."""
+    """A sweep of the forced oscillator with impacts, over a grid or a table of its parameters."""
 
     name: str = Field(
         "sweep",
         pattern=r"^[^/\\\x00-\x1f\x7f-\x9f]+$",
         description="name of the sweep: a text without slashes and control characters "
         "(default: the name of the configuration file)",
+    )
+    points: Table = Field(
+        None,
+        description="table of the points, in place of lists and ranges: a CSV file with a header, "
+        "relative to this one, or a mapping of columns, each a list; columns are named like "
+        "parameters, and further ones are kept",
     )
     oscillator: OscillatorConfig = _group("parameters of eq. (1)", OscillatorConfig)
     start: StartConfig = _group(
@@ -112,6 +120,13 @@ class SweepConfig(Group):
             return {**data, "output": f"{data['name']}.h5"}
         return data
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_columns(cls, data: Any) -> Any:
+        """Give the parameters that are columns of a table to their groups; refuse other axes."""
+        has_table = isinstance(data, dict) and isinstance(data.get("points"), np.ndarray)
+        return with_columns(data) if has_table else data
+
     @field_validator("start")
     @classmethod
     def _fits_the_oscillator(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
@@ -119,13 +134,17 @@ class SweepConfig(Group):
         oscillator = info.data.get("oscillator")
         if oscillator is None:
             return start  # refused already
-        x0, clearance = max(extremes(start.x0)), min(extremes(oscillator.clearance))
+        x0, clearance, where = max(extremes(start.x0)), min(extremes(oscillator.clearance)), ""
+        if info.data.get("points") is not None:
+            pairs = np.broadcast_arrays(as_array(start.x0), as_array(oscillator.clearance))
+            row = int(np.argmax(pairs[0] > pairs[1]))
+            x0, clearance, where = *(end[row] for end in pairs), f"row {row + 1} of points: "
         if x0 > clearance:
             typed = "x0" in start.model_fields_set
             raise MisplacedError(
                 ("start", "x0") if typed else ("oscillator", "clearance"),
-                f"x0 = {shortest(x0)} lies beyond the stop at clearance = {shortest(clearance)}; "
-                "every x0 must be <= every clearance",
+                f"{where}x0 = {shortest(x0)} lies beyond the stop at clearance = "
+                f"{shortest(clearance)}; every x0 must be <= every clearance",
             )
         lengths: dict[Key, int] = {
             (title, name): length(value)
@@ -183,6 +202,15 @@ class SweepConfig(Group):
             )
         return record
 
+    @field_validator("follow", "refine")
+    @classmethod
+    def _has_neighbours(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse to go along an axis where the points are the rows of a table."""
+        if value is not None and info.data.get("points") is not None:
+            problem = "needs an axis, which points has not; expected: a range instead of points"
+            raise MisplacedError((str(info.field_name),), problem)
+        return value
+
     @field_validator("follow")
     @classmethod
     def _along_an_axis(cls, follow: FollowConfig | None, info: ValidationInfo) -> Any:
@@ -236,7 +264,7 @@ class SweepConfig(Group):
             lyapunov="lyapunov" in record.diagnostics,
             period="period" in record.diagnostics,
             every=record.trajectory.every if record.trajectory else None,
-            scaled=follow is None and scales_with_f(self.grid.axes, self.grid.fixed),
+            scaled=follow is None and scales_with_f(self.grid.swept, self.grid.fixed),
             followed=follow.axis if follow else None,
             directions=self.directions,
         )
@@ -252,15 +280,15 @@ class SweepConfig(Group):
 
     @cached_property
     def grid(self) -> Grid:
-        """The swept axes, in the order of the file, and the fixed values."""
-        axes: dict[str, np.ndarray] = {}
+        """The swept axes, in the order of the file, or the table; and the fixed values."""
+        axes: dict[str, np.ndarray] = {} if self.points is None else {TABLE: self.points}
         fixed: dict[str, float] = {}
         for _, group in self.items():
             if isinstance(group, ParameterConfig):
                 for name, value in group.items():
                     if isinstance(value, float):
                         fixed[name] = value
-                    else:
+                    elif self.points is None:
                         axes[name] = as_array(value)
         return Grid(axes, fixed)
 
@@ -276,12 +304,15 @@ class SweepConfig(Group):
         """Number of points to compute: those of the grid, in each direction."""
         return self.grid.size * max(1, len(self.directions))
 
-    def to_yaml(self) -> str:
+    def to_yaml(self, *, table: bool = True) -> str:
         """Return the configuration with every default, but without the output and its compression.
 
         Loading it gives the same sweep: the same values and steps, and the axes in the same order.
+        It may leave out the table.
         """
         plain = _plain(self)
+        if self.points is None or not table:
+            del plain["points"]
         del plain["output"], plain["compression"]
         for name in ("follow", "refine"):
             if plain[name] is None:
@@ -311,11 +342,21 @@ def _samples(record: RecordConfig, steps: int) -> int:
 def _plain(value: Any) -> Any:
     """Return a value as YAML has it: groups as mappings, in the order of their keys."""
     if isinstance(value, Group):
-        return {name: _plain(item) for name, item in value.items()}
+        return {
+            name: _plain(item)
+            for name, item in value.items()
+            if not (isinstance(item, np.ndarray) and item.dtype.names is None)  # of the table
+        }
+    if isinstance(value, np.ndarray):
+        return {name: value[name].tolist() for name in value.dtype.names or ()}
     return list(value) if isinstance(value, tuple) else value
 
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of the configuration file, with the bounds of every number."""
     about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
-    return {**about, **SweepConfig.model_json_schema()}
+    schema = SweepConfig.model_json_schema()
+    # What is required is given as a number, a list or a range, or is a column of a table.
+    parameters = {"required": schema["$defs"]["OscillatorConfig"].pop("required")}
+    grid = {"required": schema.pop("required"), "properties": {"oscillator": parameters}}
+    return {**about, **schema, "anyOf": [grid, {"required": ["points"]}]}

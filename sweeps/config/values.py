@@ -15,10 +15,13 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    InstanceOf,
     ModelWrapValidatorHandler,
     Tag,
+    WithJsonSchema,
     model_validator,
 )
+from pydantic.json_schema import SkipJsonSchema
 
 from sweeps.text import nearest, shortest, suggestion
 
@@ -72,6 +75,8 @@ def form(value: object) -> str:
     """Tell the forms of a value apart, so that an error speaks of the form that was meant."""
     if isinstance(value, (dict, BaseModel)):
         return "<mapping>"
+    if isinstance(value, np.ndarray):
+        return "<column>"
     return "<list>" if isinstance(value, (list, tuple)) else "<scalar>"
 
 
@@ -155,25 +160,35 @@ Values = Annotated[
         Field(json_schema_extra={"minItems": 1}),
         Tag("<list>"),
     ]
-    | Annotated[Range, Tag("<mapping>")],
+    | Annotated[Range, Tag("<mapping>")]
+    # Not typed here: a column of the table of ``points``.
+    | Annotated[SkipJsonSchema[InstanceOf[np.ndarray]], Tag("<column>")],
     Discriminator(form),
 ]
 
 
-def extremes(value: float | tuple[float, ...] | Range) -> tuple[float, ...]:
+#: The forms of a table, of which `sweeps.config.points.read_points` makes a structured array.
+_COLUMNS = {"type": "object", "additionalProperties": {"type": "array", "minItems": 1}}
+_FORMS = {"anyOf": [{"type": "string"}, _COLUMNS, {"type": "null"}]}
+Table = Annotated[InstanceOf[np.ndarray] | None, BeforeValidator(null), WithJsonSchema(_FORMS)]
+
+
+def extremes(value: float | tuple[float, ...] | Range | np.ndarray) -> tuple[float, ...]:
     """Return values among which are the least and the greatest."""
     if isinstance(value, Range):
         return value.start, value.stop
+    if isinstance(value, np.ndarray):
+        return float(value.min()), float(value.max())
     return value if isinstance(value, tuple) else (value,)
 
 
-def as_array(value: float | tuple[float, ...] | Range) -> np.ndarray:
+def as_array(value: float | tuple[float, ...] | Range | np.ndarray) -> np.ndarray:
     """Return every value in order, shape (n,)."""
     return value.values() if isinstance(value, Range) else np.atleast_1d(value)
 
 
-def length(value: float | tuple[float, ...] | Range) -> int:
-    """Return the number of values, without making them."""
+def length(value: float | tuple[float, ...] | Range | np.ndarray) -> int:
+    """Return the number of values along an axis, 1 for a column, without making them."""
     if isinstance(value, Range):
         return value.num
     return len(value) if isinstance(value, tuple) else 1

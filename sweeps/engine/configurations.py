@@ -11,7 +11,7 @@ from sweeps.config.loading import load_config, parse_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
-from sweeps.store import is_sweep, open_sweep
+from sweeps.store import columns_of, is_sweep, open_sweep
 from sweeps.text import nearest, suggestion
 
 
@@ -27,10 +27,11 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
         with raised_at_once():  # a pipe may never be written to
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
-        text = dataset.attrs["configuration"]
+        text, table = dataset.attrs["configuration"], columns_of(dataset) or None
     written = any(override.partition("=")[0].strip() == "output" for override in overrides)
     elsewhere = () if written else (f"output={yaml.dump(str(path))}",)
-    return parse_config(text, f"{path}, its configuration", path.stem, (*overrides, *elsewhere))
+    origin, overrides = f"{path}, its configuration", (*overrides, *elsewhere)
+    return parse_config(text, origin, path.stem, overrides, points=table)
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
@@ -39,6 +40,8 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     An axis that was a list is a range with equal distances; one with logarithmic spacing keeps it.
     Raises Refused if an axis is not swept, or the sweep would be refused over that piece.
     """
+    if config.points is not None:
+        raise Refused("the rows of a table have no axis to zoom into")
     data = yaml.safe_load(config.to_yaml())
     axes = config.grid.axes
     for name, (low, high) in pieces.items():

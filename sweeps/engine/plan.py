@@ -145,7 +145,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     size = config.size
     if config.spec.scaled:
         calls[0]["f"] = 1.0
-        calls, size = [np.unique(calls[0])], size // len(config.grid.axes["f"])
+        calls, size = [np.unique(calls[0])], size // len(config.grid.axes.get("f", "1"))
     compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be
     tried = sum(points.size for points in calls)
     whole = config.record.transient + config.record.periods

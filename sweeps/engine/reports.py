@@ -12,6 +12,7 @@ from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
     VARIABLES,
+    columns_of,
     identity,
     is_remarkable,
     journal_path,
@@ -36,11 +37,12 @@ _CONTACT = ("impacts_per_period", "rest_fraction")
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
-    axes = [
-        _axis(name, values, in_units(PARAMETERS[name].unit, dict(sweep.units.items())))
-        for name, values in sweep.grid.axes.items()
-    ]
-    rows = [("name", sweep.name), *(("axis", axis) for axis in axes or ["none, a single point"])]
+    units = {
+        name: in_units(PARAMETERS[name].unit, dict(sweep.units.items())) for name in PARAMETERS
+    }
+    axes = [_axis(name, values, units[name]) for name, values in sweep.grid.swept.items()]
+    kind = "axis" if sweep.points is None else "column"
+    rows = [("name", sweep.name), *((kind, axis) for axis in axes or ["none, a single point"])]
     if sweep.follow:
         rows.append(("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}"))
     rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{periods:,}")]
@@ -94,13 +96,18 @@ def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
-    attributes.pop("computation", None)  # which follows from the configuration
+    for name in ("computation", "columns"):  # which are shown otherwise
+        attributes.pop(name, None)
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", _outcomes(dataset)),
         *(
             ("axis", _axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
             for axis in dataset["status"].dims
+        ),
+        *(
+            ("column", _axis(name, values, str(dataset[name].attrs["units"])))
+            for name, values in columns_of(dataset).items()
         ),
     ]
     names = [name for name in VARIABLES if name in dataset]
@@ -125,9 +132,11 @@ def _meaning(variable: xr.DataArray) -> str:
 
 
 def _axis(name: str, values: np.ndarray, unit: str) -> str:
-    """Describe an axis: its ends, its unit and the number of its values."""
+    """Describe an axis or a column: its ends, its unit and the number of its values."""
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
+    if values.dtype.kind in "OU":
+        return f"{name}, {shown_count(len(values), 'text')}"
     ends = shown_range(values.tolist()) + ("" if unit == "1" else f" [{unit}]")
     return f"{name} = {ends}, {shown_count(len(values), 'value')}"
 

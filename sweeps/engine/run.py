@@ -147,14 +147,14 @@ def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
     spec, grid = config.spec, config.grid
     attributes = {
         "name": config.name,
-        "configuration": config.to_yaml(),
+        "configuration": config.to_yaml(table=False),
         **{f"{key}_unit": unit for key, unit in config.units.items() if unit != key},
         "computation": yaml.safe_dump({**asdict(spec), **grid.fixed}, sort_keys=False),
         "numerics": numerics(config),
         **({"scaled_along": "f"} if spec.scaled else {}),
     }
     size, whole = block_size(config, **sizes), spec.followed
-    if spec.scaled and len(grid.axes["f"]) <= size:
+    if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
         whole = "f"  # whose values share one computation
     return Schema.of(
         grid,

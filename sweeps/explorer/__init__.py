@@ -39,6 +39,8 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     """
     from sweeps.errors import Refused
 
+    if config.points is not None:
+        raise Refused("the live picture is over axes, and the points are the rows of a table")
     try:
         import bokeh  # noqa: F401
     except ImportError:

@@ -9,3 +9,4 @@ from .maps import parameter_map as parameter_map
 from .motion import impacts as impacts
 from .motion import section as section
 from .motion import trajectory as trajectory
+from .table import table_panels as table_panels

@@ -14,6 +14,7 @@ from sweeps.analysis.attractor_table import parameter_axes
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.selection import Selection, listed, swept_axes
 from sweeps.errors import Refused
+from sweeps.grid import TABLE
 from sweeps.plotting.attractors import attractor_diagram, basins
 from sweeps.plotting.canvas import PAGE, Page
 from sweeps.plotting.diagram import bifurcation
@@ -22,6 +23,7 @@ from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.motion import impacts, section, trajectory
 from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.style import user_style
+from sweeps.plotting.table import table_panels
 from sweeps.store import DIRECTION
 
 
@@ -49,6 +51,7 @@ KINDS: Mapping[str, Kind] = {
     "section": Kind(section),
     "impacts": Kind(impacts),
     "trajectory": Kind(trajectory, ("periods",)),
+    "table": Kind(table_panels, ("axes", "quantity"), whole=(TABLE,)),
 }
 
 
@@ -84,7 +87,8 @@ def plot(
         For the metadata: the command that draws it.
     **options
         ``axes``, ``coordinate``, ``exact`` and ``below`` of a `bifurcation`, ``axes``,
-        ``quantity`` and ``exact`` of a `parameter_map`, ``periods`` of a `trajectory`; None leaves
+        ``quantity`` and ``exact`` of a `parameter_map`, ``axes`` and ``quantity`` of
+        `table_panels`, ``periods`` of a `trajectory`; None leaves
         the choice to the picture.
 
     Returns
@@ -122,12 +126,15 @@ def check_kind(kind: str) -> None:
 def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: Any) -> str:
     """Return the kind of picture that shows most of a sweep; arguments as for `plot`.
 
-    ``map`` if a `quantity` is given, and ``trajectory`` if `periods` are. Otherwise, if x0 or v0
-    was swept, the period recorded, and no start chosen by the options, ``basins`` if nothing else
-    was swept and ``attractors`` if a parameter was. Otherwise, if two parameters were swept, the
-    period recorded, and neither of them chosen, ``map``. Otherwise ``bifurcation`` if an axis was
-    swept, ``trajectory`` if there is one, else ``section``.
+    Of a table, ``table``, or of one row ``trajectory``. Otherwise ``map`` if a `quantity` is given,
+    and ``trajectory`` if `periods` are. Otherwise, if x0 or v0 was swept, the period recorded, and
+    no start chosen by the options, ``basins`` if nothing else was swept and ``attractors`` if a
+    parameter was. Otherwise, if two parameters were swept, the period recorded, and neither of them
+    chosen, ``map``. Otherwise ``bifurcation`` if an axis was swept, ``trajectory`` if there is one,
+    else ``section``.
     """
+    if TABLE in dataset["status"].dims:
+        return "trajectory" if at or "periods" in options else "table"
     for option, kind in (("quantity", "map"), ("periods", "trajectory")):
         if option in options:
             return kind

@@ -41,7 +41,7 @@ def label(variable: xr.DataArray) -> str:
     named = units not in ("1", "rad") and not re.search("length|time", units)
     unit = f" [{units.replace('^2', '$^2$')}]" if named else ""
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
-    return f"{variable.attrs['long_name']} ${symbol}${unit}"
+    return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + unit
 
 
 def mathtext(value: float) -> str:
@@ -63,7 +63,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     By default the record is the phase if it is not 0, the transient and the periods.
     """
     config = config_of(drawn)
-    values = {name: float(drawn[name]) for name in PARAMETERS if name not in drawn.dims}
+    values = {name: float(drawn[name]) for name in PARAMETERS if not drawn[name].dims}
     parts = [
         f"${PARAMETERS[name].symbol}={mathtext(value)}$"
         for name, value in values.items()

@@ -12,6 +12,7 @@ from .schema import Schema as Schema
 from .variables import DIRECTION as DIRECTION
 from .variables import VARIABLES as VARIABLES
 from .variables import bytes_per_point as bytes_per_point
+from .variables import columns_of as columns_of
 from .variables import is_remarkable as is_remarkable
 from .writer import SweepWriter as SweepWriter
 from .writer import sweep_writer as sweep_writer

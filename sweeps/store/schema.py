@@ -17,9 +17,11 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from sweeps.grid import Block, Grid, block_points, box_shape
+from sweeps.errors import StoreError
+from sweeps.grid import TABLE, Block, Grid, as_table, block_points, box_shape
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
 from sweeps.store.variables import (
+    COLUMNS,
     DIRECTION,
     DIRECTION_MEANING,
     FIXED_WIDTHS,
@@ -51,7 +53,7 @@ class Schema:
     ----------
     axes : mapping of str to ndarray
         The leading dimensions of every result: the swept axes, and before them ``direction``
-        where one was followed up and down.
+        where one was followed up and down; or ``TABLE`` alone, a structured array.
     fixed : mapping of str to float
         The value of every parameter that is not swept.
     records : mapping of str to ndarray
@@ -93,6 +95,10 @@ class Schema:
         directions in which an axis is followed, the data have a leading dimension.
         """
         recorded = held_variables(widths, diagnostics)
+        columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
+        for name in columns:
+            if name in (TABLE, DIRECTION, *RECORDS, *VARIABLES):
+                raise StoreError(f"the column {name} of the table has the name of a result")
         records = {
             record: np.arange({**widths, **FIXED_WIDTHS}[record])
             for record in dict.fromkeys(v.record for v in recorded.values() if v.record)
@@ -103,6 +109,7 @@ class Schema:
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
             **attributes,
+            **({COLUMNS: " ".join(columns)} if columns else {}),
             "vibroimpact_version": __version__,
             "numba_version": metadata.version("numba"),
             "numpy_version": np.__version__,
@@ -164,10 +171,17 @@ class Schema:
 def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
     """Write the attributes and coordinates of a schema, and its variables without their data."""
     file.attrs.update(schema.attributes)
-    file.attrs[_COORDINATES] = " ".join(schema.fixed)
+    columns = str(schema.attributes.get(COLUMNS, "")).split()
+    file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
     for axis, values in schema.axes.items():
-        if axis == DIRECTION:
-            _add_scale(file, axis, values.astype(h5py.string_dtype()), (DIRECTION_MEANING, "1", ""))
+        if axis == TABLE:
+            _add_scale(file, axis, 1 + np.arange(len(values)), ("row of the table", "1", ""))
+            for name in columns:
+                column = file.create_dataset(name, data=_stored(values[name]))
+                _label(column, _about_parameter(name, schema))
+                column.dims[0].attach_scale(file[axis])
+        elif axis == DIRECTION:
+            _add_scale(file, axis, _stored(values), (DIRECTION_MEANING, "1", ""))
         else:
             _add_scale(file, axis, values.astype(float), _about_parameter(axis, schema))
     for name, value in schema.fixed.items():
@@ -198,11 +212,15 @@ def schema_in(file: h5py.File) -> Schema:
     """Read what `describe` and `add_blocks` have written."""
     variables = tuple(name for name in VARIABLES if name in file)
     records = dict.fromkeys(VARIABLES[name].record for name in variables)
-    axes = [scale for dimension in file["status"].dims for scale in dimension.values()]
+    scales = [scale for dimension in file["status"].dims for scale in dimension.values()]
+    axes = {scale.name.strip("/"): _values(scale) for scale in scales}
+    fixed = {name: _values(file[name]) for name in str(file.attrs[_COORDINATES]).split()}
+    if TABLE in axes:
+        axes[TABLE] = as_table({name: fixed.pop(name) for name in file.attrs[COLUMNS].split()})
     blocks = file[_BLOCKS][()].tolist() if _BLOCKS in file else ()
     return Schema(
-        {scale.name.strip("/"): _values(scale) for scale in axes},
-        {name: float(file[name][()]) for name in str(file.attrs[_COORDINATES]).split()},
+        axes,
+        {name: float(value) for name, value in fixed.items()},
         {record: file[record][()] for record in records if record},
         variables,
         [tuple(slice(*cut) for cut in block) for block in blocks],
@@ -214,8 +232,15 @@ def _values(scale: h5py.Dataset) -> np.ndarray:
     return scale.asstr()[()] if h5py.check_string_dtype(scale.dtype) else scale[()]
 
 
+def _stored(values: np.ndarray) -> np.ndarray:
+    """Return values as HDF5 has them: texts of any length, or numbers."""
+    return values.astype(h5py.string_dtype()) if values.dtype == object else values
+
+
 def _about_parameter(name: str, schema: Schema) -> tuple[str, str, str]:
     """Return the meaning of a parameter, its unit in this sweep, and its symbol."""
+    if name not in PARAMETERS:  # a further column of a table
+        return name, "1", ""
     about = PARAMETERS[name]
     return about.meaning, in_units(about.unit, schema.units), about.symbol
 

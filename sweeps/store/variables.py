@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vibroimpact.status import Status
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,9 @@ VARIABLES: Mapping[str, Variable] = {
 DIRECTION = "direction"
 DIRECTION_MEANING = "way in which the axis was followed"
 
+#: The attribute of a sweep over a table that names its columns.
+COLUMNS = "columns"
+
 #: The record dimensions and what their coordinates count.
 RECORDS: Mapping[str, str] = {
     "section": "number of the forcing period that ends at the section",
@@ -94,6 +101,12 @@ RECORDS: Mapping[str, str] = {
 }
 #: The width of the records that have the same in every sweep.
 FIXED_WIDTHS: Mapping[str, int] = {"exponent": 2}
+
+
+def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the columns of the table that a sweep is over, also of a cut; empty for a grid."""
+    names = str(dataset.attrs.get(COLUMNS, "")).split()
+    return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 
 def held_variables(

@@ -217,7 +217,7 @@ def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
     if old.attributes["numerics"] != new.attributes["numerics"]:
         differing.append("the code that computes is another version")
     if not differing and not _has_grid(old, new):
-        differing.append("the axes have other values or another order")
+        differing.append("the points have other values or another order")
     if differing:
         raise StoreError(
             f"{path} cannot be resumed: {'; '.join(differing)}; give overwrite=True to "
@@ -253,7 +253,15 @@ def _has_grid(old: Schema, new: Schema) -> bool:
     pairs = [(old.axes[axis], new.axes[axis]) for axis in new.axes]
     if old.refined:
         return all(np.isin(values, stored).all() for stored, values in pairs)
-    return all(np.array_equal(stored, values) for stored, values in pairs)
+    return all(_same(stored, values) for stored, values in pairs)
+
+
+def _same(old: np.ndarray, new: np.ndarray) -> bool:
+    """Return whether the values of an axis, or the columns of a table, are the same."""
+    if old.dtype.names is None or old.dtype.names != new.dtype.names:
+        return old.dtype.names == new.dtype.names and np.array_equal(old, new)
+    columns = [(old[name], new[name]) for name in old.dtype.names]
+    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in columns)
 
 
 @contextmanager

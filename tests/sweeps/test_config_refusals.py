@@ -269,7 +269,7 @@ def test_all_errors_are_reported():
         ("? [a, b]\n: 1\n", ["line 1", "not allowed as a key"]),
         ("a: \x00\n", ["not valid YAML"]),
         ("[" * 5000, ["not valid YAML"]),
-        ("", ["is empty", "expected: a mapping with keys among name, oscillator"]),
+        ("", ["is empty", "expected: a mapping with keys among name, points, oscillator"]),
         ("# only a comment\n", ["is empty"]),
         ("- h\n- R\n", ["[h, R]", "expected: a mapping"]),
         ("just text", ["just text", "expected: a mapping"]),

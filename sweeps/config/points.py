@@ -1,0 +1,134 @@
+"""The points of a sweep as a table: a CSV file or columns, of which every cell is checked."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sweeps.config.schema import OscillatorConfig, StartConfig
+from sweeps.config.values import MisplacedError, plain_number
+from sweeps.grid import as_table
+from sweeps.text import nearest, shortened, suggestion
+from vibroimpact.oscillator import PARAMETERS
+
+
+def read_points(given: Any, folder: Path) -> np.ndarray:
+    """Return a table as a structured array, shape (rows,), with a field for every column.
+
+    `given` is a CSV file, relative to `folder`, a mapping of columns, a DataFrame or a structured
+    array. Columns of parameters hold valid numbers, further ones numbers or texts. Raises
+    ValueError, which names the row, counted from 1, and the column.
+    """
+    path = folder / given if isinstance(given, str | Path) else None
+    try:
+        columns = _columns(given) if path is None else _read_csv(path)
+        table = as_table({name: _checked(name, column) for name, column in columns.items()})
+        if len(table):
+            return table
+        reason = "the table has no row"
+    except OSError as error:
+        reason = f"cannot be read ({error.strerror})"
+    except ValueError as error:
+        found = re.search(r"requires (\d+) columns but (\d+) were found at row (\d+)", str(error))
+        ragged = (
+            "row {2} has {1} cells, and the header {0}".format(*found.groups()) if found else ""
+        )
+        reason = ragged or str(error)
+    raise ValueError(reason if path is None else f"{path}: {reason}")
+
+
+def with_columns(data: dict[str, Any]) -> dict[str, Any]:
+    """Give the columns of a table to their groups of a configuration; refuse axes beside them."""
+    table, groups = data["points"], {}
+    for title, group in (("oscillator", OscillatorConfig), ("start", StartConfig)):
+        given = data.get(title, {})
+        if not isinstance(given, dict):
+            continue  # which is refused elsewhere
+        columns = {name: table[name] for name in table.dtype.names if name in group.model_fields}
+        for name, value in given.items():
+            if name in columns or isinstance(value, list | tuple | dict):
+                problem = "stands beside points; expected: one number here, or only a column"
+                raise MisplacedError((title, name), f"{problem} {name} of points")
+        groups[title] = {**given, **columns}
+    return {**data, **groups}
+
+
+def _read_csv(path: Path) -> dict[str, np.ndarray]:
+    """Return the columns of a CSV file: parameters as numbers, or as texts if one is no number."""
+    with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a file without a row
+        names = [name.strip() for name in next(csv.reader([file.readline()]), [])]
+        _check_names(names)
+        for kind in (float, object):
+            file.seek(0)
+            types = [(name, kind if name in PARAMETERS else object) for name in names]
+            try:
+                table = np.loadtxt(file, types, None, ",", skiprows=1, ndmin=1, quotechar='"')
+                break
+            except ValueError:
+                if kind is object:
+                    raise
+    return {name: table[name] for name in names}
+
+
+def _columns(given: Any) -> dict[str, np.ndarray]:
+    """Return the columns of a mapping, a DataFrame or a structured array."""
+    names = getattr(getattr(given, "dtype", None), "names", None)
+    if names is None and not hasattr(given, "items"):
+        raise ValueError("no table; expected: a CSV file, or a mapping of columns")
+    items = given.items() if names is None else ((name, given[name]) for name in names)
+    columns = {str(name): np.asarray(column) for name, column in items}
+    _check_names(list(columns))
+    shapes = {column.shape for column in columns.values()}
+    if len(shapes) > 1 or len(*shapes) != 1:
+        raise ValueError("the columns are no lists of equal length")
+    return columns
+
+
+def _check_names(names: list[str]) -> None:
+    """Refuse names that no file can have, that are nearly a parameter's, or of no parameter."""
+    missing = [name for name in PARAMETERS if name not in names]
+    if len(missing) == len(PARAMETERS):
+        raise ValueError(
+            f"no column of {shortened(', '.join(names)) or 'none'} is a parameter; expected: a "
+            f"header with one of {', '.join(PARAMETERS)}, and commas between the columns"
+        )
+    for name in names:
+        word = nearest(name, missing, least=0.8) if name not in PARAMETERS else None
+        if word or not re.fullmatch(r"\w[\w.-]*", name):  # a coordinate, also for other programs
+            raise ValueError(
+                f"unknown column {name or '(nothing)'}{suggestion(word)}; expected: a parameter "
+                f"out of {', '.join(PARAMETERS)}, or another word"
+            )
+
+
+def _checked(name: str, column: np.ndarray) -> np.ndarray:
+    """Return the values of a column; refuse the first that its parameter does not allow."""
+    numeric = column.dtype.kind in "iuf"
+    values = column if numeric else np.array([_number(cell) for cell in column.tolist()], float)
+    if name not in PARAMETERS:
+        exact = numeric or (np.abs(values) < 2**53).all()  # a longer serial number is a text
+        return values if exact else np.array([str(cell) for cell in column.tolist()], object)
+    wrong = ~PARAMETERS[name].accepts(values)
+    if wrong.any():
+        row = int(wrong.argmax())
+        typed = shortened(str(column[row])) or "(nothing)"
+        point = ", with a decimal point" if "," in typed else ""
+        problem = f"{typed} is not allowed; expected: {PARAMETERS[name].allowed}{point}"
+        raise ValueError(f"row {row + 1}, column {name} = {problem}")
+    return values.astype(float, copy=False)
+
+
+def _number(cell: Any) -> float:
+    """Return the number that a cell holds, NaN if it holds none."""
+    try:
+        plain_number(cell)
+        return float(cell)
+    except (TypeError, ValueError):
+        return math.nan

@@ -1,0 +1,87 @@
+"""The picture of a sweep over a table: a result over its columns or other results, by class."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from sweeps.analysis.selection import Selection, listed, select
+from sweeps.errors import Refused
+from sweeps.grid import TABLE
+from sweeps.plotting import canvas
+from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.labels import CLASSES_TITLE, label_axis
+from sweeps.plotting.lines import scalars
+from sweeps.plotting.maps import period_cells, status_map
+from sweeps.store import columns_of
+from sweeps.text import nearest, suggestion
+
+
+@picture
+def table_panels(
+    dataset: xr.Dataset,
+    *,
+    axes: Sequence[str] = (),
+    at: Selection | None = None,
+    quantity: str | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw a result of every row of a table over its columns, each in a panel, coloured by class.
+
+    Parameters
+    ----------
+    axes : sequence of str, optional
+        Columns of numbers or results as abscissas, by default the columns that vary; in `ax`, one.
+    quantity : str, optional
+        The ordinate, a result or a column of numbers, by default the first result.
+    """
+    if TABLE not in dataset["status"].dims:
+        raise Refused("the points of this file are a grid, and not the rows of a table")
+    select(dataset, at, free=[TABLE])  # which refuses a row
+    columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
+    varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
+    valid = [*columns, *scalars(dataset)]
+    abscissas = [*axes] or varying[: None if ax is None else 1]
+    ordinate = quantity or scalars(dataset)[0]
+    for name in (*abscissas, ordinate):
+        if name not in valid:
+            meant = suggestion(nearest(name, valid))
+            raise Refused(f"there are no numbers {name}{meant}; choose from: {listed(valid)}")
+    across = math.ceil(math.sqrt(len(abscissas)))
+    down = math.ceil(len(abscissas) / across)
+    if ax is None:
+        grid = canvas.Picture(page, 0.75 * down).subplots(down, across, sharey=True, squeeze=False)
+        panels = grid.ravel()
+    else:
+        panels = np.array([ax])
+    kinds = period_cells(dataset) if "period" in dataset else status_map(panels[0], dataset)
+    kinds = [kind for kind in kinds if kind.where.any()]
+    status = dataset["status"].values
+    colours = np.select([kind.where for kind in kinds], [kind.colour for kind in kinds], "none")
+    size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 12.0))
+    for panel, name in zip(panels, abscissas, strict=False):
+        x, y = (_numbers(dataset, of) for of in (name, ordinate))
+        panel.scatter(x, y, size, colours, linewidths=0, rasterized=True)
+        canvas.mark_status(panel, x.values, status)
+        label_axis(panel.xaxis, x)
+    for panel in panels[::across]:
+        label_axis(panel.yaxis, y)
+    for unused in panels[len(abscissas) :]:
+        unused.remove()
+    page.set_limits(panels[0])
+    handles = [Patch(facecolor=kind.colour, label=kind.label) for kind in kinds]
+    handles += panels[0].get_legend_handles_labels()[0]
+    title = CLASSES_TITLE if "period" in dataset else None
+    return canvas.finish(panels[0], page, dataset, handles, title)
+
+
+def _numbers(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return a column or a result of each row; the larger of two exponents."""
+    return dataset[name].isel(exponent=0) if "exponent" in dataset[name].dims else dataset[name]
