@@ -117,7 +117,7 @@ def init(
         str, typer.Argument(metavar="SCENE", help="The name of a scene of the gallery.")
     ] = "quickstart",
 ) -> None:
-    """Write the configuration of a scene, with comments, into the folder: SCENE.yaml."""
+    """Write a scene into the folder: its configuration, with comments, and its table, if any."""
     from sweeps.config.scenes import scenes
     from sweeps.store.replacing import check_target, writing
 
@@ -127,13 +127,17 @@ def init(
             f"there is no scene {scene!r}{suggestion(nearest(scene, texts))}; "
             f"expected: {', '.join(texts)}"
         )
-    path = Path(f"{scene}.yaml")
-    if check_target(path, "configuration"):
-        raise Refused(f"{path} exists, and is left as it is; remove it, or rename it")
-    with writing(path, "configuration") as new:
-        new.write_text(texts[scene], encoding="utf-8")
-    say(path)
-    say(f"next: vibroimpact run {path}")
+    tables = scenes(".csv")
+    new_texts = {Path(f"{scene}.csv"): tables[scene]} if scene in tables else {}
+    new_texts[Path(f"{scene}.yaml")] = texts[scene]
+    for path in new_texts:
+        if check_target(path, "configuration"):
+            raise Refused(f"{path} exists, and is left as it is; remove it, or rename it")
+    for path, text in new_texts.items():
+        with writing(path, "configuration") as new:
+            new.write_text(text, encoding="utf-8")
+        say(path)
+    say(f"next: vibroimpact run {scene}.yaml")
 
 
 def schema() -> None:

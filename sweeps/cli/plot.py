@@ -50,7 +50,8 @@ Kind = Annotated[
     str | None,
     typer.Option(
         metavar="KIND",
-        help="bifurcation, attractors, basins, integrity, map, section, impacts, trajectory or table.",
+        help="bifurcation, attractors, basins, integrity, map, section, impacts, trajectory or "
+        "table.",
     ),
 ]
 AxisNames = Annotated[

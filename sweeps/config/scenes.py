@@ -8,13 +8,13 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 
-def scenes() -> Mapping[str, str]:
-    """Return the text of every scene by its name.
+def scenes(ending: str = ".yaml") -> Mapping[str, str]:
+    """Return the text of every scene by its name; with ``.csv``, of those that have one, its table.
 
     They are those of ``configs/``, which a wheel has as ``sweeps/scenes``.
     """
     folder: Traversable = files("sweeps") / "scenes"
     if not folder.is_dir():  # in a checkout
         folder = Path(__file__).parents[2] / "configs"
-    names = sorted(file.name for file in folder.iterdir() if file.name.endswith(".yaml"))
-    return {name[:-5]: (folder / name).read_text(encoding="utf-8") for name in names}
+    names = sorted(file.name for file in folder.iterdir() if file.name.endswith(ending))
+    return {Path(name).stem: (folder / name).read_text(encoding="utf-8") for name in names}

@@ -16,7 +16,7 @@ from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
-from sweeps.plotting.labels import CLASSES_TITLE, label_axis
+from sweeps.plotting.labels import CLASSES_TITLE, label, label_axis
 from sweeps.plotting.lines import scalars
 from sweeps.plotting.maps import period_cells, status_map
 from sweeps.store import columns_of
@@ -65,14 +65,17 @@ def table_panels(
     kinds = [kind for kind in kinds if kind.where.any()]
     status = dataset["status"].values
     colours = np.select([kind.where for kind in kinds], [kind.colour for kind in kinds], "none")
-    size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 12.0))
+    size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 4.0))
     for panel, name in zip(panels, abscissas, strict=False):
         x, y = (_numbers(dataset, of) for of in (name, ordinate))
         panel.scatter(x, y, size, colours, linewidths=0, rasterized=True)
         canvas.mark_status(panel, x.values, status)
         label_axis(panel.xaxis, x)
-    for panel in panels[::across]:
-        label_axis(panel.yaxis, y)
+        panel.locator_params(axis="x", nbins=5 - across)
+    if ax is None:
+        canvas.figure_of(panels[0]).supylabel(label(y), fontsize="medium")
+    else:
+        label_axis(ax.yaxis, y)
     for unused in panels[len(abscissas) :]:
         unused.remove()
     page.set_limits(panels[0])

@@ -102,6 +102,8 @@ def test_init_writes_a_scene_to_begin_from():
     assert accepted("init") == "quickstart.yaml\nnext: vibroimpact run quickstart.yaml\n"
     assert Path("quickstart.yaml").read_text() == (ROOT / "configs/quickstart.yaml").read_text()
     accepted("run", "quickstart.yaml", "--dry-run")
+    accepted("init", "tolerances")
+    accepted("run", "tolerances.yaml", "--dry-run")  # with its table
     accepted("init", "hysteresis")
     assert Path("hysteresis.yaml").read_text().startswith("# Hysteresis at a stop")
     Path("cascade.yaml").write_text("mine")

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import binomtest
 
 import sweeps
 from sweeps import attractors, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime, classify
 from sweeps.plotting import plot
-from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact import Oscillator, integrate, one_impact_orbit
+from vibroimpact.oscillator import POINT
 
 ROOT = Path(sweeps.__file__).parents[1]
 CONFIGS = ROOT / "configs"
@@ -51,6 +53,31 @@ def classes(dataset):
     ):  # fmt: skip
         named.append(f"{m}/{q}" if motion == Regime.PERIODIC else Regime(motion).name.lower())
     return named
+
+
+def test_scattering_parts_have_the_probabilities_of_a_sample_ten_times_as_large(scene):
+    """Of independent draws; and the scatter of the impulse is that of the restitution."""
+    dataset, n, draws = scene("tolerances"), 512, np.random.default_rng(1)
+    table = np.loadtxt(CONFIGS / "tolerances.csv", delimiter=",", skiprows=1)
+    assert_allclose(table.T, [dataset[name] for name in ("clearance", "R", "p", "f")], rtol=0)
+    points = np.zeros(10_240, POINT)
+    points["h"], points["omega"] = 4.0, 236.0
+    points["clearance"] = draws.normal(5e-4, 1e-5, points.size)
+    points["R"] = draws.uniform(0.6, 0.8, points.size)
+    points["p"] = np.sqrt(draws.normal(8e3, 80.0, points.size) / 0.5)
+    points["f"] = draws.normal(8.0, 0.16, points.size) / 0.5
+    direct = integrate(points, transient=1500, periods=60, impacts=0)
+    share = (direct["impacts_per_period"] == 0.0).mean()
+    missed = dataset["impacts_per_period"].values[: 2 * n] == 0.0
+    low, high = binomtest(int(missed.sum()), 2 * n).proportion_ci(0.99, method="wilson")
+    assert low < share < high
+    spec = importlib.util.spec_from_file_location("picture", CONFIGS / "tolerances_picture.py")
+    picture = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(picture)
+    assert picture.classes(dataset)["1/0"] == missed.sum()
+    first, total = picture.indices(dataset["impulse"].values)
+    assert first[1] > 0.7 and (total[[0, 2, 3]] < 0.25).all()
+    assert len(picture.draw(dataset).axes) == 3
 
 
 def slow_speeds(osc, q, **start):
