@@ -8,17 +8,15 @@ same across a flip if the branches of m and of 2 m periods meet in it.
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from functools import cache
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import parameter_at_points
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.grouping import points_of
+from sweeps.analysis.selection import config_of, oscillator_of
 from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
-from vibroimpact.oscillator import Oscillator
 
 #: Orbits and flips are the same to this share: that of Newton's method, and a margin.
 _TOLERANCE = 1e-6
@@ -36,9 +34,7 @@ class ExactLinks:
     ) -> None:
         self._axis, self._states, self._m = axis, states, m
         self._phase = config_of(dataset).record.phase
-        self._values = {
-            field.name: parameter_at_points(dataset, field.name)[at] for field in fields(Oscillator)
-        }
+        self._points = points_of(dataset)[at]
         self._orbit = cache(self._find)
 
     def __call__(self, a: int, b: int) -> bool:
@@ -59,7 +55,7 @@ class ExactLinks:
         )
 
     def _find(self, a: int) -> PeriodicOrbit | None:
-        oscillator = Oscillator(**{name: float(values[a]) for name, values in self._values.items()})
+        oscillator = oscillator_of(self._points[a])
         x, v = self._states[a].tolist()
         try:
             orbit = periodic_orbit(

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 
     from sweeps.analysis.selection import Selection
 
-#: A longer table does not fit into a YAML file that can be read again.
-_MOST_ROWS = 1000
-
 
 def attractors(
     file: SweepFile,
@@ -109,25 +106,21 @@ def info(
         if bifurcations:
             _show_bifurcations(dataset, axis, cuts, csv, branch_options(classes, most))
         elif config:
-            say(_configuration(dataset), end=False)
+            _show_configuration(dataset)
         else:
             from sweeps.engine import reports
 
             say(reports.contents(dataset), end=False)
 
 
-def _configuration(dataset: xr.Dataset) -> str:
-    """Return the configuration of a file, with its table, if that is not too long to be typed."""
+def _show_configuration(dataset: xr.Dataset) -> None:
+    """Show the configuration, also its table, if it is one that a YAML file can hold."""
     from sweeps.analysis.selection import config_of
-    from sweeps.store import columns_of
 
-    rows = len(dataset["status"]) if columns_of(dataset) else 0
-    if rows > _MOST_ROWS:
-        raise Refused(
-            f"a table of {rows:,} rows is too long for a YAML file; expected: at most "
-            f"{_MOST_ROWS:,}; export writes the table as CSV, and run takes the file itself"
-        )
-    return config_of(dataset).to_yaml() if rows else str(dataset.attrs["configuration"])
+    rows = dataset.sizes.get("point", 0)
+    if rows > 1000:
+        raise Refused(f"{rows:,} rows are too long for YAML; run takes the file itself")
+    say(config_of(dataset).to_yaml() if rows else dataset.attrs["configuration"], end=False)
 
 
 def _show_bifurcations(

@@ -37,10 +37,10 @@ _CONTACT = ("impacts_per_period", "rest_fraction")
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
-    units = {
-        name: in_units(PARAMETERS[name].unit, dict(sweep.units.items())) for name in PARAMETERS
-    }
-    axes = [_axis(name, values, units[name]) for name, values in sweep.grid.swept.items()]
+    axes = [
+        _axis(name, values, in_units(PARAMETERS[name].unit, dict(sweep.units.items())))
+        for name, values in sweep.grid.swept.items()
+    ]
     kind = "axis" if sweep.points is None else "column"
     rows = [("name", sweep.name), *((kind, axis) for axis in axes or ["none, a single point"])]
     if sweep.follow:
