@@ -118,7 +118,10 @@ def bifurcation(
     if lower:
         label_axis(lower[-1].xaxis, line[axis])
         panel.set_xlabel("")
-    figure = canvas.finish(panel, page, line)
+    handles, texts = panel.get_legend_handles_labels()
+    of_parts = [handles[texts.index(text)] for text in parts if text in texts]
+    others = [handle for handle in handles if handle not in of_parts]
+    figure = canvas.finish(panel, page, line, [*others, *of_parts])
     if dense:
         _draw_density(panel, values, records)
     return figure

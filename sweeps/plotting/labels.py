@@ -69,7 +69,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
         for name, value in values.items()
         if value != PARAMETERS[name].default
     ]
-    if config.follow is not None:
+    if config.follow is not None and DIRECTION not in drawn.dims:  # else the legend says it
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
         symbol = PARAMETERS[config.follow.axis].symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
