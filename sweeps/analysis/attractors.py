@@ -191,10 +191,9 @@ def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:
     on = np.flatnonzero(of_point >= 0)
     attractor = of_point[on]
     counted = np.rint(ends.impacts[on] * m[attractor] / np.maximum(ends.period[on], 1))
-    pairs, times = np.unique(
-        np.stack([attractor, counted.astype(np.int64)]), axis=1, return_counts=True
-    )
+    base = int(counted.max(initial=0.0)) + 1
+    pairs, times = np.unique(attractor * base + counted.astype(np.int64), return_counts=True)
     most = np.zeros(len(m), np.int64)
-    order = np.argsort(times, kind="stable")
-    most[pairs[0, order]] = pairs[1, order]  # the last, most frequent one stays
+    pairs = pairs[np.argsort(times, kind="stable")]
+    most[pairs // base] = pairs % base  # the last, most frequent one stays
     return most
