@@ -214,9 +214,10 @@ def _size(knock: Knock) -> float:
     return abs(knock.harmful)
 
 
-def at_section(oscillator: Oscillator, phase: float, x: float, v: float) -> tuple[float, ...]:
+def at_section(oscillator: Oscillator, phase: float, x: float, v: float) -> tuple[float, float]:
     """Return where a motion is when omega t is 2 pi next, to 1e-4 of it, as for a picture."""
     phase %= _TURN
     motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
-    t, *state = exact_samples(oscillator, motion.t, motion.x, motion.v)
-    return tuple(float(np.interp(_TURN / oscillator.omega, t, values)) for values in state)
+    t, x_t, v_t = exact_samples(oscillator, motion.t, motion.x, motion.v)
+    at = _TURN / oscillator.omega
+    return float(np.interp(at, t, x_t)), float(np.interp(at, t, v_t))

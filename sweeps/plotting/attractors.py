@@ -45,12 +45,12 @@ def basins(
     handles = draw_cells(panel, starts, basin_cells(starts, result))
     page.set_limits(panel)
     if config_of(dataset).record.phase == 0.0:  # that of the starts
-        handles += _mark_attractors(panel, starts, rows(starts, result))
+        handles += mark_attractors(panel, starts, rows(starts, result))
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, starts, handles, title)
 
 
-def _mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> list[Artist]:
+def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> list[Artist]:
     """Mark the periodic attractors at the section; return a mark for the legend, if any."""
     at = np.array([row.point for row in table if row.m], int)
     x, v = (records(starts, name, at) for name in ("poincare_x", "poincare_v"))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -15,12 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch
 
 from sweeps.analysis.attractor_table import Row, parameter_axes, rows
-from sweeps.analysis.grouping import records
 from sweeps.analysis.integrity import integrity as measured
 from sweeps.analysis.knocks import at_section, knocks
 from sweeps.analysis.selection import Selection, config_of, oscillator_of, select
 from sweeps.plotting import canvas
-from sweeps.plotting.attractors import basin_cells, class_names, colour_of
+from sweeps.plotting.attractors import basin_cells, class_names, colour_of, mark_attractors
 from sweeps.plotting.canvas import PAGE, Page, picture
 from sweeps.plotting.labels import CLASSES_TITLE, label_axis, mathtext
 from sweeps.plotting.maps import draw_cells
@@ -111,7 +109,7 @@ def _draw_profile(
 
 
 def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> list[Artist]:
-    """Draw discs, the attractors at the section and knocks; return their handles."""
+    """Draw discs, knocks and the attractors at the section; return their handles."""
     oscillator = oscillator_of(starts)
     line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
     exact = config_of(starts).method.impact == "exact"
@@ -126,29 +124,13 @@ def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> li
         size = 2.0 * one["integrity_factor"]
         disc = Ellipse((one["disc_x"], one["disc_v"]), size, size * oscillator.p, fill=False)
         panel.add_patch(disc).set(**line)
-        names = ("poincare_x", "poincare_v")
-        x, v = (records(starts, name, np.array([row.point]))[0, -row.m :] for name in names)
-        panel.plot(x, v, "o", color="black", markersize=3.5, markeredgecolor="white")
         if exact and math.isfinite(one["knock_harmful"]):
             at = one["knock_phase"], one["knock_x"]
-            begin, end = (
-                at_section(oscillator, *at, one["knock_v"] + change)
-                for change in (0.0, one["knock_harmful"])
-            )
-            panel.annotate(
-                "", (end[0], end[1]), (begin[0], begin[1]), arrowprops={"arrowstyle": "->", **line}
-            )
-            text = (
-                rf"{row.name}: ${one['knock_harmful']:+.4g}$ at $\omega t={one['knock_phase']:.4g}$"
-            )
-            handles.append(
-                Line2D(
-                    [],
-                    [],
-                    marker=r"$\rightarrow$",
-                    linestyle="",
-                    label=f"least knock, {text}",
-                    **line,
-                )
-            )
-    return handles
+            size = one["knock_harmful"]
+            begin, end = (at_section(oscillator, *at, one["knock_v"] + dv) for dv in (0.0, size))
+            panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **line})
+            text = rf"least knock, {row.name}: ${size:+.4g}$ at $\omega t={at[0]:.4g}$"
+            text += ", fractal" if one["knock_fractal"] else ""
+            arrow = Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **line)
+            handles.append(arrow)
+    return handles + mark_attractors(panel, starts, rows(starts, there))
