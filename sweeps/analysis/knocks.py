@@ -155,13 +155,17 @@ class _Motions:
         ends = self._ends(phase % _TURN, knocked.reshape(-1, 2))
         number, certified = (values.reshape(knocked.shape[:3]) for values in ends)
         harmful = number != home
+        harmful[:, :, 0] = (
+            False  # was harmless before: where the boundary is fractal, rounding decides
+        )
         if not harmful.any():
             return None
         size = int(harmful.any(axis=(0, 1)).argmax())
         turn, way = np.argwhere(harmful[:, :, size])[0]
         (x, v), (low, high) = states[turn], ways[way, size - 1 : size + 1]
         to, fractal = number[turn, way, size], np.count_nonzero(np.diff(harmful[turn, way])) > 1
-        known = to >= 0 and certified[turn, way, size - 1 : size + 1].all()
+        known = number[turn, way, size - 1] == home and to >= 0
+        known &= certified[turn, way, size - 1 : size + 1].all()
         return Knock(phase + _TURN * turn, x, v, low, high, to, bool(known), bool(fractal))
 
     def _least(self, home: int, phase: float, limit: float, count: int) -> Knock | None:
