@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from bokeh.models import ColumnDataSource, LegendItem
+from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 
 from sweeps.analysis.exact_branches import branches
 from sweeps.analysis.selection import dataset_of
-from sweeps.explorer.diagram import Diagram
-from sweeps.explorer.view import View
+from sweeps.config.sweep import SweepConfig
+from sweeps.explorer.diagram import Diagram, numbers
+from sweeps.explorer.view import DIAGRAM, View
 from sweeps.explorer.worker import Step
 from sweeps.interrupts import check
 from sweeps.plotting.style import VERMILION
@@ -22,7 +23,8 @@ from sweeps.plotting.style import VERMILION
 _LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": "dashed"}
 _MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
-Parts = Mapping[str, tuple[list[np.ndarray], list[np.ndarray]]]
+#: Abscissas, ordinates and the name of the orbit of every piece.
+Parts = Mapping[str, tuple[list[np.ndarray], list[np.ndarray], list[str]]]
 
 
 class Branches:
@@ -31,11 +33,12 @@ class Branches:
     def __init__(self, diagram: Diagram) -> None:
         self._diagram = diagram
         self._drawn: Any = None
-        #: The branches that were found last, and the axis and the configuration of their points.
-        self._found: tuple[Any, xr.Dataset] | None = None
+        #: The branches that were found last, and the configuration of their points.
+        self._found: tuple[SweepConfig, xr.Dataset] | None = None
         figure = diagram.figure
         self.sources = {
-            name: ColumnDataSource({"x": [], "y": []}, name=name) for name in (*_LINES, *_MARKERS)
+            name: ColumnDataSource({"x": [], "y": [], "orbit": []}, name=name)
+            for name in (*_LINES, *_MARKERS)
         }
         self._items = []
         for name, source in self.sources.items():
@@ -45,22 +48,25 @@ class Branches:
             else:
                 look |= {"marker": _MARKERS[name], "size": 6, "fill_color": "white"}
                 marks = figure.scatter("x", "y", **look)
+            said = f"{name}: class @orbit" if name in _LINES else f"{name} at @x{{0.0[000000]}}"
+            figure.add_tools(HoverTool(renderers=[marks], tooltips=said, visible=False))
             self._items.append(LegendItem(label=name, renderers=[marks], visible=False))
         diagram.legend.items += self._items
 
     def show(self, view: View) -> None:
         """Remove the branches of other oscillators."""
         if self._drawn is not None and self._drawn != _depends_on(view):
-            self._paint(None, {name: ([], []) for name in self.sources}, 0.0)
+            self._paint(None, {name: ([], [], []) for name in self.sources}, 0.0)
 
     def steps(self, view: View, columns: int) -> list[Step]:
         """Return the step that finds the branches, if they are wanted."""
-        if not view.exact:
+        if not view.exact or view.tab != DIAGRAM:
             return []
-        key = (view.diagram(columns), view.ordinate)
-        return [Step("branches", key, self._find, partial(self._paint, _depends_on(view)))]
+        config = view.diagram(columns)
+        find, show = partial(self._find, view, config), partial(self._paint, _depends_on(view))
+        return [Step("exact branches", (config, view.ordinate), find, show)]
 
-    def _find(self) -> Parts:
+    def _find(self, view: View, config: SweepConfig) -> Parts:
         """Follow the orbits of the diagram's points; return the coordinates of each part.
 
         Raises
@@ -70,27 +76,26 @@ class Branches:
         """
         from sweeps.plotting.exact import parts_of  # whose import takes a second
 
-        shown = self._diagram.kept
-        assert shown is not None
-        key = shown.view.axis, shown.config
-        if self._found is None or self._found[0] != key:
-            dataset = dataset_of(shown.config, shown.config.grid.axes, shown.results)
-            self._found = key, branches(dataset, shown.view.axis, check=check)
-        parts: Parts = {name: ([], []) for name in self.sources}
-        for name, x, y, _ in parts_of(self._found[1], shown.view.ordinate):
+        if self._found is None or self._found[0] != config:
+            dataset = dataset_of(config, config.grid.axes, numbers(config))
+            self._found = config, branches(dataset, view.axis, check=check)
+        parts: Parts = {name: ([], [], []) for name in self.sources}
+        for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
             for column in y.T:
                 parts[name][0].append(x)
                 parts[name][1].append(column)
+                parts[name][2].append(orbit)
         return parts
 
     def _paint(self, depends_on: Any, parts: Parts, seconds: float) -> None:
         """Show the parts of the branches, and which there are."""
         self._drawn = depends_on
         for item, (name, source) in zip(self._items, self.sources.items(), strict=True):
-            x, y = parts[name]
+            x, y, orbit = parts[name]
             if name in _MARKERS and x:
                 x, y = list(np.concatenate(x)), list(np.concatenate(y))
-            source.data = {"x": x, "y": y}
+                orbit = [""] * len(x)
+            source.data = {"x": x, "y": y, "orbit": orbit}
             item.visible = bool(len(x))
         self._diagram.show_legend()
 

@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
+from urllib.parse import urlencode
 
 from bokeh.layouts import column, row
 from bokeh.models import (
     Button,
-    Checkbox,
     Div,
     LayoutDOM,
-    NumericInput,
-    PrintfTickFormatter,
     Select,
     Slider,
+    TextInput,
+    Toggle,
 )
 
 from sweeps.analysis.selection import COORDINATES
+from sweeps.errors import ConfigError
 from sweeps.explorer.view import View, window_around
 from sweeps.explorer.words import symbol
 from sweeps.plotting.labels import as_variable
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
-_COMPACT = ".bk-input { height: 24px; min-height: 24px; padding: 0 6px; }"
-#: The fields of the record: their title, whether they hold an integer, and what they are.
+#: As low as a screen of 400 pixels needs; titles stand beside the choices.
+_COMPACT = (
+    ".bk-input { height: 22px; min-height: 22px; padding: 0 4px; font-size: 12px; }"
+    "select.bk-input { padding-right: 18px; } label { min-width: 54px; }"
+)
+_BESIDE = ".bk-input-group { flex-direction: row; align-items: center; }"
+#: The fields of the record, and what they are.
 _RECORD = {
-    "transient": ("transient", True, "forcing periods before anything is shown"),
-    "periods": ("periods", True, "forcing periods that are shown"),
-    "phase": ("phase", False, "forcing phase of the section, 0 to 2π [rad]"),
+    "transient": "forcing periods before anything is shown",
+    "periods": "forcing periods that are shown first",
+    "phase": "forcing phase of the section, 0 to 2π [rad]",
 }
 
 
@@ -62,18 +67,20 @@ class Controls:
         self.ordinate.on_change(
             "value", self._on(lambda view, name: replace(view, ordinate=name, ylim=None))
         )
-        self.fields: dict[str, NumericInput] = {}
+        self.fields: dict[str, TextInput] = {}
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
         records = [self._record(name) for name in _RECORD]
-        self.exact = Checkbox(label="exact branches", name="exact", width=_WIDTH)
+        self.exact = Toggle(label="exact branches", name="exact", width=114, height=26)
         self.exact.on_change("active", self._on(lambda view, on: replace(view, exact=on)))
-        save_button = Button(label="save as YAML", name="save", width=_WIDTH, height=30)
+        save_button = Button(label="save as YAML", name="save", width=100, height=26)
         save_button.on_click(save)
-        self.status, self.error = _message("status", "inherit"), _message("error", "#B00020")
+        self.status, self.saved = _message("status", "inherit"), _message("saved", "#005A32")
+        self.error = _message("error", "#B00020")
         self.layout = column(
-            self.ordinate, self.axis, *rows, row(*records, spacing=4), self.exact, save_button,
-            self.status, self.error, width=_WIDTH + 12, spacing=1, sizing_mode="stretch_height",
+            self.ordinate, self.axis, *rows, row(*records, spacing=4), row(self.exact, save_button),
+            self.error, self.saved, self.status,
+            width=_WIDTH + 12, spacing=1, sizing_mode="stretch_height",
             styles={"overflow-y": "auto", "overflow-x": "hidden", "padding-left": "4px"},
         )  # fmt: skip
 
@@ -90,7 +97,7 @@ class Controls:
         """Return a choice with its title."""
         return Select(
             options=options, name=title, title=title, width=_WIDTH, margin=(1, 0, 1, 0),
-            stylesheets=[_COMPACT],
+            stylesheets=[_COMPACT, _BESIDE],
         )  # fmt: skip
 
     def _parameter(self, name: str, view: View) -> LayoutDOM:
@@ -98,28 +105,23 @@ class Controls:
         parameter, value = PARAMETERS[name], view.values[name]
         tip = f"{parameter.meaning}: {parameter.allowed}"
         low, high = window_around(name, view.values)
-        field = NumericInput(mode="float", name=name, width=74, height=24, margin=(0, 2, 0, 0))
-        field.update(stylesheets=[_COMPACT], format=PrintfTickFormatter(format="%.7g"))
+        field = TextInput(name=name, width=94, height=22, margin=(0, 2, 0, 0))
+        field.stylesheets = [_COMPACT]
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
-            title=None, width=110, height=22, margin=(2, 4, 0, 8), name=f"{name} slider",
+            title=None, width=88, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
         )  # fmt: skip
-        changed = self._on(partial(_with_value, name=name))
-        field.on_change("value", changed)
-        slider.on_change("value", changed)
+        field.on_change("value", self._on(partial(_with_text, name=name)))
+        slider.on_change("value", self._on(lambda view, new: view.moved(**{name: float(new)})))
         self.fields[name], self.sliders[name] = field, slider
         label = Div(text=f'<span title="{tip}">{symbol(name)}</span>', width=22)
-        label.styles = {"text-align": "right", "padding-top": "4px"}
+        label.styles = {"text-align": "right", "padding-top": "2px"}
         return row(label, field, slider, spacing=2)
 
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a number of the record."""
-        title, whole, tip = _RECORD[name]
-        field = NumericInput(
-            mode="int" if whole else "float", name=name, title=title, width=72, margin=(2, 0, 2, 0)
-        )
-        field.stylesheets = [_COMPACT]
-        field.description = tip
+        field = TextInput(name=name, title=name, width=74, margin=(0, 0, 2, 0))
+        field.update(stylesheets=[_COMPACT], description=_RECORD[name])
         self.fields[name] = field
         field.on_change("value", self._on(partial(_with_record, name=name)))
         return field
@@ -134,9 +136,10 @@ class Controls:
             if not slider.start <= value <= slider.end:
                 low, high = window_around(name, view.values)
                 slider.update(start=low, end=high, step=(high - low) / 400.0)
-            slider.value = self.fields[name].value = value
-        for name in _RECORD:
-            self.fields[name].value = view.record[name]
+            slider.value = value
+        values = {**view.values, **view.record}
+        for name, field in self.fields.items():
+            field.value = f"{values[name]:.7g}"
         self._showing = False
 
 
@@ -151,9 +154,14 @@ def meaning(name: str) -> str:
     return f"{symbol(name)}: {PARAMETERS[name].meaning}"
 
 
-def _with_value(view: View, value: float | None, *, name: str) -> View:
-    return view.moved(**{name: math.nan if value is None else float(value)})
+def _with_text(view: View, text: str, *, name: str) -> View:
+    """Return a view with the number that a field holds."""
+    try:
+        return view.moved(**{name: float(text)})
+    except ValueError:
+        allowed = f"{PARAMETERS[name].allowed}, with a point: 0.05"
+        raise ConfigError(f"{name} = {text} is not a number; expected: {allowed}") from None
 
 
-def _with_record(view: View, value: float | None, *, name: str) -> View:
-    return replace(view, record={**view.record, name: math.nan if value is None else value})
+def _with_record(view: View, text: str, *, name: str) -> View:
+    return view.with_query(urlencode({name: text}))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import Any
@@ -21,10 +21,11 @@ from bokeh.models import (
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
+from sweeps.engine.plan import check_memory
+from sweeps.errors import StoreError
 from sweeps.explorer import picture
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
-from sweeps.explorer.view import View, Window, bounds
-from sweeps.explorer.words import axis_label
+from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import STATUS_COLOURS, VERMILION
 
@@ -32,8 +33,10 @@ from sweeps.plotting.style import STATUS_COLOURS, VERMILION
 COARSER = 4
 #: The window of the ordinate before the first picture, which nobody else asks for.
 _UNSEEN = (-0.123456789, 0.123456789)
-#: A canvas has no fewer columns and rows, and no more are computed.
-_LEAST, _MOST = 16, 4096
+#: The coarse picture has no fewer.
+_FEWEST = 16
+#: So many times the periods are recorded while nothing else is asked for.
+_RECORDS = (1, 4, 16, 64)
 
 #: Sets the window that fits a picture, unless the user has moved the one before it: only the
 #: browser knows that at once, and the server need not know. Then says which picture is on the
@@ -105,8 +108,6 @@ class Diagram(PixelFigure):
         self.fitted: list[Window] = [_UNSEEN]
         #: The ordinate of the view and its window, None for that of the points.
         self._ordinate: tuple[str, Window | None] = ("", None)
-        #: Columns and rows of the canvas; 0 as long as the browser has not said.
-        self.size = (0, 0)
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.set_colours(picture.ramp())
         #: The number of the picture that the browser has painted last, and that was sent last.
@@ -142,41 +143,54 @@ class Diagram(PixelFigure):
     def show(self, view: View) -> None:
         """Set the window, the labels and the mark."""
         self._ordinate = view.ordinate, view.ylim
-        allowed = bounds(view.axis, view.values)
-        x, y = (axis_label(name, view.units) for name in (view.axis, view.ordinate))
-        self.set_axis("x", x, view.xlim, view.axis in view.log, allowed)
+        self.set_axis("x", view.axis, view, view.xlim)
         now = self.windows[1]  # the browser may have fitted a newer picture by itself
         fit = now if now in self.fitted else self.fitted[-1]
-        self.set_axis("y", y, view.ylim or fit, log=False, allowed=None)
+        self.set_axis("y", view.ordinate, view, view.ylim or fit)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def steps(self, view: View) -> list[Step]:
-        """Return the steps that draw a view: a coarse picture at once, then the fine one."""
-        columns, rows = self._resolution
-        wanted = self.finest(view)
-        key = (wanted, view.axis, view.ordinate, view.ylim, rows)
-        steps = []
-        if self.kept is None or self.kept.config != wanted:
-            few = max(_LEAST, columns // COARSER)
-            steps.append(self._step(("coarse", *key), view, few, rows))
-        return [*steps, self._step(key, view, columns, rows)]
+        """Return the steps that draw a view: coarse at once, then fine, then ever denser."""
+        columns, rows = self.resolution
+        configs = self.configurations(view)
+        kept = None if self.kept is None else self.kept.config
+        if kept in configs:  # what was computed is not thrown away
+            configs = configs[configs.index(kept) :]
+        else:
+            configs = [view.diagram(max(_FEWEST, columns // COARSER)), *configs]
+        seen = view.axis, view.ordinate, view.ylim, rows
+        return [
+            Step("diagram", (config, *seen), partial(self._draw, view, config, rows), self._paint)
+            for config in configs
+        ]
 
-    @property
-    def _resolution(self) -> tuple[int, int]:
-        """Columns and rows that are computed."""
-        columns, rows = (min(max(size, _LEAST), _MOST) for size in self.size)
-        return columns, rows
+    def configurations(self, view: View) -> list[SweepConfig]:
+        """Return that of the view, and those that record on, as far as there is memory.
+
+        Raises StoreError if there is not enough memory for the first.
+        """
+        columns, configs = self.resolution[0], list[SweepConfig]()
+        for times in _RECORDS:
+            longer = {name: times * view.record[name] for name in ("periods", "impacts")}
+            config = replace(view, record={**view.record, **longer}).diagram(columns)
+            try:
+                check_memory(config, columns, f"a picture of {columns:,} points")
+            except StoreError:
+                if configs:
+                    break
+                raise
+            configs.append(config)
+        return configs
 
     def finest(self, view: View) -> SweepConfig:
-        """Return the configuration of the finest picture."""
-        return view.diagram(self._resolution[0])
+        """Return the configuration of what is seen, or will be seen first."""
+        configs = self.configurations(view)
+        kept = None if self.kept is None else self.kept.config
+        return kept if kept in configs else configs[0]
 
-    def _step(self, key: Any, view: View, columns: int, rows: int) -> Step:
-        return Step("diagram", key, partial(self._draw, view, columns, rows), self._paint)
-
-    def _draw(self, view: View, columns: int, rows: int) -> Shown:
+    def _draw(self, view: View, config: SweepConfig, rows: int) -> Shown:
         """Compute a picture; only the pixels, where the numbers are those of the last."""
-        config, kept = view.diagram(columns), self.kept
+        kept = self.kept
         begin = perf_counter()
         if kept is not None and kept.config == config:
             results, seconds = kept.results, kept.seconds

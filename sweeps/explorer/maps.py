@@ -10,30 +10,40 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, Div, Range1d
+from bokeh.models import ColumnDataSource, Div, Range1d, Span
 
+from sweeps.analysis.attractor_table import Row, rows
+from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
+from sweeps.analysis.integrity import measures_of
+from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
-from sweeps.explorer.diagram import numbers
+from sweeps.engine.compute import Results, compute
+from sweeps.engine.plan import block_size
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
-from sweeps.explorer.view import BASINS, View, bounds
-from sweeps.explorer.words import axis_label, plain
+from sweeps.explorer.view import BASINS, View
+from sweeps.explorer.words import plain
 from sweeps.explorer.worker import Step
+from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     from sweeps.plotting.maps import Cells
 
-#: Columns and rows of the pictures, from coarse to fine.
-_SIZES = ((16, 10), (32, 20), (64, 40), (128, 80), (192, 120))
+#: Of the columns and of the rows, every so many are computed first, then those between them. Each
+#: is an odd multiple of the next, so that the middle of a cell is the middle of a smaller one.
+_STRIDES = (27, 9, 3, 1)
+#: A map is shown at least so often until it is complete.
+_SHOWN = 20
 #: The columns of a disc.
 _DISC = ("x", "y", "width", "height")
+#: What the classes of the points follow from.
+_OF_CLASSES = ("status", "rest_fraction", "period", "period_impacts", "lyapunov")
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """A map to draw.
+    """A map as far as it is computed.
 
     Attributes
     ----------
@@ -41,59 +51,156 @@ class Tiles:
     kinds : list of (str, str, float)
         What there is: its label, its colour and its share of the points.
     pixels : ndarray of uint8, shape (rows, columns)
-        1 + the number of the kind; 0 for none.
+        1 + the number of the kind; a point that is not computed yet has that of one beside it.
     discs : list of (float, float, float, float)
-        The largest discs in the basins: x and v of their centre, width and height.
+        The largest discs in complete basins: x and v of their centre, width and height.
+    points : int
+        That were computed.
     seconds : float
-        That the numbers took.
+        That their numbers took.
     """
 
     config: SweepConfig
     kinds: list[tuple[str, str, float]]
     pixels: np.ndarray
     discs: list[tuple[float, float, float, float]]
+    points: int
     seconds: float
 
 
-def _tiles(config: SweepConfig, x: str, y: str, tab: int) -> Tiles:
-    """Compute a map, and put its points into kinds as the files' pictures do."""
-    from sweeps.plotting.maps import failed_cells, period_cells
+class Filling:
+    """A map while its points are computed, from coarse to fine.
 
-    begin = perf_counter()
-    results = numbers(config)
-    seconds = perf_counter() - begin
-    cut = dataset_of(config, config.grid.axes, results).transpose(y, x, ...)
-    discs: list[tuple[float, float, float, float]] = []
-    if tab == BASINS:
-        cells = _basins(cut, discs)
-    else:
-        cells = period_cells(cut)
-    pixels = np.zeros(cut["status"].shape, np.uint8)
-    kinds = []
-    for cell in (*cells, *failed_cells(cut["status"].values)):
-        if cell.where.any():
-            kinds.append((plain(cell.label), cell.colour, float(cell.where.mean())))
-            pixels[cell.where] = len(kinds)
-    return Tiles(config, kinds, pixels, discs, seconds)
+    Parameters
+    ----------
+    config : SweepConfig
+        Over two axes.
+    x : str
+        The axis that is the abscissa.
+    basins : bool
+        Whether the points are starts, to be put into the basins of their attractors.
+    """
+
+    def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
+        self.config, self._x, self._basins = config, x, basins
+        levels = np.maximum.outer(*map(_levels, config.grid.shape)).ravel()
+        #: The numbers of the points in the order in which they are computed.
+        self._order = np.argsort(levels, kind="stable")
+        every = -(-levels.size // _SHOWN)
+        #: How many points are computed each time that the map is shown.
+        self.stops = sorted({*np.cumsum(np.bincount(levels)), *range(every, levels.size, every)})
+        self._done, self._seconds = 0, 0.0
+        self._kept = {"status": np.full(levels.size, Status.PENDING)}
+        #: The attractors of the starts, the results of a start on each, and that of each start.
+        self._found: list[Row] = []
+        self._on_each: Results = {}
+        self._reached = np.full(levels.size, -1)
+
+    def advance(self, stop: int) -> Tiles:
+        """Compute points until there are so many, on from where it was cancelled before."""
+        while self._done < stop:
+            size = block_size(self.config, least=stop - self._done)
+            at = self._order[self._done : min(self._done + size, stop)]
+            begin = perf_counter()
+            results = compute(self.config, self.config.grid.numbered(at), None)
+            self._seconds += perf_counter() - begin
+            for name in _OF_CLASSES:
+                if (values := results.get(name)) is not None:
+                    empty = np.zeros((self._order.size, *values.shape[1:]), values.dtype)
+                    self._kept.setdefault(name, empty)[at] = values
+            if self._basins:
+                self._group(at, results)
+            self._done += at.size
+        return self._tiles()
+
+    def _group(self, at: np.ndarray, results: Results) -> None:
+        """Put starts into the basins of the attractors that were found before, and of new ones."""
+        known = {name: self._on_each.get(name, values[:0]) for name, values in results.items()}
+        both = {name: np.concatenate([known[name], values]) for name, values in results.items()}
+        nowhere = {"x0": np.zeros(len(both["status"]))}  # their values are not needed
+        starts = dataset_of(self.config, nowhere, both).assign_coords(v0=0.0)
+        result = attractors(starts, extensions=0)
+        self._found = sorted(rows(starts, result), key=lambda row: row.number)
+        before, now = np.split(result["attractor"].values, [-at.size])
+        self._reached = np.append(before, -1)[self._reached]
+        self._reached[at] = now
+        kept = np.array([row.point for row in self._found], int)
+        self._on_each = {name: values[kept] for name, values in both.items()}
+
+    def _tiles(self) -> Tiles:
+        """Put the points into kinds as the files' pictures do."""
+        from sweeps.plotting.attractors import attractor_cells
+        from sweeps.plotting.maps import failed_cells, period_cells
+
+        discs: list[tuple[float, float, float, float]] = []
+        if self._basins:
+            cells = [attractor_cells(row, self._reached == i) for row, i in self._ranked()]
+            if self._done == self._order.size:
+                motions = [row.motion for row, _ in self._ranked()]
+                cells = [
+                    self._with_disc(cell, discs) if motion in COUNTED_MOTIONS else cell
+                    for cell, motion in zip(cells, motions, strict=True)
+                ]
+        else:
+            cells = period_cells(dataset_of(self.config, self.config.grid.axes, self._kept))
+        pixels, kinds = np.zeros(self._order.size, np.uint8), []
+        for cell in (*cells, *failed_cells(self._kept["status"])):
+            if count := np.count_nonzero(cell.where):
+                kinds.append((plain(cell.label), cell.colour, float(count) / self._done))
+                pixels[cell.where.ravel()] = len(kinds)
+        pixels = _filled(pixels.reshape(self.config.grid.shape))
+        pixels = pixels.T if next(iter(self.config.grid.axes)) == self._x else pixels
+        return Tiles(self.config, kinds, pixels, discs, self._done, self._seconds)
+
+    def _with_disc(self, cells: Cells, discs: list[tuple[float, float, float, float]]) -> Cells:
+        """Name the radius of the largest disc in a basin, and add the disc to a list."""
+        grid = self.config.grid
+        basin = cells.where.reshape(grid.shape)
+        basin = basin if next(iter(grid.axes)) == "x0" else basin.T
+        x, v, p, stop = grid.axes["x0"], grid.axes["v0"], grid.fixed["p"], grid.fixed["clearance"]
+        corner = np.array([[x[0], v[0]]])
+        radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
+        discs.append((centre[0], centre[1], 2.0 * radius, 2.0 * radius * p))
+        label = f"{cells.label}; disc {'>= ' if at_edge else ''}{radius:.3g}"
+        return cells._replace(label=label)
+
+    def _ranked(self) -> list[tuple[Row, int]]:
+        """Return the attractors with their shares, the greatest first, and the places they had."""
+        counts = np.bincount(self._reached + 1, minlength=len(self._found) + 1)[1:]
+        order = np.argsort(-counts, kind="stable").tolist()
+        numbered = sorted(order, key=lambda i: self._found[i].motion is not Regime.PERIODIC)
+        return [
+            (
+                self._found[i]._replace(
+                    number=numbered.index(i), fraction=counts[i] / counts.sum()
+                ),
+                i,
+            )
+            for i in order
+        ]
 
 
-def _basins(starts: xr.Dataset, discs: list[tuple[float, float, float, float]]) -> list[Cells]:
-    """Return the basins over v0 and x0, and add the largest disc of each attractor to a list."""
-    from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
-    from sweeps.analysis.integrity import measures_of
-    from sweeps.plotting.attractors import basin_cells
+def _middles(size: int, stride: int) -> np.ndarray:
+    """Return the middle of every cell of so many columns."""
+    return np.minimum(np.arange(stride // 2, size + stride // 2, stride), size - 1)
 
-    found, basins = attractors(starts, extensions=0), []
-    x, v, p = starts["x0"].values, starts["v0"].values, float(starts["p"])
-    for cell, motion in zip(basin_cells(starts, found), found["motion"].values, strict=False):
-        if motion in COUNTED_MOTIONS:
-            stop, corner = float(starts["clearance"]), np.array([[x[0], v[0]]])
-            radius, *centre, at_edge, _, _ = measures_of(cell.where.T, x, v, 1.0 / p, stop, corner)
-            discs.append((centre[0], centre[1], 2.0 * radius, 2.0 * radius * p))
-            label = f"{cell.label}; disc {'>= ' if at_edge else ''}{radius:.3g}"
-            cell = cell._replace(label=label)
-        basins.append(cell)
-    return basins
+
+def _levels(size: int) -> np.ndarray:
+    """Return the number of the first stride that computes each of so many columns."""
+    levels = np.empty(size, int)
+    for level in reversed(range(len(_STRIDES))):
+        levels[_middles(size, _STRIDES[level])] = level
+    return levels
+
+
+def _filled(pixels: np.ndarray) -> np.ndarray:
+    """Give the pixels that are 0 the value at the middle of the least cell that has one."""
+    filled = np.zeros_like(pixels)
+    for stride in _STRIDES:
+        at = (_middles(size, stride)[np.arange(size) // stride] for size in pixels.shape)
+        finer = pixels[np.ix_(*at)]
+        filled = np.where(finer, finer, filled)
+    return filled
 
 
 class Map(PixelFigure):
@@ -106,7 +213,8 @@ class Map(PixelFigure):
     tab : int
         ``MAP`` or ``BASINS``.
     report : callable
-        Is given the configuration, the seconds that its numbers took, and those in all.
+        Is given the configuration, its computed points, the seconds that their numbers took, and
+        those in all.
     x_range : Range1d, optional
         As for `PixelFigure`.
     """
@@ -115,41 +223,54 @@ class Map(PixelFigure):
         self,
         name: str,
         tab: int,
-        report: Callable[[SweepConfig, float, float], None],
+        report: Callable[[SweepConfig, int, float, float], None],
         x_range: Range1d | None = None,
     ) -> None:
         super().__init__(name, x_range)
         self._name, self._tab, self._report = name, tab, report
+        self._filling: Filling | None = None
+        #: What is on the screen.
+        self.shown: Tiles | None = None
         self.figure.grid.visible = False
+        self._marks = [Span(dimension=way, line_color="white") for way in ("height", "width")]
+        for mark in self._marks:
+            self.figure.add_layout(mark)
         self.discs = ColumnDataSource({column: [] for column in _DISC}, name=f"{name} discs")
         look = {"fill_alpha": 0.0, "line_color": "black"}
         self.figure.ellipse(*_DISC, source=self.discs, **look)
         self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
-        self.legend.margin = (0, 8, 4, 60)
+        # Its height stays, since a point is computed for every pixel of the figure.
+        self.legend.update(margin=(0, 8, 4, 60), height=36, styles={"overflow-y": "auto"})
         self.layout = column(self.figure, self.legend, sizing_mode="stretch_both")
 
+    def resize(self, side: str, pixels: int) -> None:
+        """Take a greater size; where there are fewer pixels, a finer picture need not change."""
+        super().resize(side, max(pixels, self.size[side == "inner_height"]))
+
     def show(self, view: View) -> None:
-        """Set the axes."""
-        for side, (name, window) in zip("xy", view.plane(self._tab), strict=True):
-            text = axis_label(name, view.units)
-            self.set_axis(side, text, window, name in view.log, bounds(name, view.values))
+        """Set the axes and the mark."""
+        for side, mark, (name, window) in zip(
+            "xy", self._marks, view.plane(self._tab), strict=True
+        ):
+            self.set_axis(side, name, view, window)
+            mark.update(location=view.values[name], visible=view.marked)
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view from coarse to fine."""
-        steps = []
-        (x, _), (y, _) = view.plane(self._tab)
-        for size in _SIZES:
-            config = view.tiles(self._tab, *size)
-            compute = partial(_tiles, config, x, y, self._tab)
-            steps.append(Step(self._name, config, compute, partial(self._paint, view)))
-        return steps
+        config = self.finest(view)
+        if self._filling is None or self._filling.config != config:
+            self._filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS)
+        advance, show = self._filling.advance, partial(self._paint, view)
+        stops = self._filling.stops
+        return [Step(self._name, (config, n), partial(advance, n), show) for n in stops]
 
     def finest(self, view: View) -> SweepConfig:
-        """Return the configuration of the finest picture."""
-        return view.tiles(self._tab, *_SIZES[-1])
+        """Return the configuration of the whole picture, a point for every pixel."""
+        return view.tiles(self._tab, *self.resolution)
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""
+        self.shown = tiles
         axes = tiles.config.grid.axes
         names = [name for name, _ in view.plane(self._tab)]
         x, y = (outer_edges(axes[name], name in view.log) for name in names)
@@ -162,4 +283,4 @@ class Map(PixelFigure):
             f"{escape(label)}{'' if '%' in label else f' ({100.0 * share:.3g} %)'}</span>"
             for label, colour, share in tiles.kinds
         )
-        self._report(tiles.config, tiles.seconds, seconds)
+        self._report(tiles.config, tiles.points, tiles.seconds, seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -9,7 +10,7 @@ from html import escape
 import numpy as np
 import xarray as xr
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, Div, Span
+from bokeh.models import Button, ColumnDataSource, Div, Span
 from bokeh.plotting import figure
 
 from sweeps.analysis.nearby_orbit import nearby_orbit
@@ -94,12 +95,20 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
 
 
 class MotionPanel:
-    """The two figures below the diagram, and the words above them."""
+    """The two figures below the picture, and the words above them.
 
-    def __init__(self) -> None:
-        self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name="motion")
-        self.impacts = ColumnDataSource({"t": [], "x": [], "v": []}, name="impacts")
-        self.text = Div(name="class", text="", sizing_mode="stretch_width", margin=(2, 4, 0, 60))
+    Parameters
+    ----------
+    name : str
+    close : callable
+        Takes the mark away.
+    """
+
+    def __init__(self, name: str, close: Callable[[], None]) -> None:
+        self._name = name
+        self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name=name)
+        self.impacts = ColumnDataSource({"t": [], "x": [], "v": []}, name=f"{name}: impacts")
+        self.text = Div(text="", sizing_mode="stretch_width", margin=(2, 4, 0, 60))
         self._stops = [
             Span(dimension=way, location=0.0, line_dash="dashed", line_color="black")
             for way in ("width", "height")
@@ -107,33 +116,38 @@ class MotionPanel:
         self._panels = []
         for (x, y), stop in zip((("t", "x"), ("x", "v")), self._stops, strict=True):
             panel = figure(
-                tools="pan,wheel_zoom,box_zoom,reset,save", height=180, min_height=120,
-                sizing_mode="stretch_width", toolbar_location=None,
-                name=f"{y} over {x}",
+                tools="pan,wheel_zoom,box_zoom,reset,save", min_height=110,
+                sizing_mode="stretch_both", toolbar_location=None, name=f"{name}: {y} over {x}",
             )  # fmt: skip
             panel.line(x, y, source=self.line, color=BLUE, line_width=1.2)
             panel.scatter(x, y, source=self.impacts, color=ORANGE, size=5)
             panel.add_layout(stop)
             self._panels.append(panel)
+        closing = Button(label="close (Esc)", width=90, height=24, margin=(0, 8, 0, 0))
+        closing.on_click(close)
         self.layout = column(
-            self.text, row(*self._panels, sizing_mode="stretch_width"), visible=False,
-            sizing_mode="stretch_width", name="motion panel",
+            row(self.text, closing, sizing_mode="stretch_width"),
+            row(*self._panels, sizing_mode="stretch_both"),
+            visible=False, sizing_mode="stretch_both",
         )  # fmt: skip
 
     def show(self, view: View) -> None:
         """Show the panel if a point is marked, with the units of the view."""
         self.layout.visible = view.marked
-        t, x, v = (axis_label(f"trajectory_{name}", view.units) for name in "txv")
-        t = t.replace("time t", "time t − t₀")
-        for panel, names in zip(self._panels, ((t, x), (x, v)), strict=True):
-            panel.xaxis.axis_label, panel.yaxis.axis_label = names
+        for panel, names in zip(self._panels, ("tx", "xv"), strict=True):
+            across, upwards = (f"trajectory_{name}" for name in names)
+            text = axis_label(across, view.units).replace("time t", "time t − t₀")
+            panel.xaxis.axis_label, panel.yaxis.axis_label = (
+                text,
+                axis_label(upwards, view.units, 0),
+            )
 
     def steps(self, view: View) -> list[Step]:
         """Return the step that computes the motion, if a point is marked."""
         if not view.marked:
             return []
         compute, show = partial(motion_at, view), partial(self._paint, view)
-        return [Step("motion", view.point(), compute, show)]
+        return [Step(self._name, view.point(), compute, show)]
 
     def _paint(self, view: View, drawn: Drawn, seconds: float) -> None:
         """Show a motion, the stop and what is known of both."""

@@ -5,17 +5,18 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from bokeh.core.templates import FILE
 from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady, Reset, Tap
 from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs, TextInput
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.plan import check_memory
 from sweeps.errors import ConfigError, StoreError, SweepError
 from sweeps.explorer.branches import Branches
 from sweeps.explorer.controls import Controls, meaning
@@ -35,6 +36,33 @@ _ENDED = (
 SECRET = "token"
 #: Time in which the four ends of a window arrive [ms].
 _GATHER = 8
+_TABS = ("diagram", "map of classes", "basins")
+#: What a key does to the window: by which shares it moves, and how much greater it is then.
+_MOVES = {
+    "ArrowLeft": (-0.1, 0.0, 1.0),
+    "ArrowRight": (0.1, 0.0, 1.0),
+    "ArrowDown": (0.0, -0.1, 1.0),
+    "ArrowUp": (0.0, 0.1, 1.0),
+    "+": (0.0, 0.0, 0.5),
+    "-": (0.0, 0.0, 2.0),
+}
+#: Sends every key, with a number so that no two are alike, unless a widget has a use for it.
+_LISTEN = """
+document.getElementById("opening")?.remove();
+let number = 0;
+window.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.composedPath()[0].closest?.("input, select, .noUi-handle")) return;
+  if (KEYS.includes(event.key)) { event.preventDefault(); to.value = `${++number} ${event.key}`; }
+});
+""".replace("KEYS", str([*_MOVES, "Home", "Escape"]))
+#: A word is there before the scripts, which the browser reads for a second.
+_TEMPLATE = """
+{% extends "file.html.jinja" %}
+{% block js_resources %}{% endblock %}
+{% block contents %}<p id="opening">vibroimpact explore is opening …</p>
+{{ bokeh_js }}{{ super() }}{% endblock %}
+"""
 
 
 class LivePage:
@@ -58,9 +86,11 @@ class LivePage:
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._report)
         self.branches = Branches(self.diagram)
-        self.motion = MotionPanel()
+        self.motion = MotionPanel("motion", self._close)
+        self.motion_from = MotionPanel("motion from a start", self._close)
         self.map = Map("map", MAP, self._report_rate, self.diagram.figure.x_range)
         self.basins = Map("basins", BASINS, self._report_rate)
+        self._pictures = (self.diagram, self.map, self.basins)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
         self._across = Select(
             options=[(name, meaning(name)) for name in PARAMETERS], width=220, name="across"
@@ -70,35 +100,46 @@ class LivePage:
         self._ended = Div(text=_ENDED, visible=False, name="ended", sizing_mode="stretch_width")
         self._ended.styles = {"background": "#F5D79A", "padding": "6px"}
         self._address = TextInput(visible=False, name="address")
+        self._key = TextInput(visible=False, name="key")
         self._connect()
         body = row(self.controls.layout, self._tabs, sizing_mode="stretch_both")
-        hidden = (self._address, self.diagram.painted)
+        hidden = (self._address, self._key, self.diagram.painted)
         document.add_root(column(self._ended, body, *hidden, sizing_mode="stretch_both"))
+        document.template = FILE.environment.from_string(_TEMPLATE)
         document.title = f"{home.name}: vibroimpact"
         self._show()
 
     def _new_tabs(self) -> Tabs:
-        """Return the three tabs: the diagram with the motion, the map, and the basins."""
-        bar = row(Div(text="ordinate"), self._across, Div(text="a click takes its"), self._line)
-        about = Div(text="The starts of the marked oscillator; a click takes one.")
+        """Return the three tabs: the diagram, the map, and the basins."""
+        bar = row(Div(text="ordinate"), self._across, Div(text="a click shows its"), self._line)
+        keys = "Keys: arrows, + and −, Home."
+        abouts = (
+            Div(text=f"A click shows the motion there. {keys}", sizing_mode="stretch_width"),
+            row(bar, Div(text="as a diagram.")),
+            Div(text=f"The starts of the oscillator: a click shows the motion of one. {keys}"),
+        )
+        pictures = (
+            (self.diagram.figure, self.motion.layout),
+            (self.map.layout,),
+            (self.basins.layout, self.motion_from.layout),
+        )
         layouts = {
-            "diagram": column(self.diagram.figure, self.motion.layout, sizing_mode="stretch_both"),
-            "map of classes": column(bar, self.map.layout, sizing_mode="stretch_both"),
-            "basins": column(about, self.basins.layout, sizing_mode="stretch_both"),
+            title: column(about, *picture, sizing_mode="stretch_both")
+            for title, about, picture in zip(_TABS, abouts, pictures, strict=True)
         }
         panels = [TabPanel(child=layout, title=title) for title, layout in layouts.items()]
         return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs")
 
     def _connect(self) -> None:
         """Let the figure, the address and the connection change what is shown."""
-        figure, document = self.diagram.figure, self.document
-        figures = (figure, self.map.figure, self.basins.figure)
+        document, figures = self.document, [picture.figure for picture in self._pictures]
         ranges = {r.id: r for plot in figures for r in (plot.x_range, plot.y_range)}
         for model in ranges.values():
             for name in ("start", "end"):
                 model.on_change(name, self._ranges_changed)
-        for name in ("inner_width", "inner_height"):
-            figure.on_change(name, self._resized)
+        for picture in self._pictures:
+            for name in ("inner_width", "inner_height"):
+                picture.figure.on_change(name, partial(self._resized, picture))
         for plot in figures:
             plot.on_event(Reset, lambda _: self.change(self._at_home))
             plot.on_event(Tap, self._tapped)
@@ -108,7 +149,9 @@ class LivePage:
         self.diagram.mark.on_change("location", self._mark_moved)
         document.config.notify_connection_status = False  # the page has words of its own
         document.on_session_destroyed(lambda _: self.worker.close())
-        document.add_periodic_callback(self._show_progress, 500)
+        document.add_periodic_callback(self._show_progress, 200)
+        self._key.on_change("value", self._pressed)
+        document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=_LISTEN))
         # The address holds the view: it is read when the page opens, and follows the view.
         self._address.on_change("value", self._address_read)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
@@ -131,7 +174,7 @@ class LivePage:
             self._refuse(str(error))
         else:
             self.view = view
-            self.controls.error.text = ""
+            self.controls.error.text = self.controls.saved.text = ""
         self._show()
 
     def _refuse(self, text: str) -> None:
@@ -139,8 +182,8 @@ class LivePage:
 
     def _show(self) -> None:
         """Set all parts of the page to the view, and ask for its pictures."""
-        parts = (self.controls, self.diagram, self.branches, self.motion, self.map, self.basins)
-        for part in parts:
+        pictures = (self.diagram, self.branches, self.map, self.basins)
+        for part in (self.controls, *pictures, self.motion, self.motion_from):
             part.show(self.view)
         self._tabs.active, self._across.value = self.view.tab, self.view.across
         self._address.title = self.view.query()
@@ -148,7 +191,7 @@ class LivePage:
 
     def _compute(self) -> None:
         """Ask for the pictures of the view, once the size of the page is known."""
-        if not all(self.diagram.size):
+        if not all(self._picture.size):
             return
         # A browser that is given more than it can paint falls behind.
         self._waiting = self.diagram.painted.value < self.diagram.sent
@@ -160,23 +203,38 @@ class LivePage:
 
     def _steps(self) -> list[Step]:
         """Return what the open tab shows of the view, the quickest first; nothing if too large."""
-        view, config = self.view, self._configuration()
-        points = config.grid.size
+        view = self.view
         try:
-            check_memory(config, points, f"a picture of {points:,} points")
+            first, *finer = self._picture.steps(view)
         except StoreError as error:
             self._refuse(str(error))
             return []
-        if view.tab != DIAGRAM:
-            return (self.map if view.tab == MAP else self.basins).steps(view)
-        *coarse, fine = self.diagram.steps(view)
-        branches = self.branches.steps(view, self.diagram.size[0])
-        return [*coarse, *self.motion.steps(view), fine, *branches]
+        branches = self.branches.steps(view, self.diagram.resolution[0])
+        # After the first two the picture only becomes denser, or a map finer.
+        motion = (
+            ()
+            if view.tab == MAP
+            else (self.motion, self.motion_from)[view.tab == BASINS].steps(view)
+        )
+        return [first, *motion, *finer[:1], *branches, *finer[1:]]
 
-    def _resized(self, attr: str, old: int, new: int) -> None:
-        columns, rows = self.diagram.size
-        self.diagram.size = (new, rows) if attr == "inner_width" else (columns, new)
+    def _resized(self, picture: Diagram | Map, attr: str, old: int, new: int) -> None:
+        picture.resize(attr, new)
         self._compute()
+
+    def _pressed(self, attr: str, old: str, new: str) -> None:
+        """Do what a key stands for."""
+        key = new.partition(" ")[2]
+        if key in _MOVES:
+            self._picture.move(*_MOVES[key])
+        elif key == "Home":
+            self.change(self._at_home)
+        elif key == "Escape":
+            self._close()
+
+    def _close(self) -> None:
+        """Take the mark and its motion away."""
+        self.change(lambda view: replace(view, marked=False))
 
     def _ranges_changed(self, attr: str, old: Any, new: Any) -> None:
         """Read the window once, when all four ends of it are there: they come one by one."""
@@ -214,7 +272,7 @@ class LivePage:
         return replace(view, xlim=xlim, maplim=home.maplim if unchanged else view.maplim)
 
     def _tapped(self, event: Tap) -> None:
-        """Mark what was clicked on; from a map, show the diagram through it."""
+        """Mark what was clicked on; from a map of classes, show the diagram through it."""
         if event.x is None or event.y is None:
             return
         view, x, y = self.view, float(event.x), float(event.y)
@@ -225,10 +283,10 @@ class LivePage:
             clicked = view.moved(**{view.axis: x, view.across: y})
             if self._line.active == 1:
                 clicked = clicked.with_axis(view.across)
-            clicked = replace(clicked, ylim=None)
+            clicked = replace(clicked, ylim=None, tab=DIAGRAM)
         else:
             clicked = replace(view.moved(x0=x, v0=y), ylim=None)
-        self.change(lambda view: replace(clicked, marked=True, tab=DIAGRAM))
+        self.change(lambda view: replace(clicked, marked=True))
 
     def _tab_chosen(self, attr: str, old: int, new: int) -> None:
         if new != self.view.tab:
@@ -247,14 +305,16 @@ class LivePage:
 
     def _report(self, shown: Shown, seconds: float) -> None:
         self.shown = shown
-        self._report_rate(shown.config, shown.seconds, seconds)
+        self._report_rate(shown.config, shown.config.grid.size, shown.seconds, seconds)
 
-    def _report_rate(self, config: SweepConfig, computing: float, seconds: float) -> None:
-        """Say what was computed, and how fast."""
-        points = config.grid.size
+    def _report_rate(
+        self, config: SweepConfig, points: int, computing: float, seconds: float
+    ) -> None:
+        """Say how many points of a picture were computed, and how fast."""
+        of = "" if points == config.grid.size else f" of {config.grid.size:,}"
         periods = points * (config.record.transient + config.record.periods)
         self._rate = self.controls.status.text = (
-            f"{points:,} points, {periods:,} forcing periods in "
+            f"{points:,}{of} points, {periods:,} forcing periods in "
             f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
             f"picture after {1e3 * seconds:.0f} ms"
         )
@@ -266,8 +326,8 @@ class LivePage:
             self.worker.ask(self._steps())
         if (busy := self.worker.busy) is not None:
             name, first, begin = busy
-            if (seconds := perf_counter() - begin) > 1.0:
-                why = ", which is compiled at the first use" if first else ""
+            if (seconds := perf_counter() - begin) > 0.3:
+                why = ", which is compiled at the first use" if first and seconds > 1.0 else ""
                 self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
         elif self.controls.status.text.startswith("computing"):
             self.controls.status.text = self._rate
@@ -280,9 +340,13 @@ class LivePage:
             self._refuse(str(error))
         else:
             self.controls.error.text = ""
-            self.controls.status.text = f"saved: {path}; vibroimpact run {shlex.quote(path.name)}"
+            self.controls.saved.text = f"saved: {path}; vibroimpact run {shlex.quote(path.name)}"
 
     def _configuration(self) -> SweepConfig:
         """Return that of the finest picture in the open tab."""
-        picture = (self.diagram, self.map, self.basins)[self.view.tab]
-        return picture.finest(self.view)
+        return self._picture.finest(self.view)
+
+    @property
+    def _picture(self) -> Diagram | Map:
+        """That of the open tab."""
+        return self._pictures[self.view.tab]

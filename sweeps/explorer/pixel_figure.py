@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,15 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from sweeps.explorer.view import Window
+from sweeps.explorer.view import View, Window, bounds
+from sweeps.explorer.words import axis_label
 from sweeps.plotting.lines import cell_edges
 
 _CLEAR = "#00000000"
+#: A picture has no fewer columns and rows, and no more are computed.
+_LEAST, _MOST = 16, 4096
+#: A label may be longer than its axis by what is beside the canvas [px].
+_BESIDE = 40.0
 
 
 class PixelFigure:
@@ -42,10 +47,32 @@ class PixelFigure:
             sizing_mode="stretch_both", min_height=150, lod_threshold=None,
         )  # fmt: skip
         self.figure.toolbar.logo = None
+        #: Columns and rows of the canvas; 0 as long as the browser has not said.
+        self.size = (0, 0)
+        #: What each axis shows, with the names of the units.
+        self._shown: dict[str, tuple[str, Mapping[str, str]]] = {}
         columns: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
         self.source = ColumnDataSource(columns, name=f"{name} pixels")
         self._colours = LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
         self.figure.image("image", color_mapper=self._colours, source=self.source, level="image")
+
+    def resize(self, side: str, pixels: int) -> None:
+        """Take the width or the height that the browser gives the canvas."""
+        columns, rows = self.size
+        self.size = (pixels, rows) if side == "inner_width" else (columns, pixels)
+        self._label()
+
+    def _label(self) -> None:
+        """Label the axes with as much as there is room for."""
+        for side, (name, units) in self._shown.items():
+            pixels = self.size[side == "y"] + _BESIDE
+            getattr(self.figure, f"{side}axis").axis_label = axis_label(name, units, pixels)
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Columns and rows that are computed."""
+        columns, rows = (min(max(size, _LEAST), _MOST) for size in self.size)
+        return columns, rows
 
     @property
     def windows(self) -> tuple[Window, Window]:
@@ -53,16 +80,33 @@ class PixelFigure:
         x, y = self.figure.x_range, self.figure.y_range
         return (x.start, x.end), (y.start, y.end)
 
-    def set_axis(self, side: str, label: str, window: Window, log: bool, allowed: Any) -> None:
-        """Set the label, the window, the scale, and what the window may hold, of axis x or y."""
-        axis = getattr(self.figure, f"{side}axis")
-        axis.axis_label = label
+    def set_axis(self, side: str, name: str, view: View, window: Window) -> None:
+        """Set axis x or y: what it shows, its window, and what this may hold."""
+        axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
+        if name in view.values:
+            allowed = bounds(name, view.values)
+        self._shown[side] = name, view.units
+        self._label()
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())
             axis.ticker = LogTicker() if log else BasicTicker()
             axis.formatter = PrintfTickFormatter(format="%g") if log else BasicTickFormatter()
         set_range(getattr(self.figure, f"{side}_range"), window, allowed)
+
+    def move(self, across: float, upwards: float, size: float) -> None:
+        """Move the window by shares of it, and make it smaller or greater about its middle."""
+        figure = self.figure
+        sides = (figure.x_range, figure.x_scale, across), (figure.y_range, figure.y_scale, upwards)
+        for model, scale, by in sides:
+            if by or size != 1.0:
+                log = isinstance(scale, LogScale)
+                low, high = np.log([model.start, model.end]) if log else (model.start, model.end)
+                ends = np.array([-0.5, 0.5]) * size + 0.5 + by
+                ends = low + (high - low) * ends
+                least, most = model.bounds or (None, None)
+                start, end = np.clip(np.exp(ends) if log else ends, least, most).tolist()
+                model.update(start=start, end=end)
 
     def set_colours(self, colours: Sequence[str]) -> None:
         """Set the colours of the pixels from 1 on; 0 has none."""

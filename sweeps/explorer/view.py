@@ -121,6 +121,7 @@ class View:
         axis, across = sorted(sizes, key=lambda name: -sizes[name])[:2]
         axis = axis if sizes[axis] > 1 else "omega"
         across = across if sizes[across] > 1 else "R" if axis != "R" else "omega"
+        starts = {axis, across} == {"x0", "v0"}
 
         def window(name: str) -> Window:
             """Return what an axis covers, or what to look at where there is none."""
@@ -146,6 +147,7 @@ class View:
             window("x0"),
             window("v0"),
             dict(config.units),
+            tab=BASINS if starts else DIAGRAM,
             log=tuple(
                 name
                 for name, value in entries.items()
@@ -280,6 +282,10 @@ class View:
             window = getattr(self, name)
             if window is not None and not (math.isfinite(sum(window)) and window[0] < window[1]):
                 raise ConfigError(f"the window {name} = {window} is empty")
+        for name, value in self.values.items():
+            if not (parameter := PARAMETERS[name]).accepts(value):
+                allowed = parameter.allowed
+                raise ConfigError(f"{name} = {value:g} is not allowed; expected: {allowed}")
         self.point()
         self.diagram(2)
         if self.tab != DIAGRAM:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from sweeps.plotting.labels import as_variable, label
@@ -26,6 +27,11 @@ def symbol(name: str) -> str:
     return plain(as_variable(name).attrs["symbol"])
 
 
-def axis_label(name: str, units: Mapping[str, str]) -> str:
-    """Return the meaning, the symbol and the unit of a parameter or of a variable of the file."""
-    return plain(label(as_variable(name, units)))
+def axis_label(name: str, units: Mapping[str, str], pixels: float = math.inf) -> str:
+    """Return the meaning, the symbol and the unit of a parameter or of a variable of the file.
+
+    Where they need more pixels than there are, the meaning is left out.
+    """
+    variable = as_variable(name, units)
+    text = plain(label(variable))
+    return text if 7.0 * len(text) < pixels else text.removeprefix(variable.long_name).strip()

@@ -64,9 +64,12 @@ def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> li
 def basin_cells(starts: xr.Dataset, result: xr.Dataset) -> list[Cells]:
     """Return the starts, shape (v0, x0), that reach each of their `attractors`, the result."""
     reached = result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
-    return [
-        Cells(_describe(row), colour_of(row), reached == row.number) for row in rows(starts, result)
-    ]
+    return [attractor_cells(row, reached == row.number) for row in rows(starts, result)]
+
+
+def attractor_cells(row: Row, where: np.ndarray) -> Cells:
+    """Return the starts that reach an attractor."""
+    return Cells(_describe(row), colour_of(row), where)
 
 
 @picture

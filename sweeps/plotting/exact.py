@@ -40,13 +40,14 @@ class Part(NamedTuple):
     Its `name` in the legend is one of ``LINES`` or of ``MARKERS``; `x` is of the axis, (n,), and
     `y` of the coordinate, (n, k), NaN where there is nothing. It is `thin` if the branch is stable
     over less than a hundredth of the axis: these are many, and would hide the others. Their
-    bifurcations are left out.
+    bifurcations are left out. The `orbit` of a branch is its class.
     """
 
     name: str
     x: np.ndarray
     y: np.ndarray
     thin: bool = False
+    orbit: str = ""
 
 
 def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
@@ -55,6 +56,7 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
     for number in range(len(wide)):
         branch = found.isel(point=found["branch"].values == number)
         x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
+        orbit = f"{found['m'].values[number]}/{found['q'].values[number]}"
         y = _shown(y[:, np.isfinite(y).any(axis=0)], coordinate)
         if not y.shape[1]:  # the free oscillation has no impact
             continue
@@ -65,7 +67,7 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
             part = slice(indices[0], indices[-1] + 2)
             if run >= 0:
                 thin = found["q"].values[number] > 0 and not wide[number]
-                yield Part(_STABLE if steady else _UNSTABLE, x[part], y[part], thin)
+                yield Part(_STABLE if steady else _UNSTABLE, x[part], y[part], thin, orbit)
     for kind in MARKERS:
         here = (found["kind"].values == kind) & wide[found["special_branch"].values]
         if here.any():
@@ -95,7 +97,7 @@ def draw_branches(
     """Draw `sweeps.branches`, solid where stable; return what was drawn, by its name."""
     look = _OVER_BOTH if two_directions else _OVER_ONE
     drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
-    for name, x, y, thin in parts_of(found, coordinate):
+    for name, x, y, thin, _ in parts_of(found, coordinate):
         if name in LINES:
             stroke = look | _THIN if thin else look
             lines = panel.plot(x, y, zorder=4, label="_", ls=LINES[name], **stroke)

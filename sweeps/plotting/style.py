@@ -85,11 +85,12 @@ def class_colours(classes: Sequence[tuple[int, int]]) -> dict[tuple[int, int], s
 
 
 def user_style() -> dict[Any, Any]:
-    """Return the settings of ``STYLE`` that no matplotlibrc and no style sheet has changed."""
+    """Return the settings of ``STYLE`` that no matplotlibrc names and no style sheet changes."""
+    named = mpl.rc_params_from_file(mpl.matplotlib_fname(), use_default_template=False)
     return {
         name: value
         for name, value in STYLE.items()
-        if mpl.rcParams[name] == mpl.rcParamsDefault[name]
+        if name not in named and mpl.rcParams[name] == mpl.rcParamsDefault[name]
     }
 
 

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sweeps.explorer.maps import Tiles
 from sweeps.explorer.page import LivePage
 from sweeps.explorer.server import Explorer
+from sweeps.explorer.view import DIAGRAM
 
 #: Nothing is downloaded, and nothing is asked of the network.
 _OPTIONS = (
@@ -80,13 +82,18 @@ class Window:
             f"the page did not come to rest: {self.page.view}, {self.page.motion.text.text}"
         )
 
-    def tiles(self, name: str, shape: tuple[int, int]) -> None:
-        """Wait until a map of this shape is in the browser, and nothing is computed."""
+    def tiles(self, name: str) -> Tiles:
+        """Wait until a map is complete, and in the browser; return it."""
+        picture = {"map": self.page.map, "basins": self.page.basins}[name]
+        code = "{const i = m.data.image[0]; return i && [...i.shape, i.reduce((a, b) => a + b)]}"
         deadline = time.monotonic() + 300.0
         while time.monotonic() < deadline:
-            code = "{return m.data.image[0]?.shape}"
-            if self.idle() and self.model(f"{name} pixels", code) == [*shape]:
-                return
+            if all(picture.size) and self.idle() and (shown := picture.shown) is not None:
+                expected = [*shown.pixels.shape, int(shown.pixels.sum(dtype=int))]
+                whole = shown.config == picture.finest(self.page.view)
+                if whole and shown.points == shown.config.grid.size:
+                    if self.model(f"{name} pixels", code) == expected:
+                        return shown
             self.tab.wait_for_timeout(20)
         raise AssertionError(f"no map: {self.page.controls.error.text}")
 
@@ -102,9 +109,12 @@ class Window:
         """Whether the browser has the window and the fine picture of the view."""
         shown, (columns, rows) = self.page.shown, self.page.diagram.size
         view = self.page.view
+        if view.tab != DIAGRAM:
+            return True
         if self.page._waiting or shown is None or shown.pixels.shape != (rows, columns):
             return False
-        if (shown.config, shown.view.ordinate) != (view.diagram(columns), view.ordinate):
+        densest = self.page.diagram.configurations(view)[-1]
+        if (shown.config, shown.view.ordinate) != (densest, view.ordinate):
             return False
         ends = self.model(
             "diagram",

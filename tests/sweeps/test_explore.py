@@ -15,14 +15,20 @@ from bokeh.models import LogScale
 
 import sweeps
 from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
+from sweeps.analysis.attractor_table import rows
+from sweeps.analysis.attractors import attractors
+from sweeps.analysis.selection import dataset_of
 from sweeps.explorer import picture
 from sweeps.explorer.diagram import Diagram, numbers
+from sweeps.explorer.maps import Filling
 from sweeps.explorer.motion import motion_at
 from sweeps.explorer.page import LivePage
-from sweeps.explorer.view import MAP, View
-from sweeps.explorer.words import axis_label
+from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
+from sweeps.explorer.words import axis_label, plain
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
+from sweeps.plotting.attractors import attractor_cells
+from sweeps.plotting.maps import period_cells
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
@@ -39,11 +45,25 @@ def view():
 def test_a_picture_that_comes_late_leaves_the_ordinate_of_a_newer_view(view):
     diagram = Diagram(lambda shown, seconds: None)
     diagram.show(view)
-    late = diagram._draw(view, 20, 30)
+    late = diagram._draw(view, view.diagram(20), 30)
     diagram.show(replace(view, ylim=(-0.2, -0.1)))
     diagram._paint(late, 0.0)
     y = diagram.figure.y_range
     assert (y.start, y.end) == (-0.2, -0.1)
+
+
+def test_the_diagram_records_on_and_throws_nothing_away(view):
+    view = replace(view, record={**view.record, "transient": 20, "periods": 3})
+    diagram = Diagram(lambda shown, seconds: None)
+    diagram.size = (40, 30)
+    drawn = [step.compute() for step in diagram.steps(view)]
+    assert [len(shown.values) for shown in drawn] == [16, 40, 40, 40, 40]
+    assert [shown.config.record.periods for shown in drawn] == [3, 3, 12, 48, 192]
+    first, last = (drawn[i].results["poincare_x"] for i in (1, -1))
+    np.testing.assert_array_equal(last[:, :3], first)
+    (step,) = diagram.steps(replace(view, ylim=(-0.4, -0.3)))
+    assert step.compute().results is drawn[-1].results
+    assert diagram.finest(view) == drawn[-1].config
 
 
 def test_the_height_is_that_above_the_stop_of_each_column(view):
@@ -66,7 +86,9 @@ def test_the_motion_at_a_stop_that_presses(view):
 
 def test_every_scene_can_be_looked_at():
     for path in SCENES:
-        View.of(load_config(path)).check()
+        view = View.of(load_config(path))
+        view.check()
+        assert view.tab == (BASINS if {view.axis, view.across} == {"x0", "v0"} else DIAGRAM)
     with pytest.raises(Refused, match="the points are the rows of a table"):
         sweeps.explore(load_config(CONFIGS / "tolerances.yaml"))
 
@@ -108,7 +130,7 @@ def test_a_view_returns_from_its_address(view, axis):
 @pytest.mark.parametrize(
     ("query", "said"),
     [
-        ("R=1.5", "oscillator.R = 1.5 is not allowed; expected: .* a number from 0 to 1"),
+        ("R=1.5", "^R = 1.5 is not allowed; expected: a number from 0 to 1$"),
         ("omega=fast", "could not convert"),
         ("x0=1", "lies beyond the stop"),
         ("xlim=3:2", "the window xlim = .* is empty"),
@@ -146,6 +168,30 @@ def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     page.worker.close()
 
 
+@pytest.mark.parametrize("tab", [MAP, BASINS])
+def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, tab):
+    view = replace(view, record={**view.record, "transient": 100, "periods": 30})
+    view = view.moved(h=0.0, omega=1.3) if tab == BASINS else view
+    config, (x, y) = view.tiles(tab, 50, 30), (name for name, _ in view.plane(tab))
+    filling = Filling(config, x, tab == BASINS)
+    shares = [np.mean(filling.advance(stop).pixels > 0) for stop in filling.stops]
+    assert filling.stops[0] == 4 and shares[0] > 0.9  # two cells by two, each of 27 pixels
+    tiles = filling.advance(config.grid.size)
+    whole = dataset_of(config, config.grid.axes, numbers(config)).transpose(y, x, ...)
+    if tab == MAP:
+        cells = [cell for cell in period_cells(whole) if cell.where.any()]
+    else:
+        result = attractors(whole, extensions=0)
+        found = result["attractor"].values
+        cells = [attractor_cells(row, found == row.number) for row in rows(whole, result)]
+    assert len(cells) == len(tiles.kinds) > 1
+    for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
+        label, *seen = kind
+        assert label.partition("; disc")[0] == plain(cell.label)
+        assert seen == [cell.colour, pytest.approx(cell.where.mean())]
+        np.testing.assert_array_equal(tiles.pixels == number, cell.where)
+
+
 LOGARITHMIC = {
     "oscillator": {
         "h": {"start": 1e-3, "stop": 1.0, "num": 50, "spacing": "log"},
@@ -168,7 +214,7 @@ def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
     figure, plane = page.diagram.figure, page.map.figure
     assert all(isinstance(s, LogScale) for s in (figure.x_scale, plane.x_scale, plane.y_scale))
     assert not isinstance(figure.y_scale, LogScale)
-    page.diagram._paint(page.diagram._draw(page.view, 16, 20), 0.0)
+    page.diagram._paint(page.diagram._draw(page.view, page.view.diagram(16), 20), 0.0)
     ((left,), (width,)) = (page.diagram.source.data[name] for name in ("x", "dw"))
     step = 1e3 ** (1 / 15)
     assert (left, left + width) == pytest.approx((1e-3 / step**0.5, step**0.5))
@@ -217,7 +263,7 @@ def test_failed_points_are_marked_and_named(tmp_path):
     )
     page = LivePage(Document(), View.of(config), tmp_path)
     diagram, columns = page.diagram, 60
-    shown = diagram._draw(page.view, columns, 40)
+    shown = diagram._draw(page.view, page.view.diagram(columns), 40)
     failed = shown.results["status"] == Status.NON_FINITE
     assert 0 < failed.sum() < columns
     diagram._paint(shown, 1.0)

@@ -15,6 +15,7 @@ from browser import Window, chromium
 from sweeps import load_config, open_sweep
 from sweeps.explorer import picture
 from sweeps.explorer.diagram import numbers
+from sweeps.explorer.view import BASINS
 from vibroimpact import Oscillator, one_impact_orbit
 
 pytestmark = pytest.mark.slow
@@ -50,7 +51,7 @@ def window(browser, explorer):
 def expected(page):
     """Return the picture of the page's view, computed apart from the page."""
     view, rows = page.view, page.shown.pixels.shape[0]
-    config = view.diagram(page.shown.pixels.shape[1])
+    config = page.diagram.configurations(view)[-1]
     values = picture.ordinates(config, numbers(config), view.ordinate)
     return picture.density(values, view.ylim or picture.fitted(values), rows)
 
@@ -133,7 +134,7 @@ def test_slider_field_abscissa_and_ordinate(window):
     window.model("R slider", "{m.value = 0.6}")
     window.settle(lambda: page.view.values["R"] == 0.6)
     np.testing.assert_array_equal(window.pixels(), expected(page))
-    assert window.model("R", "{return m.value}") == 0.6
+    assert window.model("R", "{return m.value}") == "0.6"
     field = window.tab.locator("input[type=text]").nth(1)
     field.fill("0.7")
     field.press("Enter")
@@ -149,14 +150,33 @@ def test_slider_field_abscissa_and_ordinate(window):
 def test_a_field_refuses_what_is_not_allowed_and_says_what_is(window):
     page = window.page
     field = window.tab.locator("input[type=text]").nth(1)
-    field.fill("1.5")
-    field.press("Enter")
-    window.settle(lambda: bool(page.controls.error.text))
-    assert "R = 1.5" in page.controls.error.text
-    assert "a number from 0 to 1" in page.controls.error.text
-    assert page.view.values["R"] == 0.8
-    window.settle(lambda: window.model("R", "{return m.value}") == 0.8)
-    assert window.tab.get_by_text("a number from 0 to 1").is_visible()
+    for text, said in (("1.5", "allowed"), ("abc", "a number"), ("0,05", "a number")):
+        field.fill(text)
+        field.press("Enter")
+        window.settle(lambda text=text: text in page.controls.error.text)
+        expected = f"R = {text} is not {said}; expected: a number from 0 to 1"
+        assert page.controls.error.text.startswith(expected)
+        assert "sweep" not in page.controls.error.text
+        assert page.view.values["R"] == 0.8
+        window.settle(lambda: window.model("R", "{return m.value}") == "0.8")
+    window.settle(window.tab.get_by_text("a number from 0 to 1").is_visible)
+
+
+def test_keys_move_and_zoom_the_window_and_close_the_motion(window):
+    page, key = window.page, window.tab.keyboard.press
+    home = page.view
+    window.click(0.1, 0.5)
+    window.settle(lambda: "1/1" in page.motion.text.text)
+    key("Escape")
+    window.settle(lambda: not page.view.marked)
+    window.settle(window.tab.get_by_text("close (Esc)").first.is_hidden)
+    key("+")
+    window.settle(lambda: page.view.xlim == pytest.approx((2.675, 3.225)))
+    key("ArrowRight")
+    window.settle(lambda: page.view.xlim == pytest.approx((2.73, 3.28)))
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    key("Home")
+    window.settle(lambda: page.view == replace(home, values=page.view.values))
 
 
 def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
@@ -169,8 +189,8 @@ def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
     orbit = one_impact_orbit(osc)
     assert f"{orbit.multipliers[0].real:.4g}" in page.motion.text.text
     assert "stop, x = σ = 0" in page.motion.text.text
-    window.settle(lambda: window.model("impacts", "{return m.data.v.length}") == 4)
-    impacts = window.model("impacts", "{return [...m.data.v]}")
+    window.settle(lambda: window.model("motion: impacts", "{return m.data.v.length}") == 4)
+    impacts = window.model("motion: impacts", "{return [...m.data.v]}")
     assert impacts == pytest.approx([orbit.v] * 4)
     assert max(window.model("motion", "{return [...m.data.x]}")) <= 1e-12
     window.drag((0.1, 0.5), (0.5, 0.5))
@@ -182,7 +202,7 @@ def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
 
 def test_exact_branches_lie_over_the_points_and_go_when_the_oscillator_changes(window):
     page = window.page
-    window.tab.locator("input[type=checkbox]").click()
+    window.tab.get_by_text("exact branches").click()
     flips = "{return m.data.x.length}"
     window.settle(lambda: window.model("flip", flips))
     shown = window.model("flip", "{return [...m.data.x]}")
@@ -194,7 +214,7 @@ def test_exact_branches_lie_over_the_points_and_go_when_the_oscillator_changes(w
     window.settle(lambda: window.model("flip", flips))
     window.settle(lambda: window.model("flip", "{return Math.min(...m.data.x)}") != min(shown))
     assert min(abs(np.array(window.model("flip", "{return [...m.data.x]}")) - 2.65888)) > 1e-4
-    window.tab.locator("input[type=checkbox]").click()
+    window.tab.get_by_text("exact branches").click()
     window.settle(lambda: not window.model("flip", flips))
 
 
@@ -217,12 +237,21 @@ def test_the_address_holds_the_view(window, browser, explorer):
     again.tab.close()
 
 
-def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
-    page = window.page
+@pytest.fixture
+def small(browser, explorer):
+    """A window whose maps have few pixels."""
+    window = Window(browser, explorer, size=(560, 360))
+    yield window
+    window.tab.close()
+    assert window.problems == []
+
+
+def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(small):
+    window, page = small, small.page
     window.tab.get_by_text("map of classes").click()
-    finest = page.map.finest(page.view)
-    window.tiles("map", (120, 192))
-    results = numbers(finest)
+    tiles, box = window.tiles("map"), window.box("map")
+    assert tiles.pixels.shape == (round(box["height"]), round(box["width"]))
+    results = numbers(tiles.config)
     shares = re.findall(r">■</span> (\d+)/(\d+) \(([\d.]+) %", page.map.legend.text)
     assert len(shares) == 6
     for m, q, share in shares:
@@ -236,22 +265,22 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
     assert page.view.marked
     window.tab.get_by_text("map of classes").click()
     window.tab.get_by_text("column", exact=True).click()
-    window.tiles("map", (120, 192))
+    window.tiles("map")
     window.click(0.25, 0.5, "map")
     window.settle(lambda: page.view.tab == 0)
     assert (page.view.axis, page.view.across) == ("R", "omega")
     assert page.view.values["omega"] == pytest.approx(2.4 + 1.1 / 4, abs=0.01)
 
 
-def test_basins_at_the_mark_and_a_start_out_of_them(window):
-    page = window.page
+def test_basins_at_the_mark_and_a_start_out_of_them(small):
+    window, page = small, small.page
     for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
         window.model(f"{name} slider", f"{{m.value = {value}}}")
         window.settle(lambda name=name, value=value: page.view.values[name] == value)
-    window.model("transient", "{m.value = 300}")
+    window.model("transient", "{m.value = '300'}")
     window.settle(lambda: page.view.record["transient"] == 300)
     window.tab.get_by_text("basins", exact=True).click()
-    window.tiles("basins", (120, 192))
+    window.tiles("basins")
     orbit = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=1.3, f=1.0))
     assert f"1/1: {orbit.v:.4g};" in page.basins.legend.text
     assert "2/3: 0.703, 1.114, 2.254;" in page.basins.legend.text
@@ -260,9 +289,10 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     ]
     np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
     assert len(radii) == 2 and min(radii) > 0.1
-    window.click(0.7, 0.6, "basins")
-    window.settle(lambda: page.view.tab == 0)
-    assert page.view.values["x0"] == pytest.approx(-0.9, abs=0.05)
+    window.click(0.4, 0.6, "basins")
+    window.settle(lambda: page.motion_from.text.text != "")
+    assert page.view.tab == BASINS
+    assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
 
 
 def test_a_logarithmic_axis_is_drawn_as_one(browser, tmp_path):
@@ -300,7 +330,7 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
     window.wheel(-300.0)
     window.settle(lambda: page.view.ylim is not None)
     window.tab.get_by_text("save as YAML").click()
-    window.settle(lambda: "saved" in page.controls.status.text)
+    window.settle(lambda: "saved" in page.controls.saved.text)
     (path,) = page.folder.glob("scene-view-*.yaml")
     command = [
         sys.executable,

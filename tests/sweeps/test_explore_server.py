@@ -78,6 +78,7 @@ def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
     path = f"/?{parts.query}"
     status, text = answer(explorer.address, path)
     assert status == 200
+    assert 0 < text.index("is opening") < text.index("<script"), "the page is white at first"
     assert "cdn" not in text.lower() and "http://" not in text and "https://" not in text
     assert answer(explorer.address, "/")[0] == 403
     for other in (path[:-5] + "aaaaa", path + "&token=x", "/?token=", "/?bokeh-session-id=x"):
@@ -209,8 +210,8 @@ def test_markup_in_files_addresses_and_fields_is_shown_as_text(browser, tmp_path
     page, controls = window.page, window.page.controls
     assert window.tab.title() == f"{name}: vibroimpact"
     window.tab.get_by_text("save as YAML").click()
-    window.settle(lambda: shown(window, "status") == [controls.status.text, 0])
-    assert name in controls.status.text
+    window.settle(lambda: name in controls.saved.text)
+    window.settle(lambda: shown(window, "saved") == [controls.saved.text, 0])
     (path,) = tmp_path.iterdir()
     assert path.name == f"{name}-view-1.yaml"
     load_config(path)

@@ -18,6 +18,7 @@ from sweep_files import run_in
 from sweeps import branches, open_sweep, plotting
 from sweeps.errors import Refused
 from sweeps.plotting import Page
+from sweeps.plotting.style import user_style
 from vibroimpact import Oscillator, one_impact_orbit
 
 MAP = """
@@ -250,6 +251,13 @@ def test_settings_of_the_user_are_kept(dataset, tmp_path):
     assert imread(tmp_path / "a.png").shape[1] == 200
     assert plotting.bifurcation(dataset).axes[0].xaxis.label.get_fontsize() == 9.0
     assert mpl.rcParams["font.size"] == mpl.rcParamsDefault["font.size"]
+
+
+def test_a_setting_that_the_user_names_is_kept_where_it_is_matplotlibs_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert user_style()["font.size"] == 9.0
+    Path("matplotlibrc").write_text("font.size: 10\n")
+    assert "font.size" not in user_style() and "savefig.dpi" in user_style()
 
 
 @pytest.mark.slow
