@@ -24,7 +24,7 @@ from sweeps.engine.compute import Results, compute
 from sweeps.engine.plan import check_memory
 from sweeps.errors import StoreError
 from sweeps.explorer import picture
-from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
+from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
 from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import STATUS_COLOURS, VERMILION
@@ -148,6 +148,12 @@ class Diagram(PixelFigure):
         fit = now if now in self.fitted else self.fitted[-1]
         self.set_axis("y", view.ordinate, view, view.ylim or fit)
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
+
+    def move(self, across: float, upwards: float, size: float) -> None:
+        """Move the window, or make it smaller or greater, from what the browser has fitted."""
+        if self.windows[1] in self.fitted:
+            set_range(self.figure.y_range, self.fitted[-1])
+        super().move(across, upwards, size)
 
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view: coarse at once, then fine, then ever denser."""

@@ -74,6 +74,7 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     assert labels == [
         f"2/3: 0.703, 1.114, 2.254; {share[0]:.1f} %",
         f"1/1: 1.423; {share[1]:.1f} %",
+        "attractors at the section",
     ]
 
 
