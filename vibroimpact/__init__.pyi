@@ -8,6 +8,7 @@ from .orbits.one_impact import one_impact_orbits as one_impact_orbits
 from .orbits.periodic import OrbitError as OrbitError
 from .orbits.periodic import PeriodicOrbit as PeriodicOrbit
 from .orbits.periodic import periodic_orbit as periodic_orbit
+from .oscillator import POINT as POINT
 from .oscillator import Oscillator as Oscillator
 from .paper import PaperRun as PaperRun
 from .paper import paper_procedure as paper_procedure
