@@ -58,11 +58,11 @@ window.addEventListener("keydown", (event) => {
 """.replace("KEYS", str([*_MOVES, "Home", "Escape"]))
 #: A word is there before the scripts, which the browser reads for a second.
 _TEMPLATE = """
-{% extends "file.html.jinja" %}
+{% extends "BASE" %}
 {% block js_resources %}{% endblock %}
 {% block contents %}<p id="opening">vibroimpact explore is opening …</p>
 {{ bokeh_js }}{{ super() }}{% endblock %}
-"""
+""".replace("BASE", FILE.name)  # named otherwise in other versions of Bokeh
 
 
 class LivePage:
