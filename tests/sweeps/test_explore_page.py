@@ -33,7 +33,7 @@ def explorer(tmp_path_factory):
     config = folder / "scene.yaml"
     config.write_text(
         "oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 50}, f: 1.0}\n"
-        "record: {transient: 60, periods: 30}\n"
+        "record: {transient: 60, periods: 10, impacts: 8}\n"
     )
     explorer = sweeps.explore(load_config(config), folder=folder)
     yield explorer
