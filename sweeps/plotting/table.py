@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -21,6 +22,9 @@ from sweeps.plotting.lines import scalars
 from sweeps.plotting.maps import period_cells, status_map
 from sweeps.store import columns_of
 from sweeps.text import nearest, suggestion
+
+#: A panel is no narrower than its labels are long [in].
+_NARROWEST = 2.3
 
 
 @picture
@@ -54,7 +58,8 @@ def table_panels(
         if name not in valid:
             meant = suggestion(nearest(name, valid))
             raise Refused(f"there are no numbers {name}{meant}; choose from: {listed(valid)}")
-    across = math.ceil(math.sqrt(len(abscissas)))
+    width = page.width or mpl.rcParams["figure.figsize"][0]
+    across = min(math.ceil(math.sqrt(len(abscissas))), max(1, int(width / _NARROWEST)))
     down = math.ceil(len(abscissas) / across)
     if ax is None:
         grid = canvas.Picture(page, 0.75 * down).subplots(down, across, sharey=True, squeeze=False)
@@ -72,8 +77,8 @@ def table_panels(
         canvas.mark_status(panel, x.values, status)
         label_axis(panel.xaxis, x)
         panel.locator_params(axis="x", nbins=5 - across)
-    if ax is None:
-        canvas.figure_of(panels[0]).supylabel(label(y), fontsize="medium")
+    if ax is None:  # the panels share it, and it may be longer than they are high
+        panels[0].set_title(label(y), loc="left", wrap=True)
     else:
         label_axis(ax.yaxis, y)
     for unused in panels[len(abscissas) :]:

@@ -32,12 +32,16 @@ oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
 start: {x0: {start: -3, stop: 0.5, num: 6}, v0: {start: -3, stop: 3, num: 6}}
 record: {transient: 200, periods: 32, diagnostics: [period]}
 """
+TABLE = """\
+points: {h: [0.1, 0.02, 0.05], R: [0.8, 0.7, 0.75], omega: [2.4, 2.6, 2.9], p: [1.0, 1.1, 1.2]}
+oscillator: {f: 1.0}
+"""
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
-    for name, text in (("map", MAP), ("starts", STARTS)):
+    for name, text in (("map", MAP), ("starts", STARTS), ("table", TABLE)):
         run_in(folder, text, name=f"{name}.h5")
     return folder
 
@@ -89,6 +93,7 @@ NARROW = [
     ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
     ("starts.h5", "basins", {}),
     ("starts.h5", "integrity", {}),
+    ("table.h5", "table", {"quantity": "impulse"}),
 ]
 
 
