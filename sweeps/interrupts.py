@@ -43,17 +43,17 @@ def came() -> bool:
 
 def check() -> None:
     """Raise `Cancelled` if a signal came, or the flag of this thread is set."""
-    flag = this_flag()
+    flag = thread_flag()
     if _came or (flag is not None and flag[0]):
         raise Cancelled
 
 
-def this_flag() -> np.ndarray | None:
+def thread_flag() -> np.ndarray | None:
     """Return the flag that ends the work of this thread, or None if the thread has no flag."""
     return getattr(_this_thread, "flag", None)
 
 
-def set_this_flag(flag: np.ndarray | None) -> None:
+def set_thread_flag(flag: np.ndarray | None) -> None:
     """Let `check` raise in this thread once `flag`, int64 of shape (1,), is set."""
     _this_thread.flag = flag
 

@@ -22,31 +22,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of eq. (1) or of its start.
+    """One parameter of eq. (1) or of its start."""
 
-    Attributes
-    ----------
-    symbol : str
-        As printed in a formula (mathtext, without the dollar signs).
-    meaning : str
-        What it is, in words.
-    unit : str
-        In terms of ``time`` and ``length``.
-    low, high : float
-        The valid interval, closed at both ends unless `low_open`.
-    low_open : bool
-        Whether `low` itself is excluded.
-    default : float or None
-        None where the parameter must be given.
-    """
-
-    symbol: str
+    symbol: str  #: As printed in a formula (mathtext, without the dollar signs).
     meaning: str
-    unit: str
-    low: float = -math.inf
+    unit: str  #: In terms of ``time`` and ``length``.
+    low: float = -math.inf  #: The valid interval, closed at both ends unless `low_open`.
     high: float = math.inf
     low_open: bool = False
-    default: float | None = None
+    default: float | None = None  #: None where the parameter must be given.
 
     @property
     def allowed(self) -> str:
@@ -79,15 +63,7 @@ POINT = np.dtype([(name, np.float64) for name in PARAMETERS])
 
 
 def checked(name: str, value: object) -> float:
-    """Return `value` as a float, or refuse it.
-
-    Raises
-    ------
-    TypeError
-        If `value` is not a real number (a bool is not one).
-    ValueError
-        If it is outside the valid interval of ``PARAMETERS[name]``.
-    """
+    """Return `value` as a float; TypeError if it is no real number, ValueError if not valid."""
     parameter = PARAMETERS[name]
     return _number(f"{name} ({parameter.meaning})", value, parameter)
 
@@ -290,12 +266,7 @@ class Oscillator:
 def refuse_invalid(points: object, beyond_stop: bool) -> None:
     """Refuse an array that is not of valid parameter points; some start `beyond_stop`.
 
-    Raises
-    ------
-    TypeError
-        If it is no array of dtype ``POINT``.
-    ValueError
-        If it has not one dimension, or a value is not valid.
+    TypeError if it is no array of dtype ``POINT``, ValueError if its shape or a value is not valid.
     """
     if not isinstance(points, np.ndarray) or points.dtype != POINT:
         raise TypeError(f"points must be an array of the dtype POINT, not {_shown(points)}")
@@ -315,20 +286,11 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
 
 
 def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarray:
-    """Return the parameter points of a grid.
+    """Return the parameter points of a grid, shape (n,): the product of its axes in C order.
 
-    Parameters
-    ----------
-    axes : mapping of str to ndarray
-        The values of each swept parameter, slowest first; or, of parameters that vary together, a
-        structured array with a field for each, whose other fields are ignored.
-    fixed : mapping of str to float
-        The value of every other parameter.
-
-    Returns
-    -------
-    ndarray of dtype POINT, shape (n,)
-        The Cartesian product of the axes in C order.
+    `axes` are the values of each swept parameter, slowest first; or, of parameters that vary
+    together, a structured array with a field for each, whose other fields are ignored. `fixed` are
+    the values of all others.
     """
     rows = np.meshgrid(*(np.arange(len(values)) for values in axes.values()), indexing="ij")
     points = np.empty(math.prod(map(len, axes.values())), dtype=POINT)

@@ -11,9 +11,9 @@ from vibroimpact.jit import on_threads
 from vibroimpact.oscillator import Oscillator, refuse_other, whole
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, time_to_release
-from vibroimpact.step.grid import MOST_PERIODS, MOST_RECORDED, scheme_of
 from vibroimpact.step.integrators import exact
 from vibroimpact.step.recorder import SECTION, trace
+from vibroimpact.step.scheme import MOST_PERIODS, MOST_RECORDED, scheme_of
 
 #: A trajectory of more rows is refused.
 MOST_ROWS = 10_000_000
@@ -137,22 +137,10 @@ def _rests(kind: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
 def exact_samples(
     oscillator: Oscillator, t: np.ndarray, x: np.ndarray, v: np.ndarray, per_period: int = 200
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Insert states of the exact flow between the rows of a trajectory.
+    """Insert states of the exact flow between the rows of a trajectory of the integrator ``exact``.
 
-    Between two rows at rest on the stop the mass stays there.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-    t, x, v : ndarray, shape (n,)
-        Rows of a `Trajectory` of the integrator ``exact``, with every event among them.
-    per_period : int
-        How many samples a forcing period has at least.
-
-    Returns
-    -------
-    t, x, v : ndarray, shape (k,)
-        The rows, unchanged, and the samples between them.
+    Every event must be among the rows, which are not changed. A forcing period has `per_period`
+    states at least. Between two rows at rest on the stop the mass stays there.
     """
     omega, pt = oscillator.omega, oscillator.at(oscillator.clearance)[0]
     step = np.diff(t)

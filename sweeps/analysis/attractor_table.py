@@ -14,8 +14,10 @@ import xarray as xr
 from sweeps.analysis import tables
 from sweeps.analysis.grouping import SETS, STARTS, GridIndex, records
 from sweeps.analysis.regimes import Regime
-from sweeps.analysis.selection import Selection, listed, select, swept_axes
+from sweeps.analysis.rig import rig_of
+from sweeps.analysis.selection import Selection, config_of, listed, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
+from sweeps.config.rig import si_name, si_values
 from sweeps.errors import Refused
 from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
@@ -33,7 +35,7 @@ class Row(NamedTuple):
     Attributes
     ----------
     parameters : mapping of str to float
-        Of the parameter point.
+        Of the parameter point; of a rig, its own.
     number, m, q, motion, fraction
         As in the dataset of `sweeps.analysis.attractors.attractors`.
     speeds : ndarray, shape (q,)
@@ -92,12 +94,13 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     file[points.parameter, points.start] = np.arange(len(points.start))
     parameter = np.flatnonzero(is_there) // result.sizes["coexisting"]
     place = file[parameter, frame["representative"]]
-    swept = {name: points.points[name][place] for name in parameter_axes(dataset)}
+    swept = {name: points.oscillators[name][parameter] for name in parameter_axes(dataset)}
+    swept = si_values(swept, rig_of(dataset))
     speeds = _speeds(dataset, place, frame["q"].values)
     hidden = np.flatnonzero(~frame["settled"] & (frame["q"] > 0))
     orbits = frame.iloc[hidden]
-    states, (m, q) = orbits[["section_x", "section_v"]].values, orbits[["m", "q"]].values.T
-    computed = orbit_speeds(dataset, place[hidden], states, m, q)
+    starts = points.at_states(place[hidden], *orbits[["section_x", "section_v"]].values.T)
+    computed = orbit_speeds(config_of(dataset), starts, *orbits[["m", "q"]].values.T)
     for i, values in zip(hidden.tolist(), computed, strict=True):
         speeds[i] = values
     return [
@@ -167,7 +170,8 @@ def _at_point(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
 
 def _over_parameters(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
     """Write each attractor once, with where it is found and by how many starts."""
-    axes, counted = parameter_axes(dataset), result["attractors"]
+    counted, rig = result["attractors"], rig_of(dataset)
+    axes = [si_name(name, rig) for name in parameter_axes(dataset)]
     head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
     number = attrgetter("number")
     by_number = groupby(sorted(rows(dataset, result), key=number), number)

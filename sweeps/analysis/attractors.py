@@ -28,11 +28,11 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_links import ExactLinks
-from sweeps.analysis.grouping import SETS, GridIndex, Groups, group_periodic
+from sweeps.analysis.grouping import SETS, GridIndex, Groups
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import config_of
-from sweeps.analysis.settle import EXTENSIONS, Outcomes, outcomes
+from sweeps.analysis.settle import EXTENSIONS, Outcomes
 from sweeps.analysis.tracking import PeriodicAttractors, track
 from sweeps.errors import Refused
 
@@ -86,8 +86,11 @@ def attractors(
                 "with record.diagnostics: [period]"
             )
     points = GridIndex.of(dataset)
-    ends = outcomes(dataset, points, extensions)
-    groups = group_periodic(dataset, points, ends.period, ends.cycles, tolerance)
+    groups, ends = Groups(points, tolerance), Outcomes(dataset, points)
+    groups.add_records(dataset, ends.period)
+    ends.follow_on(groups.last, extensions)
+    groups.add_cycles(ends.cycles)
+    groups.join()
     heads, of_point = _members(points, ends.motion, groups.representative)
     motion, parameter = ends.motion[heads], points.parameter[heads]
     members = np.bincount(of_point[of_point >= 0], minlength=len(heads))
@@ -165,25 +168,25 @@ def _tracked(
     groups: Groups,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return m and the number of each attractor: the periodic by their share, the rest last."""
-    lengths, places = np.zeros((2, len(groups.representative)), np.int64)
-    for length, at in groups.by_period.items():
-        lengths[at], places[at] = length, np.arange(len(at))
     periodic = np.flatnonzero(motion == Regime.PERIODIC)
     periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
     at = heads[periodic]
     links = None
     shape = () if SETS in points.parameters else points.shape  # sets have no neighbours
-    if shape and config_of(dataset).method.impact == "exact":
+    config = config_of(dataset)
+    if shape and config.method.impact == "exact":
         axis = points.parameters[int(np.argmax(shape))]
-        links = ExactLinks(dataset, axis, at, groups.last[at], lengths[at])
-    tracked = PeriodicAttractors(points.parameter[at], lengths[at], places[at], groups.cycles)
+        states = points.at_states(at, *groups.last[at].T)
+        links = ExactLinks(axis, config.record.phase, states, groups.m[at])
+    m, place = groups.m[at], groups.place[at]
+    tracked = PeriodicAttractors(points.parameter[at], m, place, groups.cycles)
     _, chain = np.unique(track(shape, tracked, links), return_inverse=True)
     shares = np.bincount(chain, fraction[periodic])
     number = np.empty(len(heads), np.int64)
     number[periodic] = np.argsort(np.argsort(-shares, kind="stable"))[chain]
     others = np.flatnonzero(motion != Regime.PERIODIC)
     number[others] = len(shares) + np.unique(motion[others], return_inverse=True)[1]
-    return lengths[heads], number
+    return groups.m[heads], number
 
 
 def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:

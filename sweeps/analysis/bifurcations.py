@@ -9,7 +9,7 @@ into the basin of another.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,9 @@ import xarray as xr
 
 from sweeps.analysis import tables
 from sweeps.analysis.exact_branches import branches, wide_branches
+from sweeps.analysis.nearby_orbit import orbit_at
 from sweeps.analysis.regimes import Change, cascades, changes, labels
+from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import (
     Selection,
     chosen_axes,
@@ -28,11 +30,11 @@ from sweeps.analysis.selection import (
     select,
     swept_axes,
 )
+from sweeps.config.rig import si_name, si_values
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.orbits.branches import branch
-from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 
 if TYPE_CHECKING:
@@ -137,10 +139,9 @@ class _Orbits:
         m, q = int(point["period"]), int(point["period_impacts"])
         if m == 0 or float(point["rest_fraction"]) > 0.0:
             return None
-        osc = oscillator_of(point)
         x, v = (float(point[name][-1]) for name in ("poincare_x", "poincare_v"))
         try:
-            orbit = periodic_orbit(osc, min(x, osc.clearance), v, m, self._phase)
+            orbit = orbit_at(oscillator_of(point), x, v, m, self._phase)
             if (orbit.m, orbit.q) != (m, q) or not orbit.stable:
                 return None
             low, high = sorted((start, end))
@@ -150,6 +151,26 @@ class _Orbits:
         # Both walks begin at an end of the range, so that one of them is over at once.
         following = special[1:] if start < end else special[-2::-1]
         return (following[0].kind, following[0].value) if following else None
+
+
+def as_read(
+    dataset: xr.Dataset, axis: str, bifurcations: Sequence[Bifurcation]
+) -> tuple[str, list[Bifurcation]]:
+    """Return an axis and the bifurcations along it in the names and units of a rig, if any."""
+    rig = rig_of(dataset)
+
+    def shown(value: float) -> float:
+        return float(si_values({axis: value}, rig)[si_name(axis, rig)])
+
+    return si_name(axis, rig), [
+        replace(
+            item,
+            at=si_values(item.at, rig),
+            change=replace(item.change, low=shown(item.change.low), high=shown(item.change.high)),
+            value=shown(item.value),
+        )
+        for item in bifurcations
+    ]
 
 
 def describe(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
@@ -269,7 +290,8 @@ def describe_branches(
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
     if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
         return ""
-    found = branches(dataset, axis, at, **chosen)
+    found = in_si(branches(dataset, axis, at, **chosen), dataset)
+    (axis,) = map(str, found.coords)
     frame = on_branches(found)
     wide = wide_branches(found)[frame["branch"].to_numpy()]
     shown = frame if len(frame) <= MOST_ROWS else frame[wide]

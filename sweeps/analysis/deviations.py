@@ -9,13 +9,18 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_branches import MOST_PERIODS, Line, lines_of
+from sweeps.analysis.rig import rig_of
 from sweeps.analysis.selection import Selection, orbit_coordinates, recorded_coordinate
+from sweeps.config.rig import si_name, si_values
 from sweeps.store.variables import DIRECTION
-from sweeps.text import shown_count
+from sweeps.text import table
 from vibroimpact.orbits.periodic import OrbitError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+#: Rows of the table at most.
+_MOST_ROWS = 12
 
 
 def compare(
@@ -24,21 +29,37 @@ def compare(
     at: Selection | None = None,
     coordinate: str = "poincare_x",
     classes: Collection[tuple[int, int]] = (),
-) -> list[str]:
-    """Say in lines, for each direction and class, how far points are from their exact orbits.
+) -> str:
+    """Show for each class and direction how far points are from their exact orbits.
 
-    The `classes` are those that are compared, by default all.
+    The `classes` are those that are compared, by default all. Those of the fewest points are shown
+    together.
     """
-    texts = []
+    import pandas as pd
+
+    parts, rig = [], rig_of(dataset)
     for line in lines_of(dataset, axis, at):
-        way = f"{line.dataset[DIRECTION].item()}: " if DIRECTION in line.dataset.coords else ""
-        said = [
-            _said(f"{m}/{q}", axis, points)
-            for (m, q), points in deviations(line, coordinate).groupby(["m", "q"])
-            if not classes or (m, q) in classes
-        ]
-        texts += [way + text for text in said or ["no point follows a stable exact orbit"]]
-    return texts
+        way = f" {line.dataset[DIRECTION].item()}" if DIRECTION in line.dataset.coords else ""
+        found = deviations(line, coordinate)
+        pairs = list(zip(found["m"], found["q"], strict=True))
+        found["name"] = [f"{m}/{q}{way}" for m, q in pairs]
+        parts.append(found[[not classes or pair in classes for pair in pairs]])
+    points = pd.concat(parts, ignore_index=True)
+    if points.empty:
+        return "no point follows a stable exact orbit"
+    names = points["name"].value_counts().index.tolist()
+    if len(names) > _MOST_ROWS:
+        rare = names[_MOST_ROWS - 1 :]
+        names = [*names[: _MOST_ROWS - 1], f"{len(rare)} more"]
+        points["name"] = points["name"].where(~points["name"].isin(rare), names[-1])
+    axis, points = si_name(axis, rig), points.assign(**si_values(points[[axis]], rig))
+    head = ("class", "points", "deviation", f"at {axis}", "settled", "deviation")
+    return (
+        "Points on stable exact orbits, and their largest deviation; settled are those whose\n"
+        "transient has died out\n\n"
+        + table([head, *(_row(name, axis, points[points["name"] == name]) for name in names)], 1)
+        + "\n"
+    )
 
 
 def deviations(line: Line, coordinate: str) -> pd.DataFrame:
@@ -67,20 +88,13 @@ def deviations(line: Line, coordinate: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["m", "q", line.axis, "size", "settled"])
 
 
-def _said(name: str, axis: str, points: pd.DataFrame) -> str:
-    """Say in one line how far points of one class are from their orbits."""
-    worst, settled = points.loc[points["size"].idxmax()], points["size"][points["settled"]]
-    text = (
-        f"{name}: {shown_count(len(points), 'point')} on a stable orbit; largest deviation "
-        f"{worst['size']:.1e} at {axis} = {worst[axis]:g}"
-    )
-    if len(settled) == len(points):
-        return text
-    if not len(settled):
-        return f"{text}; the transient has died out at none of them"
-    return (
-        f"{text}, and {settled.max():.1e} at the {len(settled):,} where the transient has died out"
-    )
+def _row(name: str, axis: str, points: pd.DataFrame) -> tuple[str, ...]:
+    """Return how far points of one class are from their orbits, as a row of the table."""
+    worst = points.iloc[int(points["size"].argmax())]
+    settled = points["size"][points["settled"]]
+    largest = f"{settled.max():.1e}" if len(settled) else ""
+    shown = f"{len(points):,}", f"{worst['size']:.1e}", f"{worst[axis]:g}"
+    return name, *shown, f"{len(settled):,}", largest
 
 
 def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:

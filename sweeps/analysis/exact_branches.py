@@ -14,16 +14,17 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.nearby_orbit import orbit_at
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
     chosen_axes,
     config_of,
-    directions,
     listed,
     orbit_coordinates,
     oscillator_of,
     select,
+    split_directions,
 )
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
@@ -31,7 +32,7 @@ from sweeps.text import shown_count
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.chords import with_short_chords
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import period_class
 from vibroimpact.status import Status
@@ -90,9 +91,7 @@ class Line:
         """Return the orbit that a periodic point is on; OrbitError if none is found."""
         oscillator = replace(self.oscillator, **{self.axis: float(self.values[i])})
         x, v = self.states[i].tolist()
-        return periodic_orbit(
-            oscillator, min(x, oscillator.clearance), v, int(self.m[i]), self.phase
-        )
+        return orbit_at(oscillator, x, v, int(self.m[i]), self.phase)
 
 
 def branches(
@@ -323,5 +322,4 @@ def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
 def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[Line]:
     """Return a line of a sweep, once for each direction in which it was followed."""
     line = select(dataset, at, free=[axis, DIRECTION])
-    ways = [line.sel({DIRECTION: way}) for way in directions(line)] or [line]
-    return [Line.of(way, axis) for way in ways]
+    return [Line.of(way, axis) for way in split_directions(line)]

@@ -11,12 +11,11 @@ import math
 from functools import cache
 
 import numpy as np
-import xarray as xr
 
-from sweeps.analysis.grouping import points_of
-from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.analysis.nearby_orbit import orbit_at
+from sweeps.analysis.selection import oscillator_of
 from vibroimpact.orbits.branches import Branch, branch
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
 #: Orbits and flips are the same to this share: that of Newton's method, and a margin.
 _TOLERANCE = 1e-6
@@ -25,16 +24,12 @@ _TOLERANCE = 1e-6
 class ExactLinks:
     """Tells whether periodic attractors are on one branch along an axis.
 
-    Attractors are given by a point on each, `at`, shape (n,), in C order over the file, which was
-    computed with exact impacts; by x and v at a section, shape (n, 2); and by their periods m.
+    Attractors are given by points with their states at a section of this phase, shape (n,), and by
+    their periods m. The file was computed with exact impacts.
     """
 
-    def __init__(
-        self, dataset: xr.Dataset, axis: str, at: np.ndarray, states: np.ndarray, m: np.ndarray
-    ) -> None:
-        self._axis, self._states, self._m = axis, states, m
-        self._phase = config_of(dataset).record.phase
-        self._points = points_of(dataset)[at]
+    def __init__(self, axis: str, phase: float, points: np.ndarray, m: np.ndarray) -> None:
+        self._axis, self._phase, self._points, self._m = axis, phase, points, m
         self._orbit = cache(self._find)
 
     def __call__(self, a: int, b: int) -> bool:
@@ -55,15 +50,13 @@ class ExactLinks:
         )
 
     def _find(self, a: int) -> PeriodicOrbit | None:
-        oscillator = oscillator_of(self._points[a])
-        x, v = self._states[a].tolist()
+        oscillator, m = oscillator_of(self._points[a]), int(self._m[a])
+        x, v = (self._points[name][a].item() for name in ("x0", "v0"))
         try:
-            orbit = periodic_orbit(
-                oscillator, min(x, oscillator.clearance), v, int(self._m[a]), self._phase
-            )
+            orbit = orbit_at(oscillator, x, v, m, self._phase)
         except OrbitError:
             return None
-        return orbit if orbit.stable and orbit.m == self._m[a] else None
+        return orbit if orbit.stable and orbit.m == m else None
 
 
 def _same(first: PeriodicOrbit, second: PeriodicOrbit) -> bool:

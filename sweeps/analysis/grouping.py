@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps.analysis.section_distance import Cycles, representatives, shortest_turn
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.errors import Refused
-from sweeps.grid import TABLE, Block, Grid
+from sweeps.grid import TABLE, Block, Grid, block_points
 from sweeps.store import DIRECTION
 from vibroimpact.oscillator import PARAMETERS, POINT
 
@@ -22,7 +22,7 @@ STARTS = ("x0", "v0", DIRECTION)
 #: The dimension of the sets of parameters of a table.
 SETS = "set"
 #: Section states that are read at a time.
-_PART = 4_000_000
+_PART = 500_000
 
 
 @dataclass(frozen=True)
@@ -38,22 +38,21 @@ class GridIndex:
         Its axes, or ``SETS``.
     parameter, start : ndarray of int, shape (n,)
         The number of the parameter point and of the start, each in C order.
-    points : ndarray of dtype POINT, shape (n,)
-        Their parameters.
+    oscillators : ndarray of dtype POINT, shape (count,)
+        The parameters at each parameter point, with any start.
     """
 
     shape: tuple[int, ...]
     parameters: tuple[str, ...]
     parameter: np.ndarray
     start: np.ndarray
-    points: np.ndarray
+    oscillators: np.ndarray
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
         """Number the points of an opened sweep, or of a cut through one."""
-        points = points_of(dataset)
         if TABLE in dataset["status"].dims:
-            return cls(*_sets(points), points)
+            return cls(*_sets(points_of(dataset)))
         sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
         parameters = {name: size for name, size in sizes.items() if name not in STARTS}
 
@@ -68,7 +67,7 @@ class GridIndex:
             tuple(parameters),
             numbers(parameters),
             numbers(STARTS),
-            points,
+            points_of(dataset.isel({name: 0 for name in STARTS if name in sizes})),
         )
 
     @property
@@ -78,22 +77,31 @@ class GridIndex:
 
     def cycles(self, at: np.ndarray, states: np.ndarray) -> Cycles:
         """Return the cycles of section states (x, v) of points, shape (k, m, 2)."""
-        omega, clearance, R = (self.points[name][at] for name in ("omega", "clearance", "R"))
-        from_stop = states[:, :, 0] - clearance[:, None]
-        return Cycles(np.stack([from_stop, states[:, :, 1] / omega[:, None]], axis=2), R)
+        parameter, states = self.parameter[at], states.copy()
+        states[:, :, 0] -= self.oscillators["clearance"][parameter, None]
+        states[:, :, 1] /= self.oscillators["omega"][parameter, None]
+        return Cycles(states, self.oscillators["R"][parameter])
+
+    def at_states(self, at: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the parameters of points, with states at the section to start from."""
+        points = self.oscillators[self.parameter[at]]
+        points["x0"], points["v0"] = x, v
+        return points
 
 
-def _sets(points: np.ndarray) -> tuple[tuple[int, ...], tuple[str, ...], np.ndarray, np.ndarray]:
-    """Return the shape and axis of the sets of parameters of a table; each row's set and start."""
+def _sets(
+    points: np.ndarray,
+) -> tuple[tuple[int, ...], tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """Return the shape and axis of the sets of a table, each row's set and start, and the sets."""
     rows = np.stack([points[name] for name in PARAMETERS if name not in STARTS], axis=1)
-    different, of_row = np.unique(rows, axis=0, return_inverse=True)
+    different, first, of_row = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     if len(different) == len(rows) > 1:
         raise Refused("attractors need several starts, and no rows of the table differ in x0 or v0")
     order = np.argsort(of_row, kind="stable")
     start = np.empty(len(rows), np.int64)
     start[order] = np.arange(len(rows)) - np.searchsorted(of_row[order], of_row[order])
     several = len(different) > 1
-    return (len(different),) * several, (SETS,) * several, of_row, start
+    return (len(different),) * several, (SETS,) * several, of_row, start, points[first]
 
 
 def points_of(dataset: xr.Dataset) -> np.ndarray:
@@ -106,107 +114,99 @@ def points_of(dataset: xr.Dataset) -> np.ndarray:
 
 def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
     """Return a parameter, swept or not, at every point of an opened sweep, in C order."""
-    whole = xr.zeros_like(dataset["status"], float) + dataset[name]
-    return whole.transpose(*dataset["status"].dims).values.ravel()
+    status = dataset["status"]
+    return dataset[name].broadcast_like(status).transpose(*status.dims).values.ravel()
 
 
-@dataclass(frozen=True)
 class Groups:
-    """Groups of points whose periodic motions are the same; one point of each represents it.
+    """Periodic motions that are the same, found within parts of a file and then among these.
 
     Attributes
     ----------
     representative : ndarray of int, shape (n,)
-        That of each point of the file; -1 where the motion is not periodic.
-    by_period : mapping of int to ndarray of int, shape (k,)
-        The representatives, by their number of forcing periods.
+        The point that represents the motion of each; -1 where the motion is not periodic.
+    m, place : ndarray of int, shape (n,)
+        After `join`, of the representatives, otherwise 0: forcing periods, and the place in the
+        `cycles` of so many periods.
     cycles : mapping of int to Cycles
-        Those of the representatives.
+        Those of the representatives, after `join`.
     last : ndarray, shape (n, 2)
         The last state of every record.
     """
 
-    representative: np.ndarray
-    by_period: Mapping[int, np.ndarray]
-    cycles: Mapping[int, Cycles]
-    last: np.ndarray
+    def __init__(self, points: GridIndex, tolerance: float) -> None:
+        self._points, self._tolerance = points, tolerance
+        self.representative = np.full(len(points.parameter), -1)
+        self.last = np.empty((len(points.parameter), 2))
+        self.m, self.place = np.zeros((2, len(points.parameter)), np.int64)
+        self.cycles: dict[int, Cycles] = {}
+        self._parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+
+    def add_records(self, dataset: xr.Dataset, period: np.ndarray) -> None:
+        """Add the motions of a file with these periods, shape (n,), 0 where they do not repeat."""
+        for cut, states in _ends(dataset, period):
+            self.last[cut] = states[:, -1]
+            for m in (np.flatnonzero(np.bincount(period[cut])[1:]) + 1).tolist():
+                rows = np.flatnonzero(period[cut] == m)
+                self._add(cut.start + rows, states[rows, -m:])
+
+    def add_cycles(self, cycles: Mapping[int, np.ndarray]) -> None:
+        """Add motions by point with their section states, shape (m, 2)."""
+        for m in sorted(set(map(len, cycles.values()))):
+            at = [i for i, cycle in cycles.items() if len(cycle) == m]
+            self._add(np.array(at), np.array([cycles[i] for i in at]))
+
+    def _add(self, at: np.ndarray, states: np.ndarray) -> None:
+        """Add motions at points by their section states, shape (k, m, 2)."""
+        self.last[at] = states[:, -1]
+        cycles = self._points.cycles(at, states)
+        turns = shortest_turn(cycles.states, self._tolerance)
+        for turn in np.flatnonzero(np.bincount(turns)).tolist():
+            members = np.flatnonzero(turns == turn)
+            heads = self._represent(at[members], cycles[members].last(turn), self.representative)
+            heads = members[heads]
+            self._parts.setdefault(turn, []).append((at[heads], cycles.states[heads, -turn:]))
+
+    def join(self) -> None:
+        """Take the same motions of different parts together."""
+        final = np.arange(len(self.representative))
+        for m, parts in self._parts.items():
+            at, states = (np.concatenate(column) for column in zip(*parts, strict=True))
+            cycles = Cycles(states, self._points.oscillators["R"][self._points.parameter[at]])
+            heads = self._represent(at, cycles, final)
+            self.m[at[heads]], self.place[at[heads]] = m, np.arange(len(heads))
+            self.cycles[m] = cycles[heads]
+        found = self.representative >= 0
+        self.representative[found] = final[self.representative[found]]
+
+    def _represent(self, at: np.ndarray, cycles: Cycles, representative: np.ndarray) -> np.ndarray:
+        """Enter the representatives of the points `at`, and return their places in `at`."""
+        places = representatives(cycles, self._points.parameter[at], self._tolerance)
+        representative[at] = at[places]
+        return np.flatnonzero(places == np.arange(len(places)))
 
 
-def group_periodic(
-    dataset: xr.Dataset,
-    points: GridIndex,
-    period: np.ndarray,
-    cycles: Mapping[int, np.ndarray],
-    tolerance: float,
-) -> Groups:
-    """Group the periodic motions that are the same, within parts of the file and then among these.
-
-    `period` has the forcing periods of each point's motion, 0 where it is not periodic, and
-    `cycles` the section states, shape (m, 2), of the points whose record does not show their
-    motion.
-    """
-    first, last = np.full(period.size, -1), np.empty((period.size, 2))
-    parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
-    replaced = np.fromiter(cycles, np.int64, len(cycles))
-    for at, states in _ends(dataset, period):
-        for row in np.flatnonzero(np.isin(at, replaced)).tolist():
-            cycle = cycles[int(at[row])]
-            states[row, -len(cycle) :] = cycle
-        last[at] = states[:, -1]
-        for m in np.unique(period[at[period[at] > 0]]).tolist():
-            rows = np.flatnonzero(period[at] == m)
-            turns = shortest_turn(points.cycles(at[rows], states[rows, -m:]).states, tolerance)
-            for turn in np.unique(turns).tolist():
-                members = rows[turns == turn]
-                heads = _represent(at[members], states[members, -turn:], points, first, tolerance)
-                parts.setdefault(turn, []).append(
-                    (at[members[heads]], states[members[heads], -turn:])
-                )
-    final, by_period, heads_of = np.arange(period.size), {}, {}
-    for m, pieces in parts.items():
-        at, states = (np.concatenate(column) for column in zip(*pieces, strict=True))
-        heads = _represent(at, states, points, final, tolerance)
-        by_period[m], heads_of[m] = at[heads], points.cycles(at[heads], states[heads])
-    return Groups(np.where(first < 0, -1, final[first]), by_period, heads_of, last)
-
-
-def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
     """Read the last sections of the points, as many as one of them needs, a part at a time.
 
-    Yield numbers of points, (k,), and their states, (k, longest period among them, 2).
+    Yield which points, k in C order, and their states, (k, longest period among them, 2).
     """
-    for block, at in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
-        longest = max(1, int(period[at].max(initial=1)))
-        states = np.full((len(at), longest, 2), np.nan)
-        for i, name in enumerate(("poincare_x", "poincare_v")):
-            ends = dataset[name][(*block, slice(-longest, None))].values.reshape(len(at), -1)
-            states[:, longest - ends.shape[1] :, i] = ends
-        yield at, states
-
-
-def _represent(
-    at: np.ndarray,
-    states: np.ndarray,
-    points: GridIndex,
-    representative: np.ndarray,
-    tolerance: float,
-) -> np.ndarray:
-    """Enter the representatives of the points `at`, and return their places in `at`."""
-    places = representatives(points.cycles(at, states), points.parameter[at], tolerance)
-    representative[at] = at[places]
-    return np.unique(places)
+    for block, cut in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
+        ends = np.s_[*block, -max(1, int(period[cut].max(initial=1))) :]
+        x, v = (dataset[name][ends].values for name in ("poincare_x", "poincare_v"))
+        yield cut, np.stack([x, v], axis=-1).reshape(cut.stop - cut.start, -1, 2)
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
     """Read a coordinate at points in C order, shape (k, record), a part of the file at a time."""
     width = dataset.sizes[COORDINATES[name].record]
     result = np.empty((len(at), width))
-    for block, numbers in _blocks(dataset, max(1, _PART // width)):
-        wanted = np.flatnonzero(np.isin(at, numbers))
+    for block, cut in _blocks(dataset, max(1, _PART // width)):
+        wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
         if len(wanted):
-            rows = np.searchsorted(numbers, at[wanted])
             part = dataset.isel(dict(zip(dataset["status"].dims, block, strict=True)))
-            result[wanted] = recorded_coordinate(part, name).values.reshape(len(numbers), -1)[rows]
+            values = recorded_coordinate(part, name).values.reshape(-1, width)
+            result[wanted] = values[at[wanted] - cut.start]
     return result
 
 
@@ -216,9 +216,9 @@ def grid_of(dataset: xr.Dataset) -> Grid:
     return Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
 
 
-def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, np.ndarray]]:
-    """Split the file into blocks of at most `size` points, with the numbers of these."""
-    grid = grid_of(dataset)
-    numbers = np.arange(grid.size).reshape(grid.shape)
-    for block in grid.blocks(size):
-        yield block, numbers[block].ravel()
+def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, slice]]:
+    """Split the file into blocks of at most `size` points, each a piece of the C order."""
+    stop = 0
+    for block in grid_of(dataset).blocks(size):
+        start, stop = stop, stop + block_points(block)
+        yield block, slice(start, stop)

@@ -21,10 +21,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
-from sweeps.analysis.grouping import GridIndex
+from sweeps.analysis.grouping import points_of
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import config_of, listed, swept_axes
-from sweeps.analysis.settle import at_states
 from sweeps.errors import Refused
 from sweeps.text import table
 from vibroimpact import integrate
@@ -77,7 +76,8 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
     at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED_MOTIONS))
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
-    points = at_states(dataset, np.flatnonzero(GridIndex.of(dataset).start == 0)[at[0]], *state)
+    points = points_of(dataset.isel(x0=0, v0=0))[at[0]]
+    points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # of the others, over a record
     longest = int(periods.max(initial=1))
     records = integrate(

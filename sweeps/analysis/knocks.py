@@ -3,9 +3,13 @@
 A knock is a sudden change of velocity alone, in either direction, as a blow makes. Many sizes are
 tried at moments all over the motion and just after every impact, until no moment has a smaller
 harmful one; then at moments ever closer to the worst. The interval between the last harmless and
-the first harmful size is divided until it is 1e-9 of the knock. Where that meets more than one
-change within 1e-4 of the knock, the boundary is fractal, or too fine to tell, and the knock is the
-least of those tried.
+the first harmful size is divided until it is 1e-9 of the knock.
+
+A tongue of another basin is found only where one of these sizes hits it: at every moment they are
+1/128 of the knock apart, and from 10 % below it on 1/660; at the worst, 1/16384. Where a moment has
+more than one change up to 2 % above the least knock, there are tongues. Then the boundary is called
+fractal, and the knock is the least of those tried: a tongue that no size has hit may lead to a
+smaller one.
 """
 
 from __future__ import annotations
@@ -36,6 +40,8 @@ from vibroimpact.trajectory import exact_samples
 _TURN = 2.0 * math.pi
 #: Moments in a forcing period, and sizes of a scan at each; sizes at the worst moment.
 _MOMENTS, _SIZES, _FINEST = 64, 256, 16384
+#: How far below and above a knock the boundary is looked for, as shares of it, in so many sizes.
+_NEAR = np.linspace(-0.1, 0.02, 80)
 #: A motion ends on an orbit that it is so near to, as a share of the orbit's size.
 _NEARNESS = 1e-6
 #: Forcing periods that a motion is followed until it ends on an attractor, and those recorded then.
@@ -73,7 +79,8 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
         ``knock_harmless``, changes of velocity with their sign, less than 1e-9 of them apart;
         ``knock_ends``, the number of the attractor that the harmful one leads to, -1: not known;
         ``knock_certified``, whether both motions came to an attractor with no impact missed; and
-        ``knock_fractal``. ``knock_harmful`` is inf where no knock up to the height of the window of
+        ``knock_fractal``, whether changes are so near each other that a smaller knock may be
+        harmful, too. ``knock_harmful`` is inf where no knock up to the height of the window of
         v0 is harmful, and NaN where the motion is not periodic.
 
     Raises
@@ -100,17 +107,14 @@ class _Motions:
     def __init__(self, starts: xr.Dataset, found: xr.Dataset) -> None:
         self._config, self._oscillator = config_of(starts), oscillator_of(starts)
         self.orbits: dict[int, PeriodicOrbit] = {}
-        self._others = dict.fromkeys(Regime, -1)
         names = ("number", "motion", "m", "section_x", "section_v")
-        for number, motion, m, x, v in zip(*(found[name].values for name in names), strict=True):
-            if motion in (Regime.REST, Regime.CHAOTIC):
-                self._others[motion] = int(number)
-            elif motion == Regime.PERIODIC:
+        columns = [found[name].values.tolist() for name in names]
+        self._of_motion = dict(zip(columns[1], columns[0], strict=True))
+        for number, _, m, x, v in zip(*columns, strict=True):
+            if m > 0:
                 with suppress(OrbitError):  # as for too many periods: what ends there is unknown
-                    orbit = periodic_orbit(
-                        self._oscillator, x, v, int(m), self._config.record.phase
-                    )
-                    self.orbits[int(number)] = orbit
+                    phase = self._config.record.phase
+                    self.orbits[number] = periodic_orbit(self._oscillator, x, v, m, phase)
 
     def _ends(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return where motions from states (n, 2) end, -1: unknown, and which are certified."""
@@ -131,7 +135,7 @@ class _Motions:
             )
             last = np.stack([results["poincare_x"][:, -1], results["poincare_v"][:, -1]], axis=1)
             certified[left] &= results["status"] == Status.CERTIFIED
-            number[left[results["rest_fraction"] > 0.0]] = self._others[Regime.REST]
+            number[left[results["rest_fraction"] > 0.0]] = self._of_motion.get(Regime.REST, -1)
             for one, orbit in self.orbits.items():
                 cycle = orbit.sections(phase)
                 size = _NEARNESS * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
@@ -142,24 +146,21 @@ class _Motions:
             left = left[(number[left] < 0) & np.isfinite(last[:, 0])]
             if not left.size:
                 break
-        number[left] = self._others[Regime.CHAOTIC]  # which nothing but time tells
+        number[left] = self._of_motion.get(Regime.CHAOTIC, -1)  # only time tells
         return number, certified
 
-    def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock | None:
+    def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
         """Return the first harmful of the changes along ways (k, sizes) from states (n, 2), if any.
 
         All of a size come at once; the states are one forcing period apart.
         """
-        knocked = np.tile(states[:, None, None], (1, *ways.shape, 1))
-        knocked[..., 1] += ways
+        knocked = states[:, None, None] + np.stack([np.zeros_like(ways), ways], axis=2)
         ends = self._ends(phase % _TURN, knocked.reshape(-1, 2))
         number, certified = (values.reshape(knocked.shape[:3]) for values in ends)
         harmful = number != home
-        harmful[:, :, 0] = (
-            False  # was harmless before: where the boundary is fractal, rounding decides
-        )
+        harmful[:, :, 0] = False  # as before: where the boundary is fractal, rounding decides
         if not harmful.any():
-            return None
+            return Knock()
         size = int(harmful.any(axis=(0, 1)).argmax())
         turn, way = np.argwhere(harmful[:, :, size])[0]
         (x, v), (low, high) = states[turn], ways[way, size - 1 : size + 1]
@@ -168,27 +169,30 @@ class _Motions:
         known &= certified[turn, way, size - 1 : size + 1].all()
         return Knock(phase + _TURN * turn, x, v, low, high, to, bool(known), bool(fractal))
 
-    def _least(self, home: int, phase: float, limit: float, count: int) -> Knock | None:
-        """Return the least of so many sizes up to a limit that is harmful at a phase, if any is."""
-        sizes = limit * np.arange(count + 1) / count
-        return self._first(
-            home, phase, self.orbits[home].sections(phase), np.stack([sizes, -sizes])
-        )
+    def _least(self, home: int, phase: float, sizes: np.ndarray) -> Knock:
+        """Return the least of increasing sizes, from 0, that is harmful at a phase, if any is."""
+        phase %= _TURN
+        states = self.orbits[home].sections(phase)
+        return self._first(home, phase, states, np.stack([sizes, -sizes]))
 
-    def _divided(self, home: int, knock: Knock, parts: int, times: int) -> Knock:
-        """Divide the interval of a knock so many times, at its first change."""
-        fractal = False
-        for _ in range(times):
-            sizes = np.linspace(knock.harmless, knock.harmful, parts + 1)
+    def _divided(self, home: int, knock: Knock, share: float) -> Knock:
+        """Divide the interval of a knock, at its first change, until it is a share of the knock."""
+        while abs(knock.harmful - knock.harmless) > share * _size(knock) < math.inf:
+            sizes = np.linspace(knock.harmless, knock.harmful, 17)
             state = np.array([[knock.x, knock.v]])
-            knock = self._first(home, knock.phase, state, sizes[None]) or knock
-            fractal |= knock.fractal
-        return knock._replace(fractal=fractal)
+            first = self._first(home, knock.phase, state, sizes[None])
+            if math.isinf(first.harmful):
+                break
+            knock = first._replace(fractal=first.fractal or knock.fractal)
+        return knock
 
-    def _at(self, home: int, phase: float, limit: float) -> Knock:
-        """Return the least harmful knock at a phase, to 1e-6 of it, or one without a size."""
-        knock = self._least(home, phase % _TURN, limit, _MOMENTS)
-        return Knock() if knock is None else self._divided(home, knock, _MOMENTS, 3)
+    def _at(self, home: int, phase: float, near: float, zoom: float = 1.0) -> Knock:
+        """Return the least harmful knock at a phase, to 1e-7 of it, or one without a size.
+
+        It is looked for most finely near a size, the more so the larger the `zoom`.
+        """
+        sizes = near * np.array([0.0, *(1.0 + _NEAR / zoom)])
+        return self._divided(home, self._least(home, phase, sizes), 1e-7)
 
     def worst(self, home: int, limit: float) -> Knock:
         """Return the least harmful knock up to a limit, over all moments."""
@@ -198,20 +202,23 @@ class _Motions:
         while limit < 0.5 * before:
             before = limit
             for phase in moments:
-                limit = _size(self._least(home, phase, limit, _SIZES) or Knock(harmful=limit))
-        everywhere = [self._at(home, phase, 1.02 * limit) for phase in moments]
-        sizes, best = np.array([_size(knock) for knock in everywhere]), Knock()
+                sizes = limit * np.arange(_SIZES + 1) / _SIZES
+                limit = min(limit, _size(self._least(home, phase, sizes)))
+        everywhere = [self._at(home, phase, limit) for phase in moments]
+        sizes = np.array([_size(knock) for knock in everywhere])
         lowest = np.isfinite(sizes) & (sizes <= np.minimum(np.roll(sizes, 1), np.roll(sizes, -1)))
+        best = Knock()
         for knock in (everywhere[i] for i in np.flatnonzero(lowest)):
-            for zoom in range(7):
-                near = knock.phase + width / 4.0**zoom * np.linspace(-1.0, 1.0, 9)
-                tried = (self._at(home, phase, _size(knock)) for phase in near.tolist())
+            for zoom in 2.0 ** np.arange(7):
+                near = knock.phase + width / zoom**2 * np.linspace(-1.0, 1.0, 9)
+                tried = (self._at(home, phase, _size(knock), zoom) for phase in near.tolist())
                 knock = min(knock, *tried, key=_size)
             best = min(best, knock, key=_size)
-        if math.isinf(_size(best)):
-            return best
-        finest = self._least(home, best.phase % _TURN, _size(best), _FINEST)
-        return self._divided(home, finest or best, 16, 4)
+        if math.isfinite(best.harmful):
+            sizes = _size(best) * np.arange(_FINEST + 1) / _FINEST
+            finest = self._least(home, best.phase, sizes)
+            best = self._divided(home, min(finest, best, key=_size), 1e-9)
+        return best._replace(fractal=best.fractal or any(knock.fractal for knock in everywhere))
 
 
 def _size(knock: Knock) -> float:

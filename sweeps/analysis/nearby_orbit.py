@@ -22,6 +22,14 @@ _ROUNDING = 1e-6
 _TRIED_PERIODS = 4
 
 
+def orbit_at(oscillator: Oscillator, x: float, v: float, m: int, phase: float) -> PeriodicOrbit:
+    """Return the orbit near a state at the section, which an impact rule may let pass the stop.
+
+    Raises OrbitError if none is found.
+    """
+    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, m, phase)
+
+
 def nearby_orbit(
     oscillator: Oscillator, record: np.ndarray, phase: float, m: int | None = None
 ) -> PeriodicOrbit | None:

@@ -58,8 +58,8 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
     results = {
         name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset
     }
-    whole = xr.zeros_like(dataset["status"], float) + dataset["omega"]
-    return kinds(results, whole.transpose(*axes).values, dataset.sizes["section"])
+    omega = parameter_at_points(dataset, "omega").reshape(dataset["status"].shape)
+    return kinds(results, omega, dataset.sizes["section"])
 
 
 def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:

@@ -14,14 +14,15 @@ Nijmeijer 2013, IEEE Trans. Autom. Control 58, 876-890).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 #: Cycles closer than this, relative to their greatest coordinate, are one motion.
 TOLERANCE = 1e-3
-#: Numbers that are compared at a time.
-_PART = 2_000_000
+#: Numbers that are compared at a time: as many as stay in the cache.
+_PART = 50_000
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,9 @@ def distances(a: Cycles, b: Cycles) -> np.ndarray:
         R = matching.R[:, None]
         apart = np.full(len(states), np.inf)
         for rotation in range(a.m):
-            rotated = np.roll(states, rotation, axis=1)
-            apart = np.minimum(
-                apart, section_distance(rotated, matching.states, 0.0, R).max(axis=1)
-            )
+            rotated = np.roll(states, rotation, axis=1) if rotation else states
+            differences = section_distance(rotated, matching.states, 0.0, R)
+            apart = np.minimum(apart, _greatest(differences))
         scale = np.maximum(sizes(states), sizes(matching.states))
         result[cut] = apart / np.where(scale > 0.0, scale, 1.0)
     return result
@@ -105,7 +105,12 @@ def distances(a: Cycles, b: Cycles) -> np.ndarray:
 
 def sizes(states: np.ndarray) -> np.ndarray:
     """Return the greatest absolute coordinate of each cycle, shape (n,)."""
-    return np.abs(states).max(axis=(1, 2))
+    return _greatest(np.abs(states).reshape(len(states), -1))
+
+
+def _greatest(table: np.ndarray) -> np.ndarray:
+    """Return the maximum of each row, column by column, which is fast for many short rows."""
+    return reduce(np.maximum, table.T)
 
 
 def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
@@ -118,7 +123,7 @@ def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarra
     allowed = tolerance * sizes(states)
     for divisor in range(m // 2, 0, -1):
         if m % divisor == 0:
-            moved = np.abs(np.roll(states, divisor, axis=1) - states).max(axis=(1, 2))
+            moved = sizes(np.roll(states, divisor, axis=1) - states)
             shortest[moved <= allowed] = divisor
     return shortest
 
@@ -136,8 +141,9 @@ def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERA
     head = np.arange(len(order))
     if len(order) < 2:
         return head
-    equal = distances(cycles[order[1:]], cycles[order[:-1]]) <= tolerance
-    begins = np.r_[True, ~(equal & (group[order[1:]] == group[order[:-1]]))]
+    ordered, groups = cycles[order], group[order]
+    equal = distances(ordered[1:], ordered[:-1]) <= tolerance
+    begins = np.r_[True, ~(equal & (groups[1:] == groups[:-1]))]
     heads = order[begins]
     head[order] = heads[np.cumsum(begins) - 1]
     merged = np.arange(len(order))

@@ -85,6 +85,11 @@ def directions(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(dataset[DIRECTION].values) if DIRECTION in dataset["status"].dims else ()
 
 
+def split_directions(line: xr.Dataset) -> list[xr.Dataset]:
+    """Return a line once for each direction in which it was followed, or the line itself."""
+    return [line.sel({DIRECTION: direction}) for direction in directions(line)] or [line]
+
+
 def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
     """Replace values by the nearest of the grid where they differ by more than rounding.
 
@@ -204,7 +209,8 @@ def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
     if coordinate != "poincare_height":
         return dataset[coordinate]
     x = dataset["poincare_x"]
-    return (dataset["clearance"] - x).transpose(*x.dims)
+    clearance = dataset["clearance" if "clearance" in dataset.coords else "gap"]  # of a rig
+    return (clearance - x).transpose(*x.dims)
 
 
 def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:

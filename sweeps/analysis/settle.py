@@ -22,16 +22,15 @@ for at most ``MOST_PERIODS`` forcing periods.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import GridIndex, points_of
+from sweeps.analysis.grouping import GridIndex
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
 from sweeps.analysis.regimes import Regime, classify, kinds
 from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.config.sweep import SweepConfig
 from vibroimpact import integrate
 from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
 
@@ -51,9 +50,8 @@ _UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 _PART = 4_000
 
 
-@dataclass(frozen=True)
 class Outcomes:
-    """What the motions of a file are in the long run.
+    """What the motions of a file are: by their records, and in the long run once followed on.
 
     Attributes
     ----------
@@ -66,62 +64,44 @@ class Outcomes:
         The section states of the periodic motions that were followed on, by point.
     """
 
-    motion: np.ndarray
-    period: np.ndarray
-    impacts: np.ndarray
-    followed: np.ndarray
-    cycles: dict[int, np.ndarray]
-
-
-def outcomes(dataset: xr.Dataset, points: GridIndex, extensions: int = EXTENSIONS) -> Outcomes:
-    """Find what the motions of a sweep are in the long run.
-
-    One that has not settled is followed four times as long up to `extensions` times; with 0 the
-    records alone decide.
-    """
-    motion = classify(dataset).ravel()
-    periodic = motion == Regime.PERIODIC
-    period, impacts = (
-        np.where(periodic, dataset[name].values.ravel(), 0) for name in ("period", "period_impacts")
-    )
-    result = Outcomes(motion, period, impacts, np.zeros(motion.size, bool), {})
-    if extensions:
-        _Extension(dataset, points, result).run(extensions)
-    return result
-
-
-class _Extension:
-    """Follows motions on, and stores the result."""
-
-    def __init__(self, dataset: xr.Dataset, points: GridIndex, result: Outcomes) -> None:
-        self._dataset, self._points, self._outcomes = dataset, points, result
-        self._config = config_of(dataset)
+    def __init__(self, dataset: xr.Dataset, points: GridIndex) -> None:
+        self._points, self._config = points, config_of(dataset)
         self._exact = self._config.method.impact == "exact"
+        self.motion = classify(dataset).ravel()
+        names = "period", "period_impacts", "rest_fraction", "chatters"
+        m, q, share, chatters = (dataset[name].values.ravel() for name in names)
+        periodic = self.motion == Regime.PERIODIC
+        self.period, self.impacts = np.where(periodic, m, 0), np.where(periodic, q, 0)
+        self.followed = np.zeros(self.motion.size, bool)
+        self.cycles: dict[int, np.ndarray] = {}
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
         self._length = first - 1 + dataset.sizes["section"]
-        share, chatters = (dataset[name].values.ravel() for name in ("rest_fraction", "chatters"))
         self._rests = _rests(share, np.maximum(chatters, share > 0.0))
         self._orbits: dict[int, list[tuple[int, int, np.ndarray]]] = {}
 
-    def run(self, extensions: int) -> None:
-        """Follow the motions on, as often as `extensions` says."""
-        motion, parameter = self._outcomes.motion, self._points.parameter
+    def follow_on(self, last: np.ndarray, extensions: int) -> None:
+        """Follow the motions that have not settled on from their `last` states, shape (n, 2).
+
+        Each extension, of at most so many, makes them four times as long.
+        """
+        self._last = last.copy()
         left, chaos_ends = MOST_PERIODS, np.zeros(self._points.count, bool)
-        before = np.zeros(motion.size, bool)
+        before = np.zeros(self.motion.size, bool)
         for extension in range(1, extensions + 1):
             length = (4**extension - 4 ** (extension - 1)) * self._length
             chaotic = self._chaotic()
-            once = (motion == Regime.REST) & (self._rests == 1)
-            open_chaos = chaotic & (chaos_ends[parameter] | ~before)
-            at = np.flatnonzero(np.isin(motion, _UNSETTLED) | once | open_chaos)
+            once = (self.motion == Regime.REST) & (self._rests == 1)
+            open_chaos = chaotic & (chaos_ends[self._points.parameter] | ~before)
+            at = np.flatnonzero(np.isin(self.motion, _UNSETTLED) | once | open_chaos)
             left -= length * at.size
             if not at.size or left < 0:
                 break
             for part in np.array_split(at, -(-at.size // _PART)):
                 self._follow(part, length)
-            settled = ~self._chaotic() & ~np.isin(motion, _UNSETTLED)
+            settled = ~self._chaotic() & ~np.isin(self.motion, _UNSETTLED)
             chaos_ends, before = self._at_points(chaotic & settled), chaotic
-        self._conclude(chaos_ends)
+        if extensions:
+            self._conclude(chaos_ends)
 
     def _at_points(self, which: np.ndarray) -> np.ndarray:
         """Return at which parameter points some of these motions are."""
@@ -129,33 +109,23 @@ class _Extension:
 
     def _chaotic(self) -> np.ndarray:
         """Return which motions are chaotic, or rest where a rest leads to chaos."""
-        motion = self._outcomes.motion
-        chaotic = motion == Regime.CHAOTIC
+        chaotic = self.motion == Regime.CHAOTIC
         leads_to_chaos = self._at_points(chaotic & (self._rests > 0))
-        return chaotic | ((motion == Regime.REST) & leads_to_chaos[self._points.parameter])
+        return chaotic | ((self.motion == Regime.REST) & leads_to_chaos[self._points.parameter])
 
     def _conclude(self, chaos_ends: np.ndarray) -> None:
         """Give the chaotic motions of a parameter point one kind."""
-        motion, parameter, chaotic = self._outcomes.motion, self._points.parameter, self._chaotic()
+        parameter, chaotic = self._points.parameter, self._chaotic()
         rests_again = self._at_points(chaotic & (self._rests > 1))[parameter]
-        motion[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
-        motion[chaotic & chaos_ends[parameter]] = Regime.UNDECIDED
-
-    @cached_property
-    def _states(self) -> np.ndarray:
-        """The parameters of the points, with the last states of their motions."""
-        last = [
-            self._dataset[name].isel(section=-1).values.ravel()
-            for name in ("poincare_x", "poincare_v")
-        ]
-        return at_states(self._dataset, slice(None), *last)
+        self.motion[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
+        self.motion[chaotic & chaos_ends[parameter]] = Regime.UNDECIDED
 
     def _record(
         self, at: np.ndarray, periods: int, lyapunov: bool = False
     ) -> dict[str, np.ndarray]:
         """Follow motions over a record, and count their rests."""
         results = integrate(
-            self._states[at],
+            self._points.at_states(at, *self._last[at].T),
             **self._config.integration,
             transient=0,
             periods=periods,
@@ -164,9 +134,9 @@ class _Extension:
             impacts=0,
             lyapunov=lyapunov,
         )
-        for start, section in (("x0", "poincare_x"), ("v0", "poincare_v")):
-            last = results[section][:, -1]  # NaN after a failure, which the next record shows again
-            self._states[start][at] = np.where(np.isfinite(last), last, self._states[start][at])
+        last = np.stack([results["poincare_x"][:, -1], results["poincare_v"][:, -1]], axis=1)
+        # NaN after a failure, which the next record shows again
+        self._last[at] = np.where(np.isfinite(last), last, self._last[at])
         self._rests[at] += _rests(results["rest_fraction"], results["chatters"])
         return results
 
@@ -181,17 +151,19 @@ class _Extension:
         x, v = results["poincare_x"], results["poincare_v"]
         period, impacts = period_class(x, v, results["impacts_per_period"])
         results |= {"period": period, "rest_fraction": share}
-        motion = kinds(results, self._states["omega"][at], grown)
-        self._outcomes.followed[at] = True
-        self._outcomes.motion[at] = motion
-        self._outcomes.period[at] = np.where(motion == Regime.PERIODIC, period, 0)
-        self._outcomes.impacts[at] = np.where(motion == Regime.PERIODIC, impacts, 0)
-        beside_chaos = self._at_points(self._outcomes.motion == Regime.CHAOTIC)
+        motion = kinds(
+            results, self._points.oscillators["omega"][self._points.parameter[at]], grown
+        )
+        self.followed[at] = True
+        self.motion[at] = motion
+        self.period[at] = np.where(motion == Regime.PERIODIC, period, 0)
+        self.impacts[at] = np.where(motion == Regime.PERIODIC, impacts, 0)
+        beside_chaos = self._at_points(self.motion == Regime.CHAOTIC)
         slow = np.isin(motion, _UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
         failures: Counter[int] = Counter()
         for k, (i, record) in enumerate(zip(at.tolist(), np.stack([x, v], axis=2), strict=True)):
             if motion[k] == Regime.PERIODIC:
-                self._outcomes.cycles[i] = record[-period[k] :].copy()
+                self.cycles[i] = record[-period[k] :].copy()
             elif self._exact and slow[k]:
                 self._store_orbit(i, record, failures)
 
@@ -203,16 +175,17 @@ class _Extension:
         if class_and_cycle is None:
             if failures[parameter] >= _MOST_FAILURES:
                 return
-            orbit = nearby_orbit(oscillator_of(self._states[i]), record, self._config.record.phase)
+            oscillator = oscillator_of(self._points.oscillators[parameter])
+            orbit = nearby_orbit(oscillator, record, self._config.record.phase)
             if orbit is None:
                 failures[parameter] += 1
                 return
             class_and_cycle = orbit.m, orbit.q, orbit.sections(self._config.record.phase)
             orbits.append(class_and_cycle)
-        self._outcomes.motion[i] = Regime.PERIODIC
+        self.motion[i] = Regime.PERIODIC
         m, q, cycle = class_and_cycle
-        self._outcomes.period[i], self._outcomes.impacts[i] = m, q
-        self._outcomes.cycles[i] = cycle
+        self.period[i], self.impacts[i] = m, q
+        self.cycles[i] = cycle
 
 
 def _rests(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
@@ -221,18 +194,15 @@ def _rests(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
 
 
 def orbit_speeds(
-    dataset: xr.Dataset, at: np.ndarray, states: np.ndarray, m: np.ndarray, q: np.ndarray
+    config: SweepConfig, points: np.ndarray, m: np.ndarray, q: np.ndarray
 ) -> list[np.ndarray]:
-    """Compute the speeds before the impacts of periodic motions, with the method of the file.
+    """Compute the speeds before the impacts of periodic motions, with the method of a file.
 
-    The motions are at points counted in C order over the file, with `states` at the section of
-    shape (n, 2), and m periods and q impacts per repetition; of each, q speeds are returned,
-    increasing.
+    The motions begin in the states of `points` at the section, and have m periods and q impacts per
+    repetition; of each, q speeds are returned, increasing.
     """
-    config = config_of(dataset)
-    points = at_states(dataset, at, *states.T)
     speeds = []
-    for i in range(len(at)):
+    for i in range(len(points)):
         results = integrate(
             points[i : i + 1],
             **config.integration,
@@ -245,12 +215,3 @@ def orbit_speeds(
         kept = results["impact_v"][0]
         speeds.append(np.sort(kept[np.isfinite(kept)]))
     return speeds
-
-
-def at_states(
-    dataset: xr.Dataset, at: np.ndarray | slice, x: np.ndarray, v: np.ndarray
-) -> np.ndarray:
-    """Return the parameters of points of a file, with states at the section to start from."""
-    points = points_of(dataset)[at]
-    points["x0"], points["v0"] = x, v
-    return points

@@ -11,7 +11,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import grid_of
+from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import COORDINATES
+from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES, columns_of
 from sweeps.store.replacing import check_target, writing
@@ -110,7 +112,7 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
     is replaced only when the table is complete. Return the number of rows.
     """
     check_table(path)
-    scalars = _scalars(dataset)
+    scalars = in_si(_scalars(dataset))
     axes = [str(name) for name in scalars["status"].dims]
     with writing(path, "table") as new:
         if path.suffix == ".parquet":
@@ -143,7 +145,9 @@ def _frame(scalars: xr.Dataset):  # type: ignore[no-untyped-def]
     """Return the rows of points, in C order over the file."""
     names = {int(status): status.name.lower() for status in Status}
     axes = [str(name) for name in scalars["status"].dims]
-    columns = dict.fromkeys([*PARAMETERS, *columns_of(scalars)])
+    rig = rig_of(scalars)
+    of_rig = (si_name(name, rig) for name in [*PARAMETERS, *columns_of(scalars)])
+    columns = dict.fromkeys(of_rig)
     about = [name for name in columns if name in scalars.coords and name not in axes]
     rows = scalars if axes else scalars.expand_dims("point")
     frame = rows.to_dataframe(dim_order=axes or ["point"]).reset_index()

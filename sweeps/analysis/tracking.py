@@ -17,10 +17,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sweeps.analysis.section_distance import Cycles, distances
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Attractors further apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2
@@ -69,12 +73,12 @@ class PeriodicAttractors:
 
         Both are in increasing order, and none of them is in two pairs.
         """
-        first, second = self._pairs(a, b, step)
-        apart = self.distances(first, second)
-        matched = apart <= MAX_DISTANCE
-        first, second, apart = first[matched], second[matched], apart[matched]
-        mutual = _is_least(first, apart) & _is_least(second, apart)
-        return first[mutual], second[mutual]
+        pairs = self._pairs(a, b, step)
+        pairs["apart"] = self.distances(pairs["a"].values, pairs["b"].values)
+        pairs = pairs[pairs["apart"] <= MAX_DISTANCE]
+        nearest = (pairs.groupby(end)["apart"].idxmin().astype(int) for end in ("a", "b"))
+        mutual = pairs.loc[np.intersect1d(*nearest)]
+        return mutual["a"].values, mutual["b"].values
 
     def on_branches(
         self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Callable[[int, int], bool]
@@ -82,7 +86,7 @@ class PeriodicAttractors:
         """Pair attractors as `links` does, but those that are on one branch, at any distance."""
         pairs: dict[int, int] = {}
         tried = 0
-        for i, j in zip(*(ends.tolist() for ends in self._pairs(a, b, step)), strict=True):
+        for i, j in self._pairs(a, b, step).values.tolist():
             shorter, longer = sorted((self.m[i], self.m[j]))
             if i in pairs or j in pairs.values() or longer not in (shorter, 2 * shorter):
                 continue
@@ -91,23 +95,12 @@ class PeriodicAttractors:
                 pairs[i] = j
         return np.array([*pairs], np.int64), np.array([*pairs.values()], np.int64)
 
-    def _pairs(self, a: np.ndarray, b: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+    def _pairs(self, a: np.ndarray, b: np.ndarray, step: int) -> pd.DataFrame:
         """Return every pair of `a` and `b` of which the second is `step` points further."""
-        low, high = (
-            np.searchsorted(self.point[b], self.point[a] + step, side) for side in ("left", "right")
-        )
-        count = high - low
-        first = np.repeat(a, count)
-        within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
-        return first, b[np.repeat(low, count) + within]
+        import pandas as pd
 
-
-def _is_least(key: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Return which values are the first of the least ones that share their key."""
-    order = np.lexsort((value, key))
-    least = np.zeros(len(key), bool)
-    least[order[np.r_[True, np.diff(key[order]) != 0][: len(key)]]] = True
-    return least
+        before = pd.DataFrame({"a": a, "point": self.point[a] + step})
+        return before.merge(pd.DataFrame({"b": b, "point": self.point[b]}))[["a", "b"]]
 
 
 def track(

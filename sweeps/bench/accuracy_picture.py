@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sweeps.bench.accuracy_speed import Measurement
 from sweeps.bench.scenes import CHATTER, GRAZING, ORBIT_ERRORS, Method
-from sweeps.bench.work_precision import MEAN, Line, efficient_frontier, is_drawn, lines, main_scene
+from sweeps.bench.work_precision import MEAN, METHOD, NO_DIGIT, efficient_frontier, main_scene
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
 
@@ -40,15 +41,15 @@ _LABELLED = (
 )
 _THIN = {"linewidth": 0.7, "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.6}
 _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
-_Drawn = Mapping[Method, Sequence[Measurement]]
 
 
-def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -> Figure:
+def picture(measured: pd.DataFrame) -> Figure:
     """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
 
-    Of a single scene, as a sweep, there are the first three of ``PANELS``.
+    `measured` is from `work_precision.with_orders`. Of a single scene, as a sweep, there are the
+    first three of ``PANELS``.
     """
-    groups, main = lines(measurements), main_scene(measurements)
+    main = main_scene(measured)
     panels: Sequence[tuple[str, str, str]] = PANELS
     if main != MEAN:
         name = main.replace("$", r"\$")
@@ -60,52 +61,48 @@ def picture(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -
     wide = figure.add_subplot(grid[0, :])
     small = [figure.add_subplot(grid[1 + k // 2, k % 2]) for k in range(2 * rows)]
     for panel, (title, scene, kind) in zip([wide, *small], panels, strict=True):
-        drawn = {
-            method: [m for m in group if is_drawn(m)]
-            for (scene_name, error_kind, method), group in groups.items()
-            if (scene_name, error_kind) == (scene, kind)
-        }
-        panel_orders = {method: orders[scene, kind, method] for method in drawn}
+        good = measured["error"].between(0.0, NO_DIGIT, inclusive="neither")
+        line = (measured["scene"] == scene) & (measured["error_kind"] == kind)
         panel.set_title(title)
-        panel.set_xlim(_seconds(measurements, peers=panel is wide))
-        _draw_panel(panel, drawn, panel_orders)
+        panel.set_xlim(_seconds(measured, peers=panel is wide))
+        _draw_panel(panel, measured[line & good])
     for panel in (wide, *small[::2]):
         panel.set_ylabel("relative error")
     for panel in small[:-2]:
         panel.tick_params(labelbottom=False)
     for panel in (wide, *small[-2:]):
         panel.set_xlabel("seconds per forcing period")
-    handles, columns = _handles(groups)
+    handles, columns = _handles(measured)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
-def _seconds(measurements: Sequence[Measurement], peers: bool) -> tuple[float, float]:
+def _seconds(measured: pd.DataFrame, peers: bool) -> tuple[float, float]:
     """Return a range of the abscissa: with the peers, which may be far slower, or without."""
-    seconds = [m.seconds for m in measurements if peers or m.steps is not None]
-    return 0.7 * min(seconds), 3.0 * max(seconds)
+    ours = measured if peers else measured[measured["steps_per_period"].notna()]
+    return 0.7 * ours["seconds_per_period"].min(), 3.0 * ours["seconds_per_period"].max()
 
 
-def _draw_panel(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) -> None:
+def _draw_panel(panel: Axes, drawn: pd.DataFrame) -> None:
+    """Draw what has a place on a logarithmic chart, with a right digit."""
     panel.set(xscale="log", yscale="log")
     panel.grid(color="#DDDDDD", linewidth=0.4)
     slowest = panel.get_xlim()[1]
-    here = [m for group in drawn.values() for m in group if m.seconds < slowest]
-    if here:
-        errors = [m.error for m in here]
-        panel.set_ylim(0.3 * min(errors), 3.0 * max(errors))
+    here = drawn[drawn["seconds_per_period"] < slowest]
+    if not here.empty:
+        panel.set_ylim(0.3 * here["error"].min(), 3.0 * here["error"].max())
     frontier = efficient_frontier(here)
     panel.plot(*_coordinates(frontier), **_BAND, solid_joinstyle="round", zorder=1.0)
-    for method, group in drawn.items():
-        panel.plot(*_coordinates(group), **_look(method))
+    for method, group in drawn.groupby(METHOD, sort=False):
+        panel.plot(*_coordinates(group), **_look(Method(*method)))
     panel.yaxis.set_major_locator(LogLocator(numticks=6))
     panel.yaxis.set_minor_formatter(NullFormatter())
-    _label_orders(panel, drawn, orders)
+    _label_orders(panel, drawn)
     _name_missing(panel, drawn)
 
 
-def _coordinates(group: Sequence[Measurement]) -> tuple[list[float], list[float]]:
-    return [m.seconds for m in group], [m.error for m in group]
+def _coordinates(group: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
+    return group["seconds_per_period"], group["error"]
 
 
 def _look(method: Method) -> dict[str, Any]:
@@ -115,40 +112,36 @@ def _look(method: Method) -> dict[str, Any]:
     return {"color": PEER_COLOURS[name], "marker": "*", "linestyle": "--", **_THIN}
 
 
-def _label_orders(panel: Axes, drawn: _Drawn, orders: Mapping[Method, float]) -> None:
-    """Write orders beyond the fine ends of their lines, apart from one another."""
-    ends = [
-        (drawn[method][-1], f"{orders[method]:.1f}", RULES[method.impact])
-        for method in _LABELLED
-        if drawn.get(method) and not math.isnan(orders[method])
-    ]
+def _label_orders(panel: Axes, drawn: pd.DataFrame) -> None:
+    """Write orders beyond the fine ends of their lines, apart from one another and from points."""
+    finest = drawn.groupby(METHOD, sort=False).tail(1).dropna(subset="measured_order")
+    ends = [one for one in finest.itertuples() if (one.integrator, one.impact) in _LABELLED]
+    ours = drawn[drawn["impact"].isin(list(RULES))]
     low, high = map(math.log10, panel.get_ylim())
-    apart, above = 0.07 * (high - low), math.inf
-    for last, text, colour in sorted(ends, key=lambda end: -end[0].error):
+    height = panel.bbox.height * 72.0 / panel.figure.dpi  # [pt]
+    apart, above = 9.0 / height * (high - low), math.inf
+    for last in sorted(ends, key=lambda end: -end.error):
         above = min(math.log10(last.error), above - apart)
+        same_height = (np.log10(ours["error"]) - above).abs() < 0.7 * apart
+        beside = ours["seconds_per_period"][same_height].max()
         panel.annotate(
-            text,
-            (last.seconds, 10.0**above),
-            xytext=(5, 5),
+            f"{last.measured_order:.1f}",
+            (max(last.seconds_per_period, beside), 10.0**above),
+            xytext=(5, 0),
             textcoords="offset points",
             va="center",
             fontsize=7.5,
-            color=colour,
+            color=RULES[last.impact],
         )
 
 
-def _name_missing(panel: Axes, drawn: _Drawn) -> None:
+def _name_missing(panel: Axes, drawn: pd.DataFrame) -> None:
     """Name the rules without an error to draw, and the peers beyond the right edge."""
-    there = {method.impact for method, group in drawn.items() if group}
-    for k, rule in enumerate(rule for rule in RULES if rule not in there):
+    for k, rule in enumerate(rule for rule in RULES if rule not in set(drawn["impact"])):
         _note(panel, 0.88 - 0.1 * k, f"{rule}: none", RULES[rule])
-    slowest = panel.get_xlim()[1]
-    beyond = {
-        method.integrator.split()[0]: None
-        for method, group in drawn.items()
-        if any(m.seconds > slowest for m in group)
-    }
-    if beyond:
+    slower = drawn[drawn["seconds_per_period"] > panel.get_xlim()[1]]
+    beyond = slower["integrator"].str.split().str[0].unique()
+    if len(beyond):
         _note(panel, 0.4, f"{', '.join(beyond)} \N{RIGHTWARDS ARROW}", "#555555")
 
 
@@ -158,9 +151,10 @@ def _note(panel: Axes, height: float, text: str, colour: str) -> None:
     )
 
 
-def _handles(groups: Mapping[Line, object]) -> tuple[list[Line2D], int]:
+def _handles(measured: pd.DataFrame) -> tuple[list[Line2D], int]:
     """Return the legend, and its columns: of rules, of integrators, and of peers if any."""
-    peers = dict.fromkeys(method for _, _, method in groups if method.impact not in RULES)
+    rows = measured[METHOD].drop_duplicates().itertuples(index=False)
+    peers = [Method(*row) for row in rows if row.impact not in RULES]
     columns = [
         [
             _text("impact rule"),

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -25,7 +26,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from sweeps.bench.peers import PEERS
+from sweeps.bench.event_solvers import PEERS
 from sweeps.bench.scenes import (
     CHATTER,
     EXACT,
@@ -42,6 +43,19 @@ from sweeps.config.sweep import SweepConfig
 _LEAST_WORK = 1_500_000
 #: What a peer finds of an orbit; the state between its steps is beyond this comparison.
 _PEER_KINDS = ("section state", "impact time", "impact speed")
+
+#: The columns of the table of measurements, and the types of those that may have no value.
+COLUMNS = [
+    "scene",
+    "error_kind",
+    "integrator",
+    "impact",
+    "steps_per_period",
+    "tolerance",
+    "error",
+    "seconds_per_period",
+]
+_TYPES = {"steps_per_period": "Int64", "tolerance": float, "error": float}
 
 
 @dataclass(frozen=True)
@@ -84,34 +98,6 @@ def plan_of(config: SweepConfig, plan: Plan) -> Plan:
     return replace(plan, scenes=(scene,), ladder=tuple(sorted(ladder)), peers=())
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """One error of one method, or peer, and what a forcing period cost it.
-
-    Attributes
-    ----------
-    scene, kind : str
-    method : Method
-        Of a peer its name, and ``events``.
-    steps : int or None
-        Per forcing period; None where the solver chooses them.
-    tolerance : float or None
-        Of a peer.
-    error : float
-        Free of units. NaN or inf where the method failed.
-    seconds : float
-        Per forcing period.
-    """
-
-    scene: str
-    kind: str
-    method: Method
-    steps: int | None
-    tolerance: float | None
-    error: float
-    seconds: float
-
-
 @dataclass
 class _Tally:
     """What is collected of one method at one number of steps in one scene."""
@@ -120,9 +106,7 @@ class _Tally:
     squares: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
 
 
-def measure(
-    plan: Plan = FULL, threads: int | None = None, progress: bool = False
-) -> list[Measurement]:
+def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = False) -> pd.DataFrame:
     """Measure the errors and the cost of every method.
 
     Parameters
@@ -135,7 +119,11 @@ def measure(
 
     Returns
     -------
-    list of Measurement
+    DataFrame
+        A row for each error, with the columns ``scene``; ``error_kind``, of `Scene.errors`;
+        ``integrator`` and ``impact``, of a peer its name and ``events``; ``steps_per_period``, none
+        where the solver chooses them; ``tolerance``, of a peer alone; ``error``, free of units, NaN
+        or inf where the method failed; and ``seconds_per_period``, of the forcing.
     """
     runs, peer_runs = _runs(plan), list(_peer_runs(plan))
     with Progress(
@@ -156,17 +144,19 @@ def measure(
             for run in runs:
                 _take(tallies[run], truths[run.scene.name], run, turn, plan.rounds, threads)
                 bar.update(task, advance=1, description=run.scene.name)
-        measurements = [
-            Measurement(
-                run.scene.name, kind, run.method, run.rung, None, _mean(squares), tally.seconds
-            )
+        rows: list[tuple] = [
+            (run.scene.name, kind, *run.method, run.rung, None, _mean(squares), tally.seconds)
             for run, tally in tallies.items()
             for kind, squares in tally.squares.items()
         ]
         for scene, name, tolerance in peer_runs:
-            measurements += _measure_peer(scene, name, tolerance, plan.thinning)
+            errors, seconds = _peer_errors(scene, name, tolerance, plan.thinning)
+            rows += [
+                (scene.name, kind, name, "events", None, tolerance, errors[kind], seconds)
+                for kind in _PEER_KINDS
+            ]
             bar.update(task, advance=1, description=name)
-    return measurements
+    return pd.DataFrame(rows, columns=COLUMNS).astype(_TYPES)
 
 
 class _Run(NamedTuple):
@@ -231,12 +221,10 @@ def _mean(squares: list[float]) -> float:
     return math.sqrt(sum(squares) / len(squares))
 
 
-def _measure_peer(scene: Scene, name: str, tolerance: float, thinning: int) -> list[Measurement]:
+def _peer_errors(
+    scene: Scene, name: str, tolerance: float, thinning: int
+) -> tuple[dict[str, float], float]:
+    """Return the errors of a peer by kind, and its seconds per forcing period."""
     thinned = replace(scene, points=scene.points[::thinning])
-    measurements, seconds = PEERS[name].run(thinned, tolerance)
-    errors = thinned.errors(thinned.truth(), measurements)
-    method = Method(name, "events")
-    return [
-        Measurement(scene.name, kind, method, None, tolerance, errors[kind], seconds)
-        for kind in _PEER_KINDS
-    ]
+    results, seconds = PEERS[name].run(thinned, tolerance)
+    return thinned.errors(thinned.truth(), results), seconds

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 
-from sweeps.bench.accuracy_speed import Measurement
+import pandas as pd
+
 from sweeps.bench.scenes import CHATTER, EXACT, GRAZING, ORBIT_ERRORS
-from sweeps.bench.work_precision import MEAN, NO_DIGIT, Line, cheapest, main_scene
+from sweeps.bench.work_precision import MEAN, METHOD, NO_DIGIT, cheapest, main_scene
 from sweeps.text import table
 
 STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
@@ -17,37 +17,37 @@ STEPS, TOLERANCE = 100, 1e-9
 TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
 
-def of_methods(measurements: Sequence[Measurement], orders: Mapping[Line, float]) -> str:
+def of_methods(measured: pd.DataFrame) -> str:
     """Return the orders, the errors and the cost of every method.
 
     Parameters
     ----------
-    measurements : sequence of Measurement
-        Of one scene, or of all with the geometric means over the regular ones.
-    orders : mapping
-        From `work_precision.orders`, of the same.
+    measured : DataFrame
+        From `work_precision.with_orders`: of one scene, or of all with the geometric means over the
+        regular ones.
     """
-    main = main_scene(measurements)
+    main = main_scene(measured)
     columns = {"order": main}
     if main == MEAN:
         columns = {"regular": MEAN, "chatter": CHATTER.name, "graze": GRAZING.name}
-    exact_steps = (m.steps or 0 for m in measurements if m.method == EXACT)
-    steps = min((n for n in exact_steps if n >= STEPS), default=STEPS)
-    shown = {
-        (m.method, m.kind): m
-        for m in measurements
-        if m.scene == main and (m.steps == steps or m.tolerance == TOLERANCE)
-    }
-    rows = [("integrator", "impact", *columns, "error", "penetration", "ns/period")]
-    for method in dict.fromkeys(method for method, _ in shown):
-        state, depth = shown[method, STATE], shown.get((method, PENETRATION))
+    taken = measured["steps_per_period"]
+    exact_steps = taken[(measured[METHOD] == list(EXACT)).all(axis=1) & (taken >= STEPS)]
+    steps = STEPS if exact_steps.empty else exact_steps.min()
+    orders = measured[measured["error_kind"] == STATE].groupby(["scene", *METHOD])
+    orders_of = orders["measured_order"].first()
+    shown = measured[
+        (measured["scene"] == main) & ((taken == steps) | (measured["tolerance"] == TOLERANCE))
+    ]
+    rows = [(*METHOD, *columns, "error", "penetration", "ns/period")]
+    for method, group in shown.groupby(METHOD, sort=False):
+        errors = group.set_index("error_kind")["error"]
         rows.append(
             (
                 *method,
-                *(_order(orders.get((name, STATE, method), math.nan)) for name in columns.values()),
-                _error(state.error),
-                "" if depth is None else _error(depth.error),
-                _cost(state),
+                *(_order(orders_of.get((name, *method), math.nan)) for name in columns.values()),
+                _error(errors[STATE]),
+                _error(errors[PENETRATION]) if PENETRATION in errors else "",
+                _cost(group),
             )
         )
     of = f"(solvers: tolerance {TOLERANCE:g}), geometric mean of the regular scenes"
@@ -61,24 +61,26 @@ def of_methods(measurements: Sequence[Measurement], orders: Mapping[Line, float]
     )
 
 
-def of_targets(measurements: Sequence[Measurement]) -> str:
+def of_targets(measured: pd.DataFrame) -> str:
     """Return the cheapest method for each of ``TARGETS``."""
-    rows = [("error", "integrator", "impact", "steps", "ns/period")]
-    main = main_scene(measurements)
-    states = [m for m in measurements if (m.scene, m.kind) == (main, STATE)]
+    rows = [("error", *METHOD, "steps", "ns/period")]
+    main = main_scene(measured)
+    states = measured[(measured["scene"] == main) & (measured["error_kind"] == STATE)]
     for target in TARGETS:
         best = cheapest(states, target)
-        if best is None:
+        if best.empty:
             rows.append((f"{target:g}", "none", "", "", ""))
         else:
-            steps = f"{best.steps}" if best.steps else f"tolerance {best.tolerance:g}"
-            rows.append((f"{target:g}", *best.method, steps, _cost(best)))
+            (one,) = best.itertuples()
+            by_steps = pd.notna(one.steps_per_period)
+            steps = str(one.steps_per_period) if by_steps else f"tolerance {one.tolerance:g}"
+            rows.append((f"{target:g}", one.integrator, one.impact, steps, _cost(best)))
     title = "The cheapest way to an error of the section state (as above)"
     return f"{title}\n\n{table(rows, words=4)}\n"
 
 
-def _cost(m: Measurement) -> str:
-    return f"{m.seconds * 1e9:,.0f}"
+def _cost(measured: pd.DataFrame) -> str:
+    return f"{measured['seconds_per_period'].iloc[0] * 1e9:,.0f}"
 
 
 def _order(value: float) -> str:

@@ -16,8 +16,8 @@ import numpy as np
 from sweeps.bench.scenes import METHODS
 from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 #: Steps per period in the paper, and the forcing periods over which impacts are counted.
 STEPS, PERIODS = 100, 20

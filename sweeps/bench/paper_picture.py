@@ -13,8 +13,8 @@ from sweeps.plotting.canvas import draw_stop
 from sweeps.plotting.labels import mathtext
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact import simulate
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 #: Label, colour and marker of the procedures.
 _LOOKS = {

@@ -21,8 +21,8 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.step.exact import steps_needed
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 #: Neighbours of a scene's point.
 NEIGHBOURS = 64

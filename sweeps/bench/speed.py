@@ -19,7 +19,7 @@ from rich.progress import track
 from sweeps.text import table
 from vibroimpact import Oscillator, integrate
 from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
-from vibroimpact.step.grid import default_steps
+from vibroimpact.step.scheme import default_steps
 
 #: Multiply-adds in a step of the affine map.
 PER_STEP = 8

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import check_csv, check_threads, say
+from sweeps.cli.options import Csv, check_csv, check_threads, say
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -19,9 +19,6 @@ app = typer.Typer(
 
 Figure = Annotated[
     Path, typer.Option("-o", "--output", metavar="FIGURE", help="The picture to write.")
-]
-Csv = Annotated[
-    Path | None, typer.Option("--csv", metavar="FILE", help="Write every figure to it, too.")
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="Measure less, in under a minute.")]
 
@@ -57,12 +54,14 @@ def accuracy_speed(
     ] = 1,
 ) -> None:
     """Chart the accuracy of every method against its speed."""
+    import pandas as pd
+
     from sweeps.analysis.tables import write_csv
     from sweeps.bench import accuracy_tables, work_precision
     from sweeps.bench.accuracy_picture import picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure, plan_of
+    from sweeps.bench.event_solvers import PEERS
     from sweeps.bench.output import draw
-    from sweeps.bench.peers import PEERS
     from sweeps.engine.configurations import read_config
 
     check_threads(threads)
@@ -74,16 +73,16 @@ def accuracy_speed(
             say(f"{len(scene.points)} points of the {scene.name}, each after one forcing period\n")
         measured = measure(plan, threads, progress=True)
         if config is None:
-            measured += work_precision.means(measured)
-        orders = work_precision.orders(measured)
+            measured = pd.concat([measured, work_precision.means(measured)])
+        measured = work_precision.with_orders(measured)
         for name in plan.peers:
             if not PEERS[name].installed:
                 say(f"{name} is not installed, so it is not on the chart", error=True)
-        say(accuracy_tables.of_methods(measured, orders))
+        say(accuracy_tables.of_methods(measured))
         say(accuracy_tables.of_targets(measured))
-        draw(output, picture, measured, orders)
+        draw(output, picture, measured)
         if csv is not None:
-            write_csv(csv, work_precision.rows(measured, orders), work_precision.COLUMNS)
+            write_csv(csv, measured)
 
 
 @app.command()

@@ -15,7 +15,6 @@ from typer.core import TyperGroup
 
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import explore as cli_explore
-from sweeps.cli import integrity as cli_integrity
 from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
@@ -144,7 +143,7 @@ def schema() -> None:
     """Show the JSON schema of a sweep's configuration, for editors."""
     import json
 
-    from sweeps.config.sweep import json_schema
+    from sweeps.config.json_schema import json_schema
 
     say(json.dumps(json_schema(), indent=2))
 
@@ -156,7 +155,7 @@ for command in (
     cli_explore.explore,
     cli_plot.plot,
     cli_read.attractors,
-    cli_integrity.integrity,
+    cli_read.integrity,
     cli_read.info,
     cli_read.export,
     schema,

@@ -19,6 +19,8 @@ from sweeps.errors import Refused
 from sweeps.text import printable
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from sweeps.analysis.selection import Selection
 
 Threads = Annotated[
@@ -38,6 +40,17 @@ Classes = Annotated[
 ]
 MostBranches = Annotated[
     int | None, typer.Option("--most", metavar="N", help="Follow at most N exact branches.")
+]
+At = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE",
+        help="Where to cut a swept parameter; of a sweep that was followed up and down, "
+        "direction=up or down; repeatable.",
+    ),
+]
+Csv = Annotated[
+    Path | None, typer.Option("--csv", metavar="FILE", help="Write the table to a .csv file, too.")
 ]
 
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
@@ -160,6 +173,15 @@ def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
             raise Refused(f"--at {text} is not allowed; {name} was given before")
         cuts[name] = cut
     return cuts
+
+
+def on_axes(dataset: xr.Dataset, cuts: Selection) -> tuple[Selection, Selection]:
+    """Return the values of ``--at`` on the grid, as they are read and as the model has them."""
+    from sweeps.analysis.rig import in_model, in_si
+    from sweeps.analysis.selection import on_grid
+
+    seen = on_grid(in_si(dataset), cuts)
+    return seen, in_model(dataset, seen)
 
 
 def in_options(text: str) -> str:

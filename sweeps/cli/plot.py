@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.cli.options import (
+    At,
     Classes,
+    Csv,
     MostBranches,
     branch_options,
     check_csv,
     inches,
     limits,
     named,
+    on_axes,
     say,
     say_moved,
     selection_of,
@@ -62,14 +65,6 @@ AxisNames = Annotated[
         "or a result, repeatable.",
     ),
 ]
-Cuts = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=VALUE",
-        help="Where to cut another swept parameter; of a sweep that was followed up and down, "
-        "direction=up or down; repeatable.",
-    ),
-]
 Coordinate = Annotated[
     str | None,
     typer.Option(
@@ -91,12 +86,9 @@ Exact = Annotated[
     typer.Option(
         "--exact",
         help="Draw the exact branches of the periodic motions, stable and not, with their "
-        "bifurcations, and show how far the points are from them; over a map, the curves of these.",
+        "bifurcations, and show how far the points are from them; over a map, the curves of these. "
+        "--csv writes what is drawn.",
     ),
-]
-ExactTable = Annotated[
-    Path | None,
-    typer.Option("--csv", metavar="FILE", help="With --exact: write what is drawn to it."),
 ]
 Below = Annotated[
     list[str] | None,
@@ -138,13 +130,13 @@ def plot(
     output: FigureFile = None,
     kind: Kind = None,
     axis: AxisNames = None,
-    at: Cuts = None,
+    at: At = None,
     coordinate: Coordinate = None,
     quantity: Quantity = None,
     exact: Exact = False,
     classes: Classes = None,
     most: MostBranches = None,
-    csv: ExactTable = None,
+    csv: Csv = None,
     below: Below = None,
     periods: Periods = None,
     width: Width = None,
@@ -206,12 +198,15 @@ def draw(
     **options: Any,
 ) -> None:
     """Write a picture of an opened sweep, and say which, and what was chosen for it."""
-    from sweeps.analysis.selection import on_grid
+    from sweeps.analysis.rig import model_axes, rig_of
+    from sweeps.config.rig import si_values
     from sweeps.plotting import Page, plot
     from sweeps.plotting.api import KINDS, default_kind, silent_cuts
 
-    cut = on_grid(dataset, cuts)
+    seen, cut = on_axes(dataset, cuts)
     chosen = {name: value for name, value in options.items() if value is not None}
+    if "axes" in chosen:
+        chosen["axes"] = tuple(model_axes(dataset, chosen["axes"]))
     kind = default_kind(dataset, cut, **chosen) if kind is None else kind
     lines: list[str] = []
     table: pd.DataFrame | None = None
@@ -219,9 +214,11 @@ def draw(
         chosen["exact"], lines, table = _exact(dataset, kind, cut, chosen)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
     written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
-    say_moved(cuts, cut, "drawn")
-    for name, value in silent_cuts(dataset, kind, cut, chosen.get("axes", ())).items():
-        shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
+    say_moved(cuts, seen, "drawn")
+    rig = rig_of(dataset)
+    for own, first in silent_cuts(dataset, kind, cut, chosen.get("axes", ())).items():
+        ((name, value),) = si_values({own: first}, rig).items()
+        shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[own]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
@@ -241,16 +238,21 @@ def _exact(
     from sweeps.analysis.deviations import compare
     from sweeps.analysis.exact_branches import branches
     from sweeps.analysis.exact_curves import curves, map_axes
+    from sweeps.analysis.rig import in_si
     from sweeps.plotting.lines import select_line
 
     axes, chosen = options.get("axes", ()), options["exact"]
     if kind == "map":
         if chosen:
-            raise Refused("classes and most choose exact branches, which a map does not show")
+            raise Refused(
+                "--classes and --most choose exact branches, and a map shows curves; expected: "
+                "--exact alone"
+            )
         found = curves(dataset, map_axes(dataset, axes), cut)
-        return found, found.attrs["summary"].split("\n"), tables.curve_table(found)
+        table = tables.curve_table(in_si(found, dataset))
+        return found, found.attrs["summary"].split("\n"), table
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
     found = branches(dataset, axis, cut, **chosen)
     compared = compare(dataset, axis, cut, coordinate, chosen.get("classes", ()))
-    lines = compared + found.attrs["summary"].split("\n")
-    return found, lines, tables.branch_table(found, coordinate)
+    lines = [compared, *found.attrs["summary"].split("\n")]
+    return found, lines, tables.branch_table(in_si(found, dataset), coordinate)

@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.cli.options import (
+    At,
     Classes,
+    Csv,
     MostBranches,
     SweepFile,
     branch_options,
     check_csv,
     named,
+    on_axes,
     say,
     say_moved,
     selection_of,
@@ -32,30 +35,58 @@ if TYPE_CHECKING:
 
 def attractors(
     file: SweepFile,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="Where to look along a parameter; repeatable."),
-    ] = None,
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", metavar="FILE", help="Write those of every parameter point to it."),
-    ] = None,
+    at: At = None,
+    csv: Csv = None,
 ) -> None:
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
     from sweeps.analysis.attractor_table import cut, describe, rows, write_csv
     from sweeps.analysis.attractors import attractors
-    from sweeps.analysis.selection import on_grid
     from sweeps.store import open_sweep
 
     cuts = selection_of(at)
     check_csv(csv)
     with open_sweep(file) as dataset, named(file):
-        shown = cut(dataset, cuts)
+        seen, here = on_axes(dataset, cuts)
+        shown = cut(dataset, here)
         result = attractors(shown)
-        say_moved(cuts, on_grid(dataset, cuts), "shown")
+        say_moved(cuts, seen, "shown")
         say(describe(shown, result))
         if csv is not None:
             write_csv(csv, rows(shown, result))
+            say(csv)
+
+
+def integrity(
+    file: SweepFile,
+    at: At = None,
+    weight: Annotated[
+        float | None,
+        typer.Option(metavar="W", help="Of v in distances [time]; 1 / p if not given."),
+    ] = None,
+    csv: Csv = None,
+) -> None:
+    """Show how large a disturbance each attractor takes, and at one point how hard a knock."""
+    from sweeps.analysis import integrity as measures
+    from sweeps.analysis.attractor_table import cut
+    from sweeps.analysis.knocks import knocks
+    from sweeps.analysis.rig import in_si
+    from sweeps.analysis.selection import config_of
+    from sweeps.analysis.tables import write_csv
+    from sweeps.store import open_sweep
+
+    cuts = selection_of(at)
+    check_csv(csv)
+    with open_sweep(file) as dataset, named(file):
+        seen, here = on_axes(dataset, cuts)
+        shown = cut(dataset, here)
+        found = measures.integrity(shown, weight)
+        if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
+            found = knocks(shown, found)
+        say_moved(cuts, seen, "shown")
+        frame = measures.table_of(in_si(found, dataset))
+        say(measures.describe(frame, weight))
+        if csv is not None:
+            write_csv(csv, frame)
             say(csv)
 
 
@@ -71,16 +102,10 @@ def info(
     axis: Annotated[
         str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
     ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="Where to cut another parameter; repeatable."),
-    ] = None,
+    at: At = None,
     classes: Classes = None,
     most: MostBranches = None,
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", metavar="FILE", help="Write every bifurcation to it."),
-    ] = None,
+    csv: Csv = None,
     config: Annotated[
         bool,
         typer.Option("--config", help="Print the configuration alone, as YAML to run again."),
@@ -132,17 +157,20 @@ def _show_bifurcations(
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file."""
     from sweeps.analysis import bifurcations
-    from sweeps.analysis.selection import on_grid
+    from sweeps.analysis.rig import model_axes
 
-    along, items = bifurcations.find_bifurcations(dataset, axis, cuts)
-    say_moved(cuts, on_grid(dataset, cuts), "listed")
+    seen, here = on_axes(dataset, cuts)
+    own = next(iter(model_axes(dataset, [axis] if axis else [])), None)
+    axis, found = bifurcations.find_bifurcations(dataset, own, here)
+    along, items = bifurcations.as_read(dataset, axis, found)
+    say_moved(cuts, seen, "listed")
     text = bifurcations.describe(along, items)
     if bifurcations.is_summary(items):
         name, value = next(iter(items[0].at.items()))
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)
-    if text := bifurcations.describe_branches(dataset, along, cuts, **chosen):
+    if text := bifurcations.describe_branches(dataset, axis, here, **chosen):
         say(text)
     if csv is not None:
         bifurcations.write_csv(csv, along, items)

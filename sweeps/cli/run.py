@@ -145,8 +145,8 @@ def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
 ) -> str:
     """Return what a sweep takes, or refuse it if it takes too much."""
+    from sweeps.engine.estimate import estimate
     from sweeps.engine.executors import computer_for, in_thread
-    from sweeps.engine.plan import estimate
     from sweeps.engine.reports import plan
     from sweeps.store import check_output
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sweeps.config.schema import FollowConfig, MethodConfig, OscillatorConfig, RecordConfig
+from sweeps.config.groups import FollowConfig, MethodConfig, OscillatorConfig, RecordConfig
 from sweeps.config.values import MisplacedError, as_array, extremes
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.grid import MOST_STEPS
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import MOST_STEPS
 from vibroimpact.step.stability import least_stable_steps
 
 # Values of h looked at together: a long axis costs time, no memory.

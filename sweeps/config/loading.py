@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
+from sweeps.config.groups import key_list
 from sweeps.config.messages import dotted, explained, shown, source_of, without_echoes
 from sweeps.config.points import read_points
-from sweeps.config.schema import key_list
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Key, null
 from sweeps.errors import ConfigError

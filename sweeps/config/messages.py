@@ -7,9 +7,10 @@ from typing import Any, get_args
 
 from pydantic_core import ErrorDetails
 
-from sweeps.config.schema import RecordConfig, TrajectoryConfig, key_list
+from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
+from sweeps.config.rig import QUANTITIES
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Group, Key, MisplacedError, Range
+from sweeps.config.values import Group, Key, MisplacedError, Range, null
 from sweeps.text import nearest, shortened, suggestion
 
 #: What pydantic calls an error of a number or a truth value, in the words of the messages.
@@ -34,7 +35,10 @@ def without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
 
 def _keys_elsewhere() -> Iterator[str]:
     """Yield every key of the configuration, dotted, but those of ranges."""
-    for name, field in SweepConfig.model_fields.items():
+    # The last of two equal names is meant; that is not the mere name of a unit.
+    for name, field in sorted(
+        SweepConfig.model_fields.items(), key=lambda item: item[0] != "units"
+    ):
         yield name
         group = _group_of(field.annotation)
         yield from (f"{name}.{key}" for key in (group.model_fields if group else ()))
@@ -44,8 +48,9 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     """Say in one line where an error of pydantic is, what was given and what is allowed."""
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, MisplacedError):
-        return f"{source_of(reason.key, sources, path)}: {dotted(reason.key)}: {reason}"
-    key, group, expected = _located(error["loc"])
+        key = _as_given(reason.key, data)
+        return f"{source_of(key, sources, path)}: {dotted(key)}: {reason}"
+    key, group, expected = _located(_as_given(error["loc"], data))
     where = f"{source_of(key, sources, path)}: "
     if error["type"] == "missing":
         return f"{where}{dotted(key)} is missing; expected: {expected}"
@@ -55,6 +60,13 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     typed = f"{dotted(key)} = {shown(_typed(data, key, error['input']))}"
     problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
     return f"{where}{typed} {problem}; expected: {expected}"
+
+
+def _as_given(loc: Key, data: Any) -> Key:
+    """Return the place of the rig that a place of the oscillator is made of, if there is a rig."""
+    if null(data.get("rig")) is None or loc[:1] != ("oscillator",):
+        return loc
+    return "rig", *(QUANTITIES[str(k)].name if k in QUANTITIES else k for k in loc[1:2]), *loc[2:]
 
 
 def _located(loc: Key) -> tuple[Key, type[Group], str]:
@@ -127,6 +139,13 @@ _OTHER_NAMES = {
     "follow": "continuation continue",
     "refine": "refinement adaptive",
     "output": "out file filename path hdf5",
+    "rig": "experiment apparatus si",
+    "mass": "m",
+    "stiffness": "k spring spring_constant",
+    "damping": "c damper h viscous damping_coefficient",
+    "force": "amplitude f force_amplitude forcing forcing_amplitude",
+    "frequency": "freq nu hertz hz omega forcing_frequency excitation_frequency",
+    "gap": "clearance sigma delta distance play backlash offset",
     "h": "damping damping_ratio damping_coefficient zeta xi c friction viscous",
     "R": "restitution coefficient_of_restitution restitution_coefficient cor e rebound",
     "omega": "frequency freq forcing_frequency excitation_frequency angular_frequency w",

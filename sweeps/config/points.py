@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sweeps.config.schema import OscillatorConfig, StartConfig
+from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.values import MisplacedError, plain_number
 from sweeps.grid import as_table
 from sweeps.text import nearest, shortened, suggestion

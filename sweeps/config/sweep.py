@@ -15,8 +15,7 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from sweeps.config.checks import refuse_refinement, refuse_unstable, worst_points
-from sweeps.config.points import with_columns
-from sweeps.config.schema import (
+from sweeps.config.groups import (
     FollowConfig,
     MethodConfig,
     OscillatorConfig,
@@ -28,6 +27,8 @@ from sweeps.config.schema import (
     choice,
     key_list,
 )
+from sweeps.config.points import with_columns
+from sweeps.config.rig import RigConfig, checked_units, si_name, si_values, with_rig
 from sweeps.config.values import (
     Group,
     Key,
@@ -43,13 +44,10 @@ from sweeps.grid import TABLE, Grid
 from sweeps.text import printable, shortest
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import scales_with_f
-from vibroimpact.step.grid import MOST_STEPS, default_steps
+from vibroimpact.step.scheme import MOST_STEPS, default_steps
 
 #: How a complete file can be compressed.
 COMPRESSIONS = ("none", "gzip")
-
-#: The name of the JSON schema, of this shape of the configuration; nothing is fetched from there.
-_SCHEMA_ID = "urn:vibroimpact:sweep-schema"
 
 # Limits that turn a slip of the keyboard into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000
@@ -76,6 +74,10 @@ class SweepConfig(Group):
         "relative to this one, or a mapping of columns, each a list; columns are named like "
         "parameters, and further ones are kept",
     )
+    rig: Annotated[RigConfig | None, BeforeValidator(null)] = Field(
+        None,
+        description=f"a rig in SI units, in place of the oscillator: {key_list(RigConfig)}",
+    )
     oscillator: OscillatorConfig = _group("parameters of eq. (1)", OscillatorConfig)
     start: StartConfig = _group(
         "state at time 0",
@@ -101,9 +103,11 @@ class SweepConfig(Group):
         f"{key_list(RefineConfig)}, or null",
     )
     units: UnitsConfig = _group(
-        "names of the units, for axes and attributes, by which no number is converted",
+        "names of the units, for axes and attributes, by which no number is converted; with a rig "
+        "m, s and kg",
         UnitsConfig,
         default_factory=UnitsConfig,
+        validate_default=True,
     )
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
@@ -124,8 +128,19 @@ class SweepConfig(Group):
     @classmethod
     def _with_columns(cls, data: Any) -> Any:
         """Give the parameters that are columns of a table to their groups; refuse other axes."""
-        has_table = isinstance(data, dict) and isinstance(data.get("points"), np.ndarray)
-        return with_columns(data) if has_table else data
+        if not isinstance(data, dict):
+            return data
+        data = data if null(data.get("rig")) is None else with_rig(data)
+        return with_columns(data) if isinstance(data.get("points"), np.ndarray) else data
+
+    @field_validator("oscillator", mode="wrap")
+    @classmethod
+    def _of_the_rig(cls, given: Any, handler: Any, info: ValidationInfo) -> Any:
+        """Take the parameters of a rig, if there is one that is not refused already."""
+        if "rig" not in info.data:
+            return None
+        rig = info.data["rig"]
+        return handler(given if rig is None else rig.oscillator())
 
     @field_validator("start")
     @classmethod
@@ -215,29 +230,39 @@ class SweepConfig(Group):
     @classmethod
     def _along_an_axis(cls, follow: FollowConfig | None, info: ValidationInfo) -> Any:
         """Refuse to follow what is not swept."""
-        if follow is None or "oscillator" not in info.data:
+        if follow is None or info.data.get("oscillator") is None:
             return follow
         lengths = {name: length(value) for name, value in info.data["oscillator"].items()}
         if lengths[follow.axis] < 2:
-            swept = [name for name, number in lengths.items() if number > 1]
+            rig = info.data["rig"]
+            swept = [si_name(name, rig) for name, number in lengths.items() if number > 1]
             raise MisplacedError(
                 ("follow", "axis"),
-                f"{follow.axis} has only one value, so that there is nothing to follow; expected: "
+                f"{si_name(follow.axis, rig)} has only one value, so that there is nothing to "
+                "follow; expected: "
                 + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
             )
         return follow
 
+    @field_validator("units")
+    @classmethod
+    def _are_those_of_the_rig(cls, units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
+        """Name the units of a rig; refuse others, and a unit of mass where there is none."""
+        return checked_units(units, info.data["rig"]) if "rig" in info.data else units
+
     @model_validator(mode="after")
     def _can_be_refined(self) -> Self:
         if self.refine is not None:
-            axes = self.grid.axes
-            refuse_refinement(self.refine.axis, axes, self.method, self.record, self.follow)
+            axis, axes = si_name(self.refine.axis, self.rig), si_values(self.grid.axes, self.rig)
+            refuse_refinement(axis, axes, self.method, self.record, self.follow)
         return self
 
     def with_record(self, **changes: int) -> Self:
         """Return this sweep with other numbers in its record, and nothing cached of this one."""
         record = self.record.model_copy(update=changes)
-        return type(self).model_construct(**{**dict(self), "record": record})
+        made = type(self).model_construct(**{**dict(self), "record": record})
+        made._order = self._order
+        return made
 
     @cached_property
     def steps(self) -> int:
@@ -283,7 +308,8 @@ class SweepConfig(Group):
         """The swept axes, in the order of the file, or the table; and the fixed values."""
         axes: dict[str, np.ndarray] = {} if self.points is None else {TABLE: self.points}
         fixed: dict[str, float] = {}
-        for _, group in self.items():
+        for title in dict.fromkeys("oscillator" if t == "rig" else t for t, _ in self.items()):
+            group = getattr(self, title)
             if isinstance(group, ParameterConfig):
                 for name, value in group.items():
                     if isinstance(value, float):
@@ -314,9 +340,14 @@ class SweepConfig(Group):
         if self.points is None or not table:
             del plain["points"]
         del plain["output"], plain["compression"]
+        del plain["rig" if self.rig is None else "oscillator"]
         for name in ("follow", "refine"):
             if plain[name] is None:
                 del plain[name]
+            else:
+                plain[name]["axis"] = si_name(plain[name]["axis"], self.rig)
+        if self.rig is None:
+            del plain["units"]["mass"]
         if self.units == UnitsConfig():
             del plain["units"]
         plain["method"]["steps_per_period"] = self.steps
@@ -350,13 +381,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return {name: value[name].tolist() for name in value.dtype.names or ()}
     return list(value) if isinstance(value, tuple) else value
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of the configuration file, with the bounds of every number."""
-    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
-    schema = SweepConfig.model_json_schema()
-    # What is required is given as a number, a list or a range, or is a column of a table.
-    parameters = {"required": schema["$defs"]["OscillatorConfig"].pop("required")}
-    grid = {"required": schema.pop("required"), "properties": {"oscillator": parameters}}
-    return {**about, **schema, "anyOf": [grid, {"required": ["points"]}]}

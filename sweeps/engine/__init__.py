@@ -1,4 +1,4 @@
-"""The run of a sweep: plan, compute, refine; executors here and on a cluster.
+"""The run of a sweep: estimate, compute, refine; executors here and on a cluster.
 
 Only this room imports Dask.
 """

@@ -13,34 +13,27 @@ import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.grid import Block
-from sweeps.interrupts import check, this_flag
+from sweeps.interrupts import check, thread_flag
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.points.compute import compute_box, compute_points
 
 #: The variables of the file by name, of shape (points, ...).
 Results = Mapping[str, np.ndarray]
 
-#: The sources, of this package, that decide which points there are and what is said of them.
-SOURCES = (
-    "engine/refine.py",
-    "analysis/grouping.py",
-    "analysis/regimes.py",
-    "analysis/nearby_orbit.py",
-    "analysis/section_distance.py",
-    "analysis/selection.py",
-)
-
 
 def numerics(config: SweepConfig) -> str:
     """Name the code that determines the data of a sweep.
 
     That code is all of `vibroimpact`, whose results the engine only passes on; of a refined sweep
-    also ``SOURCES``.
+    also the refinement and the analysis, which decide which points there are and what is said of
+    them.
     """
     if config.refine is None:
         return NUMERICS
     package = Path(__file__).parents[1]
-    return name_of({source: (package / source).read_bytes() for source in SOURCES}, NUMERICS)
+    sources = [package / "engine" / "refine.py", *sorted((package / "analysis").glob("*.py"))]
+    code = {path.relative_to(package).as_posix(): path.read_bytes() for path in sources}
+    return name_of(code, NUMERICS)
 
 
 def compute_block(
@@ -63,7 +56,7 @@ def compute_block(
         check()
         advance(points)
 
-    return compute_box(config.spec, values, grid.fixed, threads, unless_cancelled, this_flag())
+    return compute_box(config.spec, values, grid.fixed, threads, unless_cancelled, thread_flag())
 
 
 def compute(
@@ -74,7 +67,7 @@ def compute(
     With `at_section`, x0 and v0 are the state at the section's phase, not at t = 0.
     """
     results = compute_points(
-        config.spec, points, threads, at_section=at_section, interrupt=this_flag()
+        config.spec, points, threads, at_section=at_section, interrupt=thread_flag()
     )
     check()
     return results

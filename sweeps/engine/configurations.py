@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from sweeps.config.loading import load_config, parse_config
+from sweeps.config.rig import si_name
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
@@ -43,14 +44,15 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     if config.points is not None:
         raise Refused("the rows of a table have no axis to zoom into")
     data = yaml.safe_load(config.to_yaml())
-    axes = config.grid.axes
+    axes = {si_name(name, config.rig): values for name, values in config.grid.axes.items()}
+    parameters = "oscillator" if config.rig is None else "rig"
     for name, (low, high) in pieces.items():
         if name not in axes:
             raise Refused(
                 f"{name} is not a swept axis{suggestion(nearest(name, axes))}; "
                 f"expected: {' or '.join(axes) or 'none, since this is a single point'}"
             )
-        group = data["oscillator" if name in data["oscillator"] else "start"]
+        group = data[parameters if name in data[parameters] else "start"]
         spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
         group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
     return load_config(data)

@@ -17,7 +17,7 @@ from numba.core import event
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
 from sweeps.grid import Block
-from sweeps.interrupts import check, set_this_flag
+from sweeps.interrupts import check, set_thread_flag
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.run import FEWEST_LANES
 
@@ -44,13 +44,13 @@ class _Compilation(event.Listener):
 @contextmanager
 def cancelled_by(flag: np.ndarray) -> Iterator[None]:
     """In the block, end the work of this thread by `Cancelled` once `flag` is set."""
-    set_this_flag(flag)
+    set_thread_flag(flag)
     try:
         check()
         with event.install_listener("numba:run_pass", _Compilation()):
             yield
     finally:
-        set_this_flag(None)
+        set_thread_flag(None)
 
 
 class LocalExecutor(ThreadPoolExecutor):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sweeps.config.rig import about, si_name, si_values
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
@@ -21,14 +22,13 @@ from sweeps.store import (
     status_counts,
 )
 from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, shown_range, table
-from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from sweeps.config.sweep import SweepConfig
-    from sweeps.engine.plan import Estimate
+    from sweeps.engine.estimate import Estimate
 
 #: Where neither is above 0, the mass did not meet the stop.
 _CONTACT = ("impacts_per_period", "rest_fraction")
@@ -37,14 +37,17 @@ _CONTACT = ("impacts_per_period", "rest_fraction")
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     """Describe a sweep before it is run."""
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
+    units = dict(sweep.units.items())
     axes = [
-        _axis(name, values, in_units(PARAMETERS[name].unit, dict(sweep.units.items())))
-        for name, values in sweep.grid.swept.items()
+        _axis(shown, values, in_units(about(name, sweep.rig).unit, units))
+        for name, own in sweep.grid.swept.items()
+        for shown, values in si_values({name: own}, sweep.rig).items()
     ]
     kind = "axis" if sweep.points is None else "column"
     rows = [("name", sweep.name), *((kind, axis) for axis in axes or ["none, a single point"])]
     if sweep.follow:
-        rows.append(("follow", f"{sweep.follow.axis}, {' and '.join(sweep.directions)}"))
+        followed = si_name(sweep.follow.axis, sweep.rig)
+        rows.append(("follow", f"{followed}, {' and '.join(sweep.directions)}"))
     rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{periods:,}")]
     rows.append(("steps per period", f"{sweep.steps:,}"))
     rows.append(("steps", f"{periods * sweep.steps:,}"))

@@ -16,8 +16,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, numerics
+from sweeps.engine.estimate import block_size, estimate
 from sweeps.engine.executors import Local, LocalExecutor, computer_for, in_thread, waited
-from sweeps.engine.plan import block_size, estimate
 from sweeps.engine.reports import plan
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check

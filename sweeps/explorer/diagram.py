@@ -21,7 +21,7 @@ from bokeh.models import (
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
-from sweeps.engine.plan import check_memory
+from sweeps.engine.estimate import check_memory
 from sweeps.errors import StoreError
 from sweeps.explorer import picture
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
@@ -216,7 +216,8 @@ class Diagram(PixelFigure):
         edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
         before = self.fitted[-1]
         # A picture of an older view may come after the window of a newer one was set.
-        if (shown.view.ordinate, None) == self._ordinate and shown.window != before:
+        fits = shown.view.ylim is None and (shown.view.ordinate, None) == self._ordinate
+        if fits and shown.window != before:
             self.fitted.append(shown.window)
         fit = [(before, self.fitted[-1])]
         self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=fit)

@@ -20,7 +20,7 @@ from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
-from sweeps.engine.plan import block_size
+from sweeps.engine.estimate import block_size
 from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
 from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.words import plain
@@ -279,7 +279,7 @@ class Map(PixelFigure):
         discs = np.reshape(tiles.discs, (-1, len(_DISC))).T.tolist()
         self.discs.data = dict(zip(_DISC, discs, strict=True))
         self.legend.text = " &nbsp; ".join(
-            f"<span style='white-space:nowrap'><span style='color:{colour}'>■</span> "
+            f"<span style='display:inline-block'><span style='color:{colour}'>■</span> "
             f"{escape(label)}{'' if '%' in label else f' ({100.0 * share:.3g} %)'}</span>"
             for label, colour, share in tiles.kinds
         )

@@ -111,12 +111,16 @@ class LivePage:
 
     def _new_tabs(self) -> Tabs:
         """Return the three tabs: the diagram, the map, and the basins."""
-        bar = row(Div(text="ordinate"), self._across, Div(text="a click shows its"), self._line)
+        choices = (self._across, Div(text="a click shows its"), self._line)
         keys = "Keys: arrows, + and −, Home."
+        narrow: Any = {"sizing_mode": "stretch_width", "styles": {"flex-wrap": "wrap"}}
         abouts = (
             Div(text=f"A click shows the motion there. {keys}", sizing_mode="stretch_width"),
-            row(bar, Div(text="as a diagram.")),
-            Div(text=f"The starts of the oscillator: a click shows the motion of one. {keys}"),
+            row(Div(text="ordinate"), *choices, Div(text="as a diagram."), **narrow),
+            Div(
+                text=f"The starts of the oscillator: a click shows the motion of one. {keys}",
+                sizing_mode="stretch_width",
+            ),
         )
         pictures = (
             (self.diagram.figure, self.motion.layout),

@@ -13,8 +13,8 @@ from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
 from sweeps.analysis.selection import COORDINATES
+from sweeps.config.groups import OscillatorConfig
 from sweeps.config.loading import load_config
-from sweeps.config.schema import OscillatorConfig
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Range, extremes, length
 from sweeps.errors import ConfigError
@@ -146,7 +146,7 @@ class View:
             window(across),
             window("x0"),
             window("v0"),
-            dict(config.units),
+            {name: unit for name, unit in config.units if name != "mass"},  # which a rig has
             tab=BASINS if starts else DIAGRAM,
             log=tuple(
                 name

@@ -16,7 +16,9 @@ from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, 
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.regimes import Regime
+from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import Selection, chosen_axes, config_of, listed, select, swept_axes
+from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -112,6 +114,7 @@ def attractor_diagram(
     table = rows(line, attractors(line))
     if not table:
         raise Refused("there is nothing to draw: no point has a result")
+    line, axis = in_si(line), si_name(axis, rig_of(dataset))
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)

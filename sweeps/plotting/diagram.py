@@ -13,8 +13,17 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from sweeps.analysis.regimes import has_result
-from sweeps.analysis.selection import COORDINATES, Selection, config_of, listed, recorded_coordinate
-from sweeps.config.schema import DIAGNOSTICS
+from sweeps.analysis.rig import in_si, rig_of
+from sweeps.analysis.selection import (
+    COORDINATES,
+    Selection,
+    config_of,
+    listed,
+    recorded_coordinate,
+    split_directions,
+)
+from sweeps.config.groups import DIAGNOSTICS
+from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -26,7 +35,6 @@ from sweeps.plotting.lines import (
     refuse_empty,
     scalars,
     select_line,
-    split_directions,
 )
 from sweeps.plotting.style import (
     BOTH_COLOUR,
@@ -35,7 +43,6 @@ from sweeps.plotting.style import (
     LEAST_SHARE,
     dots_per_inch,
 )
-from vibroimpact.oscillator import PARAMETERS
 
 #: More points than this are drawn as a density: single markers would merge into a blob.
 DENSITY_FROM = 2_000_000
@@ -86,6 +93,8 @@ def bifurcation(
     """
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
     _check(dataset, axis, exact, below)
+    line, axis = in_si(line), si_name(axis, rig_of(dataset))
+    exact = None if exact is None else in_si(exact, dataset)
     values, branches = line[axis].values, split_directions(line)
     records = [
         Record(branch, coordinate, has_result(branch["status"].values)) for branch in branches
@@ -103,7 +112,7 @@ def bifurcation(
     else:
         _draw_markers(panel, values, records)
     if len(records) > 1:
-        _name_directions(panel, axis, dense)
+        _name_directions(panel, line[axis].attrs["symbol"], dense)
     parts = {} if exact is None else draw_branches(panel, exact, coordinate, len(records) > 1)
     if parts:
         low, high = panel.dataLim.intervaly
@@ -170,9 +179,8 @@ def _draw_markers(panel: Axes, values: np.ndarray, records: Sequence[Record]) ->
         canvas.draw_points(panel, x, y[np.isfinite(y)], colour, scale)
 
 
-def _name_directions(panel: Axes, axis: str, dense: bool) -> None:
-    """Say in the legend which colour is which direction."""
-    symbol = PARAMETERS[axis].symbol
+def _name_directions(panel: Axes, symbol: str, dense: bool) -> None:
+    """Say in the legend which colour is which direction of the axis with a symbol."""
     texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
     for text, colour in zip(texts, DIRECTION_COLOURS, strict=True):
         panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)

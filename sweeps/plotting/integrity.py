@@ -16,7 +16,9 @@ from matplotlib.patches import Ellipse, Patch
 from sweeps.analysis.attractor_table import Row, parameter_axes, rows
 from sweeps.analysis.integrity import integrity as measured
 from sweeps.analysis.knocks import at_section, knocks
+from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import Selection, config_of, oscillator_of, select
+from sweeps.config.rig import si_name
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import basin_cells, class_names, colour_of, mark_attractors
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -58,12 +60,13 @@ def integrity(
         table.setdefault(row.number, []).append(row)
     *profile, panel = _new_panels(page, bool(along)) if ax is None else ax
     if along:
-        _draw_profile(profile, found, along[0], table)
+        axis = in_si(line)[si_name(along[0], rig_of(line))]
+        here = float(in_si(starts)[axis.name])
+        _draw_profile(profile, in_si(found, line), str(axis.name), table)
         for each in profile:
-            each.axvline(float(starts[along[0]]), color="black", linewidth=0.6, linestyle=":")
-        label_axis(profile[-1].xaxis, line[along[0]])
-        symbol = line[along[0]].attrs["symbol"]
-        panel.set_title(f"basins at ${symbol}={mathtext(float(starts[along[0]]))}$", loc="left")
+            each.axvline(here, color="black", linewidth=0.6, linestyle=":")
+        label_axis(profile[-1].xaxis, axis)
+        panel.set_title(f"basins at ${axis.symbol}={mathtext(here)}$", loc="left")
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     handles = draw_cells(panel, drawn, basin_cells(starts, there))
     handles += [

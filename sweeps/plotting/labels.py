@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.rig import in_si
 from sweeps.analysis.selection import COORDINATES, config_of
+from sweeps.config.rig import about, si_name
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -26,10 +28,10 @@ _JOINT = "\N{NO-BREAK SPACE}"
 
 def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArray:
     """Return a parameter, a variable that a file may not have, or a coordinate, without values."""
-    about = PARAMETERS[name] if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
-    meaning = about.meaning if isinstance(about, Parameter) else about.long_name
-    unit = in_units(about.unit, units or {})
-    return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": about.symbol})
+    of = PARAMETERS[name] if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
+    meaning = of.meaning if isinstance(of, Parameter) else of.long_name
+    unit = in_units(of.unit, units or {})
+    return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": of.symbol})
 
 
 def label(variable: xr.DataArray) -> str:
@@ -63,15 +65,17 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     By default the record is the phase if it is not 0, the transient and the periods.
     """
     config = config_of(drawn)
-    values = {name: float(drawn[name]) for name in PARAMETERS if not drawn[name].dims}
-    parts = [
-        f"${PARAMETERS[name].symbol}={mathtext(value)}$"
+    drawn, rig = in_si(drawn), config.rig
+    mass = [] if rig is None else [f"$m={mathtext(rig.mass)}$"]
+    values = {name: drawn[si_name(name, rig)] for name in PARAMETERS}
+    parts = mass + [
+        f"${about(name, rig).symbol}={mathtext(float(value))}$"
         for name, value in values.items()
-        if value != PARAMETERS[name].default
+        if not value.dims and float(value) != about(name, rig).default
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else the legend says it
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
-        symbol = PARAMETERS[config.follow.axis].symbol
+        symbol = about(config.follow.axis, rig).symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
     if record is None:
         kept = config.record

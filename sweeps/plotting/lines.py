@@ -9,14 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.regimes import has_result
-from sweeps.analysis.selection import (
-    COORDINATES,
-    Selection,
-    chosen_axes,
-    directions,
-    listed,
-    select,
-)
+from sweeps.analysis.selection import COORDINATES, Selection, chosen_axes, listed, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION, VARIABLES
 from vibroimpact.status import Status
@@ -71,11 +64,6 @@ def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
         for outcome, count in zip(*np.unique(status, return_counts=True), strict=True)
     ]
     raise Refused(f"there is nothing to draw, no point has a result: {listed(reasons)}")
-
-
-def split_directions(line: xr.Dataset) -> list[xr.Dataset]:
-    """Return a line once for each direction in which it was followed, or the line itself."""
-    return [line.sel({DIRECTION: direction}) for direction in directions(line)] or [line]
 
 
 def count_pixels(

@@ -17,6 +17,7 @@ from matplotlib.patches import Patch
 
 from sweeps.analysis.exact_curves import map_axes
 from sweeps.analysis.regimes import Regime, classify, frequent_periods, has_result
+from sweeps.analysis.rig import in_si
 from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -135,7 +136,8 @@ def log_map(
     With `at_rest`, it is a property of motions with rest, too. The number of impacts and the
     slowest one are not: a chatter has no end of them.
     """
-    values = cut[name].values
+    variable = in_si(cut[[name]])[name]
+    values = variable.values
     rests = (cut["rest_fraction"].values > 0.0) & (not at_rest)
     positive = np.ma.masked_where(rests | ~(values > 0.0), values)
     shown = positive.compressed()
@@ -143,7 +145,7 @@ def log_map(
         raise Refused(f"there is nothing to draw: {name} is 0 at every point")
     low, high = (np.quantile(shown, 0.005), shown.max()) if len(shown) else (0.1, 1.0)
     norm = LogNorm(low, max(high, low * 1.001))
-    _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, cut[name])
+    _draw_values(panel, cut, positive, norm, _LOW_IS_DARK, variable)
     return [
         Cells(zero, WHITE, has_result(cut["status"].values) & ~rests & ~(values > 0.0)),
         Cells("with rest", REST, rests),
@@ -207,7 +209,7 @@ def parameter_map(
     handles = draw_cells(panel, cut, QUANTITIES[quantity](panel, cut))
     page.set_limits(panel)
     if exact is not None:
-        handles += draw_curves(panel, exact)
+        handles += draw_curves(panel, in_si(exact, dataset))
     return canvas.finish(panel, page, cut, handles, CLASSES_TITLE if quantity == "period" else None)
 
 
@@ -217,7 +219,7 @@ def draw_cells(panel: Axes, cut: xr.Dataset, kinds: Iterable[Cells]) -> list[Art
     The ``status`` of the cut has the ordinate and the abscissa as dimensions, both increasing.
     Returns a patch for each kind that there is, with its label.
     """
-    y, x = (cut[name] for name in cut["status"].dims)
+    y, x = _axes_of(cut)
     label_axis(panel.xaxis, x)
     label_axis(panel.yaxis, y)
     status = cut["status"].values
@@ -241,6 +243,12 @@ def draw_cells(panel: Axes, cut: xr.Dataset, kinds: Iterable[Cells]) -> list[Art
     return handles
 
 
+def _axes_of(cut: xr.Dataset) -> list[xr.DataArray]:
+    """Return the ordinate and the abscissa, those of a rig in SI units."""
+    seen = in_si(cut[["status"]])
+    return [seen[name] for name in seen["status"].dims]
+
+
 def _draw_mesh(
     panel: Axes,
     cut: xr.Dataset,
@@ -249,8 +257,8 @@ def _draw_mesh(
     colours: str | Colormap,
 ) -> QuadMesh:
     """Draw one cell per point of a cut, except where `values` are masked."""
-    y, x = (cut[str(name)].values for name in cut["status"].dims)
-    edges = [cell_edges(values, log_spaced(values)) for values in (x, y)]
+    y, x = _axes_of(cut)
+    edges = [cell_edges(axis.values, log_spaced(axis.values)) for axis in (x, y)]
     mesh = panel.pcolormesh(*edges, values, norm=norm, cmap=colours, rasterized=True)
     panel.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
     return mesh

@@ -12,7 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import Selection, listed, select
+from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting import canvas
@@ -68,11 +70,13 @@ def table_panels(
         panels = np.array([ax])
     kinds = period_cells(dataset) if "period" in dataset else status_map(panels[0], dataset)
     kinds = [kind for kind in kinds if kind.where.any()]
+    dataset = in_si(dataset)
     status = dataset["status"].values
     colours = np.select([kind.where for kind in kinds], [kind.colour for kind in kinds], "none")
     size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 4.0))
+    rig = rig_of(dataset)
     for panel, name in zip(panels, abscissas, strict=False):
-        x, y = (_numbers(dataset, of) for of in (name, ordinate))
+        x, y = (_numbers(dataset, si_name(of, rig)) for of in (name, ordinate))
         panel.scatter(x, y, size, colours, linewidths=0, rasterized=True)
         canvas.mark_status(panel, x.values, status)
         label_axis(panel.xaxis, x)

@@ -1,11 +1,11 @@
 """The journal of a sweep that is not complete: its blocks, in the order in which they came.
 
 It begins with a header: the schema of the sweep as an HDF5 file without data, and before it its
-size and checksum. A record for every block follows: a head with the number of the block, a checksum
-of the head and one of each array; then the arrays, in the order of the schema. A record is on the
-disk before the next one is begun. So a kill or a loss of power damages the last record alone, whose
+size and checksum. An entry for every block follows: a head with the number of the block, a checksum
+of the head and one of each array; then the arrays, in the order of the schema. An entry is on the
+disk before the next one is begun. So a kill or a loss of power damages the last entry alone, whose
 checksums do not fit then: its block counts as not computed, as does one that is damaged later.
-Where the head of a record is damaged, so do all that follow, whose place it tells.
+Where the head of an entry is damaged, so do all that follow, whose place it tells.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from sweeps.store.variables import VARIABLES
 
 #: How a journal begins: magic, format version, checksum of the rest of the header, its size.
 _HEADER = struct.Struct("<8sIIQ")
-#: The head of a record: its checksum, block, samples of its trajectories, duration so far [s]; then
+#: The head of an entry: its checksum, block, samples of its trajectories, duration so far [s]; then
 #: the checksums of the arrays.
 _HEAD = [("check", "<u4"), ("number", "<u4"), ("samples", "<u8"), ("seconds", "<f8")]
 
 
-class Record(NamedTuple):
+class Entry(NamedTuple):
     """A block in a journal: where its arrays are, from `start` to `end`, and their checksums."""
 
     number: int
@@ -67,7 +67,7 @@ def create(path: Path, schema: Schema) -> None:
 class Journal:
     """A journal that is open: for reading, or for the one writer of the sweep.
 
-    `records` has those that are sound, by the number of the block, and `damaged` is the number of
+    `entries` has those that are sound, by the number of the block, and `damaged` is the number of
     those before the last that are not. With `verify` all are compared with their checksums, which
     reads the whole journal, otherwise the last alone. What follows the last sound one is cut off
     where blocks are to be appended. Raises FileNotFoundError, or StoreError if the file is no
@@ -80,7 +80,7 @@ class Journal:
         try:
             self.schema, self._end = self._header()
             self._head = np.dtype([*_HEAD, ("checksums", "<u4", len(self.schema.variables))])
-            self._find_records(verify)
+            self._find_entries(verify)
             if writable:
                 self._file.truncate(self._end)
         except BaseException:
@@ -100,30 +100,30 @@ class Journal:
     @property
     def samples(self) -> int:
         """Samples of the longest trajectory that is there."""
-        return max((record.samples for record in self.records.values()), default=1)
+        return max((entry.samples for entry in self.entries.values()), default=1)
 
     @property
     def seconds(self) -> float:
         """What the run had taken when the last block came."""
-        return max((record.seconds for record in self.records.values()), default=0.0)
+        return max((entry.seconds for entry in self.entries.values()), default=0.0)
 
-    def box(self, record: Record, name: str) -> Block:
-        """Return the part of a variable that is in a record, whose trajectories may be shorter."""
-        block, dimension = self.schema.blocks[record.number], VARIABLES[name].record
+    def box(self, entry: Entry, name: str) -> Block:
+        """Return the part of a variable that is in an entry, whose trajectories may be shorter."""
+        block, dimension = self.schema.blocks[entry.number], VARIABLES[name].record
         if dimension is None:
             return block
         whole = len(self.schema.records[dimension])
-        return (*block, slice(0, record.samples if dimension == "sample" else whole))
+        return (*block, slice(0, entry.samples if dimension == "sample" else whole))
 
-    def read(self, record: Record, name: str) -> np.ndarray:
+    def read(self, entry: Entry, name: str) -> np.ndarray:
         """Return the results of a block, of shape (box..., record); StoreError if damaged."""
-        start = record.start
+        start = entry.start
         for other in self.schema.variables[: self.schema.variables.index(name)]:
-            start += self._size(record, other)
-        array = np.empty(box_shape(self.box(record, name)), VARIABLES[name].dtype)
+            start += self._size(entry, other)
+        array = np.empty(box_shape(self.box(entry, name)), VARIABLES[name].dtype)
         self._file.seek(start)
         self._file.readinto(_bytes(array))
-        if zlib.crc32(_bytes(array)) != record.checksums[name]:
+        if zlib.crc32(_bytes(array)) != entry.checksums[name]:
             raise StoreError(f"{name} of a block of {self.path} was changed by another program")
         return array
 
@@ -142,7 +142,7 @@ class Journal:
         self._file.flush()
         os.fsync(self._file.fileno())
         start, self._end = self._end + self._head.itemsize, self._file.tell()
-        self.records[number] = Record(number, samples, seconds, checksums, start, self._end)
+        self.entries[number] = Entry(number, samples, seconds, checksums, start, self._end)
 
     def refuse_loss(self) -> None:
         """Refuse to go on where another program has removed, replaced or changed the journal."""
@@ -164,7 +164,7 @@ class Journal:
             self.path.unlink()
 
     def _header(self) -> tuple[Schema, int]:
-        """Read the header; return the schema and where the first record starts."""
+        """Read the header; return the schema and where the first entry starts."""
         start = self._file.read(_HEADER.size)
         if len(start) < _HEADER.size or not start.startswith(JOURNAL):
             raise StoreError(f"{self.path} is not the journal of a sweep")
@@ -180,23 +180,23 @@ class Journal:
         with h5py.File(io.BytesIO(header), "r") as file:
             return schema_in(file), _HEADER.size + size
 
-    def _find_records(self, verify: bool) -> None:
-        """Find the records that are sound, and the end of the last of them."""
-        self.records: dict[int, Record] = {}
+    def _find_entries(self, verify: bool) -> None:
+        """Find the entries that are sound, and the end of the last of them."""
+        self.entries: dict[int, Entry] = {}
         self.damaged = 0
         found = list(self._heads())
-        for record in found:
+        for entry in found:
             if verify:  # otherwise it is read to say what an interrupted run has kept
                 check()
-            last = record is found[-1]
-            if (verify or last) and not self._is_sound(record):
+            last = entry is found[-1]
+            if (verify or last) and not self._is_sound(entry):
                 self.damaged += not last
                 continue
-            self.records[record.number] = record
-            self._end = record.end
+            self.entries[entry.number] = entry
+            self._end = entry.end
 
-    def _heads(self) -> Iterator[Record]:
-        """Yield the records, up to the first whose head is not sound, or that is cut off."""
+    def _heads(self) -> Iterator[Entry]:
+        """Yield the entries, up to the first whose head is not sound, or that is cut off."""
         at, size = self._end, os.fstat(self._file.fileno()).st_size
         while at + self._head.itemsize <= size:
             self._file.seek(at)
@@ -206,23 +206,23 @@ class Journal:
                 return
             checksums = dict(zip(self.schema.variables, head["checksums"].tolist(), strict=True))
             numbers = int(head["number"]), int(head["samples"]), float(head["seconds"])
-            record = Record(*numbers, checksums, at + self._head.itemsize, 0)
-            at = record.start + sum(self._size(record, name) for name in self.schema.variables)
+            entry = Entry(*numbers, checksums, at + self._head.itemsize, 0)
+            at = entry.start + sum(self._size(entry, name) for name in self.schema.variables)
             if at > size:
                 return
-            yield record._replace(end=at)
+            yield entry._replace(end=at)
 
-    def _size(self, record: Record, name: str) -> int:
+    def _size(self, entry: Entry, name: str) -> int:
         """Return the bytes of an array."""
         return (
-            math.prod(box_shape(self.box(record, name))) * np.dtype(VARIABLES[name].dtype).itemsize
+            math.prod(box_shape(self.box(entry, name))) * np.dtype(VARIABLES[name].dtype).itemsize
         )
 
-    def _is_sound(self, record: Record) -> bool:
+    def _is_sound(self, entry: Entry) -> bool:
         """Return whether the arrays of a block have their checksums."""
         try:
             for name in self.schema.variables:
-                self.read(record, name)
+                self.read(entry, name)
         except StoreError:
             return False
         return True
@@ -238,7 +238,7 @@ def kept_points(path: Path) -> tuple[int, int] | None:
     try:
         with Journal(journal_path(path), verify=False) as journal:
             blocks = journal.schema.blocks
-            done = sum(block_points(blocks[number]) for number in journal.records)
+            done = sum(block_points(blocks[number]) for number in journal.entries)
             return done, sum(map(block_points, blocks))
     except (FileNotFoundError, StoreError):
         return None

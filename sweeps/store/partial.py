@@ -67,14 +67,14 @@ class _Array(BackendArray):
         ]
         window = [slice(one[0], one[-1] + 1) if one else slice(0, 0) for one in chosen]
         found = np.full(box_shape(tuple(window)), VARIABLES[self._name].fill_value)
-        for record in self._journal.records.values():
-            box = self._journal.box(record, self._name)
+        for entry in self._journal.entries.values():
+            box = self._journal.box(entry, self._name)
             common = [
                 slice(max(a.start, b.start), min(a.stop, b.stop))
                 for a, b in zip(box, window, strict=True)
             ]
             if all(cut.start < cut.stop for cut in common):
-                array = self._journal.read(record, self._name)
+                array = self._journal.read(entry, self._name)
                 found[_within(window, common)] = array[_within(box, common)]
         steps = (slice(None, None, c.step) if isinstance(c, slice) else 0 for c in key)
         return found[tuple(steps)]

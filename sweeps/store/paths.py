@@ -111,7 +111,7 @@ def open_regular(path: Path) -> io.BufferedReader:
 
 
 def is_sweep(path: Path) -> bool:
-    """Return whether there is an HDF5 file, or the journal of one."""
+    """Return whether there is an HDF5 file, of a sweep or not, or the journal of a sweep."""
     try:
         found = content(path) or content(journal_path(path))
     except StoreError:

@@ -44,7 +44,7 @@ class Variable:
         return np.dtype(self.dtype).type(np.nan if floating else Status.PENDING)
 
 
-#: What a file can hold. ``status`` is last, since `SweepWriter.write` keeps this order.
+#: What a file can hold, in the order in which it does.
 VARIABLES: Mapping[str, Variable] = {
     "poincare_x": Variable("section", "length", "displacement at the section", "x"),
     "poincare_v": Variable("section", "length/time", "velocity at the section", r"\dot{x}"),

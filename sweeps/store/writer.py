@@ -95,7 +95,7 @@ class SweepWriter:
         if self._journal is None:
             return []
         blocks = self._journal.schema.blocks
-        return [block for number, block in enumerate(blocks) if number not in self._journal.records]
+        return [block for number, block in enumerate(blocks) if number not in self._journal.entries]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
         """Write the results of one block; they are on the disk when this returns.
@@ -152,8 +152,8 @@ class SweepWriter:
         journal = self._journal
         if not points:
             for number in range(len(journal.schema.blocks)):
-                record = journal.records[number]
-                yield journal.box(record, name), journal.read(record, name)
+                entry = journal.entries[number]
+                yield journal.box(entry, name), journal.read(entry, name)
             return
         (axis,) = journal.schema.axes.values()
         further, at = np.array(list(points)), 0
@@ -163,7 +163,7 @@ class SweepWriter:
             inside = further[(further >= low) & (further < high)]
             values = np.union1d(axis[cut], inside)
             nearest = np.minimum(np.searchsorted(axis[cut], values), cut.stop - cut.start - 1)
-            merged = journal.read(journal.records[number], name)[nearest]
+            merged = journal.read(journal.entries[number], name)[nearest]
             for i in np.flatnonzero(np.isin(values, inside)):
                 merged[i] = points[float(values[i])][name]
             yield (slice(at, at + len(values)),), merged

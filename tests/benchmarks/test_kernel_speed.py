@@ -12,8 +12,8 @@ from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import run
 from vibroimpact.status import Status
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 

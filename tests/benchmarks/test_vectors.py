@@ -12,7 +12,7 @@ from vibroimpact.kernel.chord_impacts import shorten_steps, take_remainders
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS, carry_columns, correct_columns
 from vibroimpact.kernel.time_stepping import STRIDE
 from vibroimpact.kernel.workspace import LANES, new_workspace
-from vibroimpact.step.grid import one_period
+from vibroimpact.step.scheme import one_period
 
 #: A step of a lane has eight multiply-adds, of which two begin with a product.
 FUSED = 6 * STRIDE

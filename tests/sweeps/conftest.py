@@ -1,12 +1,14 @@
 """A folder for every test, and the sweeps and the cluster that several files of tests share."""
 
 import logging
+import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from commands import WORKERS
+from commands import SMALL, WORKERS
 from sweep_files import OVER_STARTS, refined, run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.grid import Grid
@@ -26,6 +28,19 @@ def folder(tmp_path, monkeypatch, request):
 @pytest.fixture
 def random_sweep(tmp_path):
     """Return a function that writes and opens a sweep of random numbers."""
+    with random_sweeps(tmp_path) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def shared_sweep(tmp_path_factory):
+    """Return the same function, for sweeps that several tests read."""
+    with random_sweeps(tmp_path_factory.mktemp("shared")) as make:
+        yield make
+
+
+@contextmanager
+def random_sweeps(folder):
     opened = []
 
     def make(
@@ -51,7 +66,7 @@ def random_sweep(tmp_path):
             "record": {"transient": 1000, "periods": 7, "phase": phase},
         }
         widths = {"section": sections, "impact": impacts, "sample": SAMPLES * with_trajectory}
-        path = tmp_path / f"{len(opened)}.h5"
+        path = folder / f"{len(opened)}.h5"
         schema = Schema.of(
             grid,
             grid.blocks(grid.size),
@@ -92,6 +107,17 @@ def computed_starts(tmp_path_factory):
     yield make
     for dataset in opened.values():
         dataset.close()
+
+
+@pytest.fixture(scope="session")
+def small_run(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("small"), SMALL)
+
+
+@pytest.fixture
+def ran(folder, small_run):
+    """Put the file of a run of ``SMALL`` there."""
+    shutil.copy(small_run, "small.h5")
 
 
 @pytest.fixture(scope="session")

@@ -8,14 +8,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
 from commands import call
 from sweeps import load_config
 from sweeps.bench import accuracy_speed, work_precision
-from sweeps.bench.accuracy_speed import Measurement, Plan, measure
-from sweeps.bench.peers import PEERS
+from sweeps.bench.accuracy_speed import COLUMNS, Plan, measure
+from sweeps.bench.event_solvers import PEERS
 from sweeps.bench.scenes import (
     CHATTER,
     EXACT,
@@ -40,8 +41,14 @@ PLAIN, REDUCED, CUBIC = (Method("rk4", rule) for rule in ("plain", "reduced-step
 
 
 def made(error, seconds, steps=100, method=PLAIN, scene="s", kind=STATE, tolerance=None):
-    """Return a measurement by hand."""
-    return Measurement(scene, kind, method, steps, tolerance, error, seconds)
+    """Return a measurement by hand, a row of the table."""
+    return (scene, kind, *method, steps, tolerance, error, seconds)
+
+
+def in_a_table(rows):
+    """Return measurements as `measure` does."""
+    types = {"steps_per_period": "Int64", "tolerance": float, "error": float}
+    return pd.DataFrame(rows, columns=COLUMNS).astype(types)
 
 
 # What follows from measurements
@@ -51,15 +58,17 @@ def test_the_efficient_frontier():
     good = [made(0.5, 1.0), made(0.1, 2.0), made(1e-9, 7.0)]
     # As cheap but worse, dearer and no better, failed, without a right digit.
     bad = [made(0.2, 2.0), made(0.1, 3.0), made(math.nan, 0.1), made(2.0, 0.2), made(0.6, 1.5)]
-    assert work_precision.efficient_frontier([*bad, *good[::-1]]) == good
-    assert work_precision.efficient_frontier([]) == []
+    found = work_precision.efficient_frontier(in_a_table([*bad, *good[::-1]]))
+    pd.testing.assert_frame_equal(found.reset_index(drop=True), in_a_table(good))
+    assert work_precision.efficient_frontier(in_a_table([])).empty
 
 
 def test_the_cheapest_that_reaches_an_error():
     all_ = [made(1e-3, 5.0), made(1e-4, 3.0), made(1e-2, 1.0), made(math.nan, 0.1)]
-    assert work_precision.cheapest(all_, 1e-2) is all_[2]
-    assert work_precision.cheapest(all_, 1e-3) is all_[1]
-    assert work_precision.cheapest(all_, 1e-5) is None
+    table = in_a_table(all_)
+    assert work_precision.cheapest(table, 1e-2).index.tolist() == [2]
+    assert work_precision.cheapest(table, 1e-3).index.tolist() == [1]
+    assert work_precision.cheapest(table, 1e-5).empty
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
@@ -90,12 +99,18 @@ def test_the_reference_and_the_peers_have_no_order():
     peer = Method("SciPy RK45", "events")
     all_ = [made(e, 1.0, n, m) for m in (EXACT, PLAIN) for n, e in zip(steps, errors, strict=True)]
     all_ += [made(e, 1.0, None, peer, tolerance=e) for e in errors]
-    found = work_precision.orders([one for one in all_ if one.method != EXACT])
-    assert found["s", STATE, PLAIN] == pytest.approx(np.log2(10.0))
-    assert math.isnan(found["s", STATE, peer])
+
+    def order(table, method):
+        found = work_precision.with_orders(table)
+        (one,) = set(found[found["impact"] == method.impact]["measured_order"].astype(str))
+        return float(one)
+
+    table = in_a_table(all_)
+    known = table[table["impact"] != "exact"]
+    assert order(known, PLAIN) == pytest.approx(np.log2(10.0))
+    assert math.isnan(order(known, peer))
     # With the reference as bad as the method, nothing is known of the latter.
-    found = work_precision.orders(all_)
-    assert math.isnan(found["s", STATE, PLAIN]) and math.isnan(found["s", STATE, EXACT])
+    assert math.isnan(order(table, PLAIN)) and math.isnan(order(table, EXACT))
 
 
 def test_means_are_geometric_and_of_all_regular_scenes():
@@ -103,11 +118,11 @@ def test_means_are_geometric_and_of_all_regular_scenes():
     all_ = [made(10.0**-k, 2.0**k, scene=name) for k, name in enumerate(names)]
     all_ += [made(1e-3, 1.0, 200, scene=name) for name in names[1:]]  # one is missing
     all_ += [made(1e-3, 1.0, scene=CHATTER.name)]
-    (mean,) = work_precision.means(all_)
-    assert (mean.scene, mean.steps, mean.method) == (MEAN, 100, PLAIN)
-    assert mean.error == pytest.approx(1e-2) and mean.seconds == pytest.approx(4.0)
-    failed = [replace(all_[0], error=math.nan), *all_[1:]]
-    assert math.isnan(work_precision.means(failed)[0].error)
+    (mean,) = work_precision.means(in_a_table(all_)).itertuples()
+    assert (mean.scene, mean.steps_per_period, mean.integrator) == (MEAN, 100, "rk4")
+    assert mean.error == pytest.approx(1e-2) and mean.seconds_per_period == pytest.approx(4.0)
+    failed = [made(math.nan, 1.0, scene=names[0]), *all_[1:]]
+    assert math.isnan(work_precision.means(in_a_table(failed))["error"].item())
 
 
 # Scenes
@@ -223,7 +238,11 @@ def measured():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(accuracy_speed, "time", SimpleNamespace(perf_counter=time.process_time))
         found = measure(plan, threads=1)
-    return {(one.kind, one.method, one.steps): one for one in found}
+    rows = found.rename(columns={"seconds_per_period": "seconds"}).itertuples()
+    return {
+        (one.error_kind, Method(one.integrator, one.impact), one.steps_per_period): one
+        for one in rows
+    }
 
 
 @pytest.mark.slow
@@ -250,7 +269,7 @@ def test_cost_goes_with_the_steps(measured):
 
 def test_what_the_rule_does_not_take_is_not_run():
     plan = Plan(ladder=(5,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN, EXACT), peers=())
-    assert {one.method for one in measure(plan)} == {PLAIN}
+    assert set(measure(plan)["impact"]) == {"plain"}
 
 
 def test_a_failed_method_is_run_once(monkeypatch):
@@ -261,8 +280,8 @@ def test_a_failed_method_is_run_once(monkeypatch):
         return {STATE: math.nan}
 
     monkeypatch.setattr(accuracy_speed.Scene, "errors", errors)
-    (one,) = measure(Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=()))
-    assert math.isnan(one.error) and len(calls) == 1
+    found = measure(Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=()))
+    assert math.isnan(found["error"].item()) and len(calls) == 1
 
 
 # Peers
@@ -287,7 +306,7 @@ def test_a_peer_that_is_not_installed_is_left_out(monkeypatch):
     absent = {"absent": replace(PEERS["heyoka"], name="absent", module="not_there")}
     monkeypatch.setattr(accuracy_speed, "PEERS", absent)
     plan = Plan(ladder=(50,), rounds=1, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=("absent",))
-    assert {one.method for one in measure(plan)} == {PLAIN}
+    assert set(measure(plan)["impact"]) == {"plain"}
 
 
 # The command
@@ -313,7 +332,7 @@ def test_the_command(monkeypatch):
         assert word in result.stdout
     with open("all.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == work_precision.COLUMNS
+    assert list(rows[0]) == [*COLUMNS, "measured_order"]
     methods = {(row["integrator"], row["impact"]) for row in rows}
     assert methods == {*METHODS, ("SciPy DOP853", "events")}
     assert {row["scene"] for row in rows} == {*(s.name for s in accuracy_speed.SCENES), MEAN}
@@ -375,7 +394,7 @@ def test_a_wrong_request_is_refused_before_work_begins(monkeypatch, arguments, p
 
 @pytest.mark.slow
 def test_what_cannot_be_written_fails_and_leaves_nothing(monkeypatch):
-    few = [made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)]
+    few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])
 
     def measure(*_, **__):
         Path("all.csv").mkdir()  # after its name was checked

@@ -50,10 +50,10 @@ def test_run_info_and_plot():
 
 
 @pytest.mark.slow
-def test_the_configuration_of_a_file_runs_again():
-    accepted("run", "sweep.yaml", "--quiet")
+def test_the_configuration_of_a_file_runs_again(ran):
     again = accepted("info", "small.h5", "--config")
     assert again == sweeps.open_sweep("small.h5").attrs["configuration"]
+    assert accepted("info", "small.h5").split("\n\n", 1)[1] == again
     Path("again.yaml").write_text(again)
     accepted("run", "again.yaml", "-o", "again.h5", "--quiet")
     accepted("run", "small.h5", "-o", "other.h5", "--set", "oscillator.omega.start=2.0", "--quiet")
@@ -69,14 +69,13 @@ def test_the_configuration_of_a_file_runs_again():
 
 
 @pytest.mark.slow
-def test_units_are_names_only():
+def test_units_are_names_only(ran):
     """They change every label and attribute, and no number."""
     units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
     assert "omega = 1.5 .. 3 [rad/s], 5 values" in accepted(
         "run", "sweep.yaml", *units, "--dry-run"
     )
     accepted("run", "sweep.yaml", *units, "--quiet")
-    accepted("run", "sweep.yaml", "--quiet")
     plain, labelled = map(sweeps.open_sweep, ("small.h5", "named.h5"))
     for name in plain.variables:
         np.testing.assert_array_equal(plain[name].values, labelled[name].values)
@@ -117,8 +116,7 @@ def test_init_writes_a_scene_to_begin_from():
 
 
 @pytest.mark.slow
-def test_zoom_computes_and_draws_a_piece():
-    accepted("run", "sweep.yaml", "--quiet")
+def test_zoom_computes_and_draws_a_piece(ran):
     printed = accepted("zoom", "small.h5", "omega=2.25:2.5", "poincare_v=-1:1")
     assert printed.splitlines()[-1] == "small-omega-2.25-2.5.png"
     assert Path("small-omega-2.25-2.5.png").read_bytes().startswith(b"\x89PNG")
@@ -148,14 +146,12 @@ def test_zoom_computes_and_draws_a_piece():
         (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
     ],
 )
-def test_a_zoom_that_cannot_be(pieces, reason):
-    accepted("run", "sweep.yaml", "--quiet")
+def test_a_zoom_that_cannot_be(ran, pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
 
 
 @pytest.mark.slow
-def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends():
-    accepted("run", "sweep.yaml", "--quiet")
+def test_a_zoom_of_a_zoom_is_named_by_its_own_range_and_shows_its_ends(ran):
     accepted("zoom", "small.h5", "omega=2:2.5", "-o", "small-omega-2-2.5.h5")
     said = call("zoom", "small-omega-2-2.5.h5", "omega=2.1234567:2.1234568")
     assert said.stdout.splitlines()[-1] == "small-omega-2.1234567-2.1234568.png"
@@ -173,8 +169,8 @@ def test_a_map_and_the_exact_orbits():
     assert accepted("plot", "small.h5", *impacts) == "small-impacts.png\n"
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
     accepted("run", "sweep.yaml", "--quiet", "--overwrite", *cut)
-    followed, *_, picture = accepted("plot", "small.h5", "--exact").splitlines()
-    assert re.match(r"1/1: \d points on a stable orbit; largest deviation \d", followed)
+    *followed, picture = accepted("plot", "small.h5", "--exact").splitlines()
+    assert any(re.match(r"1/1 +\d +\d\.\de-\d\d +\d", line) for line in followed)
     assert picture == "small.png"
 
 
@@ -216,26 +212,7 @@ def test_several_are_refused_before_any_is_run_or_drawn():
     assert "other.h5: h is not a swept axis" in refused("plot", "other.h5", "--axis", "h")
 
 
-def test_the_configuration_in_info_can_be_run_again():
-    accepted("run", "sweep.yaml", "--quiet", "--set", "oscillator.h=0.3")
-    configuration = accepted("info", "small.h5").split("\n\n", 1)[1]
-    Path("again.yaml").write_text(configuration)
-    accepted("run", "again.yaml", "--quiet", "-o", "again.h5")
-    with (
-        xr.open_dataset("small.h5", engine="h5netcdf") as first,
-        xr.open_dataset("again.h5", engine="h5netcdf") as second,
-    ):
-        assert float(second.poincare_x[0, 0, 0]) == float(first.poincare_x[0, 0, 0])
-        xr.testing.assert_equal(first, second)
-
-
-def test_quiet_prints_nothing():
-    assert accepted("run", "sweep.yaml", "--quiet") == ""
-    assert Path("small.h5").exists()
-
-
-def test_overwrite_replaces_the_output():
-    accepted("run", "sweep.yaml", "--quiet")
+def test_overwrite_replaces_the_output(ran):
     accepted("run", "sweep.yaml", "--quiet", "--overwrite", "--set", "oscillator.omega.num=3")
     with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
         assert dataset.sizes["omega"] == 3
@@ -380,7 +357,7 @@ def test_any_block_size_gives_the_same_data(monkeypatch):
     ],
 )
 def test_a_block_is_done_in_about_a_second(monkeypatch, record, points, expected):
-    monkeypatch.setattr("sweeps.engine.plan._available_memory", lambda: 20 * 10**9)
+    monkeypatch.setattr("sweeps.engine.estimate._available_memory", lambda: 20 * 10**9)
     method = "method={impact: plain, steps_per_period: 10}"
     num = f"oscillator.omega={{start: 1, stop: 2, num: {points}}}"
     config = load_config("sweep.yaml", [method, num, "oscillator.clearance=0", f"record={record}"])

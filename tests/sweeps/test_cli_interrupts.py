@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import sweeps
-from commands import SMALL, accepted, call
+from commands import SMALL, call
 from sweeps import interrupts
 from sweeps.engine import run as runner
 from sweeps.store import SweepWriter
@@ -56,15 +56,13 @@ def test_an_interrupted_run_says_what_is_kept(monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
-def test_an_interrupted_command_exits_with_1(monkeypatch, command):
-    accepted("run", "sweep.yaml", "--quiet")
-
+def test_an_interrupted_command_exits_with_1(ran, monkeypatch, command):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
     monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
-    monkeypatch.setattr("sweeps.config.sweep.json_schema", interrupt)
+    monkeypatch.setattr("sweeps.config.json_schema.json_schema", interrupt)
     file = {
         "info": ["small.h5"],
         "plot": ["small.h5"],
@@ -75,23 +73,6 @@ def test_an_interrupted_command_exits_with_1(monkeypatch, command):
     result = call(command, *file[command])
     assert result.exit_code == 1
     assert result.stderr == "vibroimpact: error: interrupted\n"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run(folder, number):
-    endless = ["--set", "record.transient=2e5", "--set", "oscillator.omega.num=2000"]
-    command = [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *endless]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
-        deadline = time.monotonic() + 300
-        while not Path("small.h5.part").exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        run.send_signal(number)
-        _, stderr = run.communicate(timeout=120)
-    assert run.returncode == 1
-    assert stderr.splitlines()[-1].startswith("vibroimpact: error: interrupted; ")
-    assert "Traceback" not in stderr
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from commands import WORKERS, assert_same_bits, call, refused_run
 from sweep_files import data, load
 from sweeps.engine.cluster import Cluster
 from sweeps.engine.compute import compute_block
-from sweeps.engine.plan import block_size
+from sweeps.engine.estimate import block_size
 from sweeps.engine.run import run_sweep
 from sweeps.errors import Failed, Refused
 from sweeps.store import SweepWriter, open_sweep
@@ -336,3 +336,32 @@ def test_a_block_is_worth_sending(client):
     assert computer.block_limits(1000.0, size)["least"] == 10  # a hundred a second
     # Twenty blocks a process would have 500 points: three full sets of lanes.
     assert block_size(sweep, blocks=20 * 100) == 384 < block_size(sweep)
+
+
+# The command line
+
+
+@pytest.mark.slow
+def test_the_command_says_where_it_computes(client):
+    address = client.scheduler.address
+    plan = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address, "--dry-run")
+    assert plan.exit_code == 0
+    assert "expected time" in plan.stdout and not Path("out.h5").exists()
+    result = call("run", "sweep.yaml", "-o", "out.h5", "--dask", address)
+    assert result.exit_code == 0, result.stderr
+    assert re.match(r"scheduler: tcp://|dashboard: http://", result.stderr)
+    assert "on 2 workers" in result.stderr
+    assert_same_bits("out.h5")
+
+
+def test_the_address_of_a_worker_is_none_of_a_scheduler(client):
+    address = next(iter(client.nthreads()))
+    assert "(it is the address of a worker)" in refused_run("--dask", address)
+
+
+@pytest.mark.slow
+def test_threads_are_those_of_the_workers(client):
+    message = refused_run("--threads", 1, "--dask", client.scheduler.address)
+    assert "--threads 1 is not allowed with --dask" in message
+    with pytest.raises(ValueError, match="threads is not allowed with a client"):
+        run_sweep(load(CONFIG), "out.h5", client=client, threads=1)

@@ -8,12 +8,12 @@ import pytest
 import yaml
 
 from sweep_files import EXAMPLE, load, oscillator, refusal
+from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.loading import load_config
-from sweeps.config.schema import OscillatorConfig, StartConfig
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.step.stability import least_stable_steps
 

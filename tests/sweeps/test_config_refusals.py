@@ -6,8 +6,8 @@ from sweep_files import load, oscillator, refusal
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError
 from sweeps.text import printable
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 # What is refused: every message has the file, the line, the key, the given and the allowed
 
@@ -269,7 +269,7 @@ def test_all_errors_are_reported():
         ("? [a, b]\n: 1\n", ["line 1", "not allowed as a key"]),
         ("a: \x00\n", ["not valid YAML"]),
         ("[" * 5000, ["not valid YAML"]),
-        ("", ["is empty", "expected: a mapping with keys among name, points, oscillator"]),
+        ("", ["is empty", "expected: a mapping with keys among name, points, rig, oscillator"]),
         ("# only a comment\n", ["is empty"]),
         ("- h\n- R\n", ["[h, R]", "expected: a mapping"]),
         ("just text", ["just text", "expected: a mapping"]),

@@ -8,8 +8,8 @@ import yaml
 from sweep_files import EXAMPLE, oscillator
 from sweeps import load_config
 from sweeps.config import sweep as config_module
-from sweeps.config.schema import OscillatorConfig, StartConfig
-from sweeps.config.sweep import json_schema
+from sweeps.config.groups import OscillatorConfig, StartConfig
+from sweeps.config.json_schema import json_schema
 from vibroimpact.oscillator import PARAMETERS
 
 # The JSON schema
@@ -68,8 +68,10 @@ def test_the_schema_describes_every_parameter():
 
 
 def test_a_sweep_with_another_record_is_computed_by_that_record():
-    config = load_config({"oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0}})
+    config = load_config({"oscillator": {"h": 0.1, "R": 0.8, "omega": 2.0, "f": [1.0, 1.5]}})
     assert (config.spec.periods, config.widths["section"]) == (100, 100)
     other = config.with_record(periods=7)
+    assert other.grid.shape == config.grid.shape == (2,)
+    assert other.spec.scaled and config.spec.scaled
     assert (other.spec.periods, other.widths["section"]) == (7, 7)
     assert config.spec.periods == 100

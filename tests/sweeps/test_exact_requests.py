@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from commands import accepted, call
+from commands import accepted, call, refused
 from sweep_files import run_in
 from sweeps import branches, curves, open_sweep
 from sweeps.errors import Refused
@@ -156,7 +156,7 @@ def test_the_flips_of_both_directions_are_listed_and_drawn(file, name, tmp_path)
         drawn = accepted(
             "plot", file(name), "-o", "a.png", "--exact", "--at", "direction=down", "--csv", table
         )
-        assert drawn.startswith("down: 1/1: ")
+        assert "\n1/1 down " in drawn and " up " not in drawn
 
 
 @pytest.mark.parametrize(
@@ -174,6 +174,16 @@ def test_a_bad_table_is_refused_before_the_work(file, tmp_path, name, reason, co
     result = call(command[0], file("line"), command[1], "--csv", name)
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == f"vibroimpact: error: {reason}\n"
+
+
+@pytest.mark.parametrize("option", [["--classes", "1/1"], ["--most", "2"]])
+def test_branches_cannot_be_chosen_for_a_map(file, tmp_path, option):
+    path = file("map")
+    message = refused("plot", path, "--kind", "map", "--exact", *option, "-o", tmp_path / "map.png")
+    assert message.endswith(
+        ": --classes and --most choose exact branches, and a map shows curves; expected: --exact "
+        "alone\n"
+    )
 
 
 def test_a_table_replaces_an_older_one(file, tmp_path):

@@ -1,4 +1,4 @@
-"""The server of the live picture: who reaches it, what it shows of others' texts, and its end."""
+"""The server of the live picture: who reaches it, and its end."""
 
 import html
 import http.client
@@ -13,9 +13,8 @@ import sys
 import time
 from contextlib import contextmanager
 from functools import partial
-from itertools import cycle
 from pathlib import Path
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from urllib.parse import urlsplit
 
 import psutil
 import pytest
@@ -24,7 +23,6 @@ from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
 import sweeps
-from browser import Window, chromium
 from sweeps import Refused, load_config
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -37,15 +35,9 @@ def explorer():
     explorer.close()
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
-
-
 @contextmanager
 def started(*options, **variables):
-    """Start the command; yield its process and the address that it shows, and end it."""
+    """Start the command; yield its process and the address that it shows; Ctrl-C ends it with 0."""
     command = [sys.executable, "-m", "sweeps.cli", "explore", *options]
     streams = {"stdout": subprocess.PIPE, "stderr": Path("stderr.txt").open("w"), "text": True}
     with subprocess.Popen(command, env={**os.environ, **variables}, **streams) as process:
@@ -56,12 +48,6 @@ def started(*options, **variables):
         finally:
             process.kill()
             streams["stderr"].close()
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_the_command_at_once_with_0():
-    with started("--no-browser") as (_, address):
-        assert address.startswith("http://127.0.0.1:")
 
 
 def answer(address, path, **headers):
@@ -79,7 +65,8 @@ def test_only_the_address_with_its_secret_and_this_host_are_served(explorer):
     status, text = answer(explorer.address, path)
     assert status == 200
     assert 0 < text.index("is opening") < text.index("<script"), "the page is white at first"
-    assert "cdn" not in text.lower() and "http://" not in text and "https://" not in text
+    # No other address; the secret in the page may spell any word, but has no slash.
+    assert not re.search(r"""https?://|["']//""", text)
     assert answer(explorer.address, "/")[0] == 403
     for other in (path[:-5] + "aaaaa", path + "&token=x", "/?token=", "/?bokeh-session-id=x"):
         assert answer(explorer.address, other)[0] == 403
@@ -119,6 +106,7 @@ def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, cap
 def test_a_server_without_descriptors_waits_and_goes_on():
     """Others may take all connections; the log stays empty, and the page is there afterwards."""
     with started("--no-browser") as (process, address):
+        assert address.startswith("http://127.0.0.1:")
         parts = urlsplit(address)
         assert answer(address, f"/?{parts.query}")[0] == 200
         left = psutil.Process(process.pid).num_fds() + 5
@@ -172,65 +160,3 @@ def test_a_port_in_use_is_refused(explorer):
     port = urlsplit(explorer.address).port
     with pytest.raises(Refused, match=f"the port {port} cannot be used .*in use"):
         sweeps.explore(load_config(CONFIGS / "quickstart.yaml"), port)
-
-
-MARKUP = (
-    '<img src=x onerror="window.ran = 1">',
-    "<svg onload='window.ran = 1'>",
-    "<script>window.ran = 1</script>",
-    '"><iframe srcdoc="<script>parent.ran = 1</script>">',
-    "&lt;b&gt; <b>$$x$$",
-)
-
-
-def ask(window, query):
-    """Let the page read an address."""
-    code = "(text) => {Bokeh.documents[0].get_model_by_name('address').value = text}"
-    window.tab.evaluate(code, query)
-
-
-def shown(window, name):
-    """Return the text that is seen in a place of messages, and the number of its elements."""
-    code = (
-        "{const e = Bokeh.index.find_one(m).markup_el; return [e.textContent, e.children.length]}"
-    )
-    return window.model(name, code)
-
-
-@pytest.mark.slow
-def test_markup_in_files_addresses_and_fields_is_shown_as_text(browser, tmp_path):
-    name = "<img src=x onerror='window.ran = 1'>"
-    config = {
-        "name": name,
-        "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.4, 3.5], "f": 1.0},
-        "record": {"transient": 10, "periods": 5},
-    }
-    explorer = sweeps.explore(load_config(config), folder=tmp_path)
-    window = Window(browser, explorer)
-    page, controls = window.page, window.page.controls
-    assert window.tab.title() == f"{name}: vibroimpact"
-    window.tab.get_by_text("save as YAML").click()
-    window.settle(lambda: name in controls.saved.text)
-    window.settle(lambda: shown(window, "saved") == [controls.saved.text, 0])
-    (path,) = tmp_path.iterdir()
-    assert path.name == f"{name}-view-1.yaml"
-    load_config(path)
-    for (key, _), markup in zip(parse_qsl(page.view.query()), cycle(MARKUP), strict=False):
-        ask(window, urlencode({key: markup}))
-        window.settle(lambda markup=markup: markup in controls.error.text)
-        window.settle(lambda: shown(window, "error") == [controls.error.text, 0])
-    assert window.tab.evaluate("window.ran") is None
-    assert window.problems == []
-    window.tab.close()
-    explorer.close()
-
-
-@pytest.mark.slow
-def test_a_script_that_gets_into_the_page_is_not_run(browser, explorer):
-    window = Window(browser, explorer)
-    code = "(text) => document.body.append(document.createRange().createContextualFragment(text))"
-    for markup in MARKUP:
-        window.tab.evaluate(code, markup)
-    window.tab.wait_for_timeout(200)
-    assert window.tab.evaluate("window.ran") is None
-    window.tab.close()

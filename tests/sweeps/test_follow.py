@@ -9,13 +9,13 @@ import xarray as xr
 
 import sweeps
 from oscillators import bifurcation
-from sweep_files import configured, data, ran, whole
+from sweep_files import FOLLOWED, configured, data, load, ran, whole
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import ConfigError
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
 from vibroimpact.points.following import follow
-from vibroimpact.step.grid import scheme_of
 from vibroimpact.step.recorder import trajectories
+from vibroimpact.step.scheme import scheme_of
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 
@@ -79,18 +79,25 @@ def test_a_chain_is_what_calls_by_hand_give(axis, phase):
                     np.testing.assert_array_equal(given, expected[0], err_msg=name)
 
 
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    """Return the data of the sweep in both directions."""
+    path = tmp_path_factory.mktemp("followed") / "sweep.yaml"
+    return ran(load(FOLLOWED, path=path), path.with_name("out.h5"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["up", "down"])
-def test_one_direction_has_no_dimension_and_is_that_of_both(way):
-    both = ran(configured()).sel(direction=way, drop=True)
+def test_one_direction_has_no_dimension_and_is_that_of_both(followed, way):
+    both = followed.sel(direction=way, drop=True)
     one = ran(configured(f"follow.direction={way}"))
     assert "direction" not in one.coords
     xr.testing.assert_identical(one, both.assign_attrs(one.attrs))
 
 
 @pytest.mark.slow
-def test_the_first_point_of_a_chain_starts_as_every_point():
-    followed, alone = ran(configured()), ran(configured("follow=null"))
+def test_the_first_point_of_a_chain_starts_as_every_point(followed):
+    alone = ran(configured("follow=null"))
     for way, first in (("up", 0.6), ("down", 2.7)):
         chain = followed.sel(direction=way, omega=first, drop=True)
         xr.testing.assert_equal(chain, alone.sel(omega=first, drop=True))

@@ -1,7 +1,5 @@
 """Pictures of sweeps that were followed up and down: both branches, or the one asked for."""
 
-import re
-
 import numpy as np
 import pytest
 import yaml
@@ -132,19 +130,19 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
 
 
 def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
-    told = compare(dataset, "omega")
-    texts = [text for text in told if re.match("(up|down): 1/1: ", text)]
-    assert [text.split(": ")[0] for text in texts] == ["up", "down"]
-    counts = [int(re.search(r"1/1: (\d+) points", text)[1]) for text in texts]
+    rows = [line.split() for line in compare(dataset, "omega").splitlines()]
+    one_impact = [row for row in rows if row[:1] == ["1/1"]]
+    assert [way for _, way, *_ in one_impact] == ["up", "down"]
+    counts = [int(count) for _, _, count, *_ in one_impact]
     first = dataset.isel(h=0)
     expected = ((first["impacts_per_period"] == 1) & (first["period"] == 1)).sum("omega").values
     assert counts == expected.tolist() and counts[0] > counts[1] > 0
-    assert all(float(re.search(r"deviation (\S+)", text)[1]) < 1e-5 for text in texts)
-    down = compare(dataset, "omega", at={"direction": "down"})[0]
-    assert down.split(";")[0] == texts[1].split(";")[0]
+    assert all(float(row[3]) < 1e-5 for row in one_impact)
+    down = compare(dataset, "omega", at={"direction": "down"})
+    assert [line.split() for line in down.splitlines() if "1/1" in line] == one_impact[1:]
     assert bifurcation(dataset, exact=branches(dataset), coordinate="impact_v").legends
     free = compare(dataset.sel(omega=slice(1.7, None)), "omega")
-    assert not any("1/1" in text for text in free)
+    assert "1/1" not in free
 
 
 def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
@@ -173,11 +171,10 @@ def test_the_command_line(stored):
     def drawn(*arguments):
         return call("plot", str(stored), "-o", "picture.png", *arguments)
 
-    assert drawn("--at", "direction=down").exit_code == 0
-    for kind in ("section", "impacts", "trajectory", "map"):
+    for kind in ("impacts", "map"):
         assert drawn("--kind", kind, "--at", "direction=up").stdout == "picture.png\n"
     told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
-    assert told[0].startswith("down: 1/1: ") and told[-1] == "picture.png"
+    assert any(line.startswith("1/1 down ") for line in told) and told[-1] == "picture.png"
     wrong = drawn("--at", "direction=dwn")
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr

@@ -12,11 +12,11 @@ import yaml
 from commands import call
 from sweep_files import configured, data, ran, whole
 from sweeps import open_sweep, run_sweep
+from sweeps.engine import estimate as limits
 from sweeps.engine import executors
-from sweeps.engine import plan as limits
 from sweeps.engine import run as runner
 from sweeps.engine.compute import compute, compute_block
-from sweeps.engine.plan import block_size, estimate
+from sweeps.engine.estimate import block_size, estimate
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from vibroimpact import Status

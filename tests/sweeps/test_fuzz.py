@@ -8,7 +8,6 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -104,9 +103,8 @@ def answer_mutated(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("start", range(0, 100, 50))
-def test_a_mutated_configuration_is_answered(start):
-    answers = {answer_mutated(seed) for seed in range(start, start + 50)}
+def test_a_mutated_configuration_is_answered():
+    answers = {answer_mutated(seed) for seed in range(50)}
     assert answers >= {"refused", "run"}
 
 
@@ -159,7 +157,7 @@ def test_a_hundred_environments_are_answered(tmp_path, setting):
 
 
 @pytest.mark.slow
-@settings(settings.get_profile("fuzz"), max_examples=60)
+@settings(settings.get_profile("fuzz"), max_examples=30)
 @given(text=st.text(max_size=200) | st.text("{}[]:,#&*!|>-'\" \n\th1e", max_size=200))
 def test_any_text_is_answered(text):
     assert answered(text) == 2
@@ -203,19 +201,10 @@ def test_what_is_no_file_of_a_sweep_is_refused(where):
 
 
 @pytest.mark.slow
-@settings(settings.get_profile("fuzz"), max_examples=50)
+@settings(settings.get_profile("fuzz"), max_examples=25)
 @given(data=st.binary(max_size=500), start=st.sampled_from([b"", b"\x89HDF\r\n\x1a\n", b"CDF\x01"]))
 def test_any_bytes_are_no_file_of_a_sweep(tmp_path, data, start):
     path = tmp_path / "out.h5"
     path.write_bytes(start + data + b"\x89VIBROL\n")
     with pytest.raises(StoreError, match=r"out\.h5"):
-        open_sweep(path)
-
-
-def test_an_hdf5_file_from_elsewhere_is_refused(tmp_path):
-    path = tmp_path / "out.h5"
-    with h5py.File(path, "w") as file:
-        file["x"] = range(5)
-        file.attrs["format"] = h5py.Empty("f")
-    with pytest.raises(StoreError, match="not one that vibroimpact wrote"):
         open_sweep(path)

@@ -7,10 +7,10 @@ import pytest
 
 from commands import accepted, refused
 from sweep_files import run_in
-from sweeps import Refused, integrity, knocks, open_sweep
+from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.analysis.integrity import measures_of
 from sweeps.plotting import plot
-from vibroimpact import integrate
+from vibroimpact import Oscillator, integrate, periodic_orbit
 from vibroimpact.oscillator import POINT
 
 #: The free oscillation (1/0) and a motion with an impact in two periods (2/1).
@@ -120,9 +120,47 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two):
             assert (ends == home[k]).all()
 
 
+@pytest.mark.slow
+def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
+    """At other moments a tongue of 0.1 % of the knock comes 0.4 % nearer, and thinner ones more."""
+    osc = Oscillator(h=0.0605, R=0.8748, omega=1.79, f=1.0, clearance=0.4613)
+    file = run_in(
+        tmp_path,
+        "oscillator: {h: 0.0605, R: 0.8748, omega: 1.79, f: 1.0, clearance: 0.4613}",
+        "start={x0: {start: -2.5387, stop: 0.4613, num: 40}, v0: {start: -3, stop: 3, num: 40}}",
+        "record={transient: 300, periods: 32, diagnostics: [period]}",
+    )
+    with open_sweep(file) as starts:
+        found = knocks(starts).isel(coexisting=0)
+    assert found["knock_fractal"]
+    orbit = periodic_orbit(osc, found["section_x"].item(), found["section_v"].item(), 1)
+    points = np.repeat(osc.at(0.0), 1000)
+    for phase in (5.1326, 5.1572, 5.1817, 5.2063, 5.2308):
+        points["x0"], v = orbit.sections(phase)[0]
+        points["v0"] = v + found["knock_harmful"].item() * np.linspace(0.98, 0.998, 1000)
+        run = integrate(points, phase=phase, at_section=True, transient=1000, periods=1)
+        assert np.abs(run["poincare_v"] - v).max() < 1e-6
+
+
+def test_a_boundary_that_rounding_decides_is_fractal(two, monkeypatch):
+    """Beyond a change of velocity by 0.3 it is chance where the motion ends, at every trial."""
+    chance = np.random.default_rng(0)
+
+    def ends(motions, phase, states):
+        (_, v), count = motions.orbits[0].sections(phase)[0], len(states)
+        reached = np.where(np.abs(states[:, 1] - v) > 0.3, chance.integers(0, 2, count), 0)
+        return reached, np.ones(count, bool)
+
+    monkeypatch.setattr("sweeps.analysis.knocks._Motions._ends", ends)
+    starts = two.isel(omega=0)
+    found = knocks(starts, attractors(starts).isel(coexisting=[0]))
+    assert abs(found["knock_harmful"].item()) == pytest.approx(0.3, rel=1e-4)
+    assert found["knock_fractal"].item() and found["knock_ends"].item() == 1
+
+
 def motion(two, x, v):
     """Yield states of a motion of at most two periods, and their phases."""
-    from vibroimpact import Oscillator, simulate
+    from vibroimpact import simulate
 
     names = ("h", "R", "f", "p", "clearance")
     osc = Oscillator(**{name: two[name].item() for name in names}, omega=2.6)

@@ -10,14 +10,14 @@ import pytest
 
 from commands import call
 from sweep_files import load
-from sweeps.engine import plan as limits
+from sweeps.engine import estimate as limits
 from sweeps.engine.compute import compute
+from sweeps.engine.estimate import block_size, estimate, expected_seconds, most_widths
 from sweeps.engine.executors import Local, LocalExecutor, completed
-from sweeps.engine.plan import block_size, estimate, expected_seconds, most_widths
 from sweeps.engine.run import run_sweep
 from sweeps.errors import StoreError
 from sweeps.interrupts import Cancelled, check
-from vibroimpact.kernel.run import lanes_per_block
+from vibroimpact.kernel.run import lanes_per_batch
 from vibroimpact.kernel.workspace import LANES
 
 CONFIG = """\
@@ -48,7 +48,7 @@ def test_a_block_has_points_for_every_thread(monkeypatch):
     sweep = load(CONFIG, "record.transient=1e6")
     for threads in (1, 2, 8, 16):
         size = block_size(sweep, **Local(threads).block_limits(1.0, sweep.grid.size))
-        lanes = lanes_per_block(size, threads)
+        lanes = lanes_per_batch(size, threads)
         assert size / lanes >= threads
 
 

@@ -20,8 +20,7 @@ import vibroimpact
 from sweep_files import load
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import compute
-from sweeps.engine.compute import SOURCES, numerics
-from sweeps.engine.refine import Refinement
+from sweeps.engine.compute import numerics
 from sweeps.errors import StoreError
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.jit.cache import numerics_of
@@ -120,42 +119,52 @@ def test_only_code_is_in_its_name(old, new, same):
     assert (name_of({"a.py": SOURCE.encode()}) == name_of({"a.py": edited.encode()})) is same
 
 
-def test_every_source_of_the_refinement_is_in_its_name(tmp_path, monkeypatch):
+def test_the_code_of_a_refinement_is_in_its_name(tmp_path, monkeypatch):
     config = load(REFINED)
     shutil.copytree(ENGINE, tmp_path / "sweeps")
     own = numerics(config)
     monkeypatch.setattr(compute, "__file__", str(tmp_path / "sweeps" / "engine" / "compute.py"))
     assert numerics(config) == own != numerics(load(SWEEPS["plain"])) == NUMERICS
     names = {own}
-    for source in SOURCES:
+    for source in ("engine/refine.py", "analysis/nearby_orbit.py", "analysis/regimes.py"):
         path = tmp_path / "sweeps" / source
         path.write_text(path.read_text() + "pass\n")
         names.add(numerics(config))
-    assert len(names) == len(SOURCES) + 1
+    assert len(names) == 4
 
 
-def test_no_other_source_takes_part_in_a_refinement():
-    """But what reads the configuration and the file, and passes on."""
-    config = load(REFINED)
-    run_sweep(load(REFINED, "refine=null"), "line.h5")
-    called = set()
+ALL = {**SWEEPS, "refined": REFINED}
 
-    def note(frame, event, _):  # of little work, since a compiler may run under it
-        called.add(frame.f_code.co_filename)
 
-    with open_sweep("line.h5") as line:
-        sys.setprofile(note)
-        try:
-            refinement = Refinement(config, line)
-            levels = list(refinement)
-        finally:
-            sys.setprofile(None)
-    assert levels == [1, 2, 3] and refinement.points
-    used = [Path(name).relative_to(ENGINE) for name in called if name.startswith(str(ENGINE))]
-    passing_on = {"engine/compute.py", "grid.py", "interrupts.py", "errors.py", "text.py"}
-    others = {path.as_posix() for path in used if path.parts[0] not in ("config", "store")}
-    assert set(SOURCES) >= others - passing_on
-    assert {"engine/refine.py", "analysis/nearby_orbit.py"} <= others
+def copy_packages(folder):
+    for package in (PHYSICS, ENGINE):
+        shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("*.pyc"))
+
+
+def resumed(folder, *names):
+    """Go on with complete files by the code in a folder, in a process of its own."""
+    script = (
+        "import sweeps, sys\n"
+        "from sweeps import load_config\n"
+        "from sweeps.engine.run import _schema\n"
+        "from sweeps.store import sweep_writer\n"
+        f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
+        "for name in sys.argv[1:]:\n"
+        "    schema = _schema(load_config(f'{name}.yaml'), {})\n"
+        "    with sweep_writer(f'{name}.h5', schema, resume=True): pass\n"
+    )
+    environment = {"PYTHONPATH": str(folder), "HOME": str(folder)}
+    command = [sys.executable, "-c", script, *names]
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
+
+
+@pytest.mark.slow
+def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
+    copy_packages(tmp_path)
+    for name, text in ALL.items():
+        run_sweep(load(text, path=f"{name}.yaml"), f"{name}.h5")
+    ended = resumed(tmp_path, *ALL)
+    assert ended.returncode == 0, ended.stderr
 
 
 @pytest.mark.slow
@@ -172,33 +181,13 @@ def test_no_other_source_takes_part_in_a_refinement():
     ],
 )
 def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new):
-    config = load(REFINED if sweep == "refined" else SWEEPS[sweep])
-    run_sweep(config, "out.h5")
-    for package in (PHYSICS, ENGINE):
-        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("*.pyc"))
-    script = (
-        "import sweeps, sys\n"
-        "from sweeps import load_config\n"
-        "from sweeps.engine.run import _schema\n"
-        "from sweeps.errors import StoreError\n"
-        "from sweeps.store import sweep_writer\n"
-        f"assert sweeps.__file__.startswith({str(tmp_path)!r}), sweeps.__file__\n"
-        "schema = _schema(load_config('sweep.yaml'), {})\n"
-        "with sweep_writer('out.h5', schema, resume=True): pass\n"
-    )
-
-    def resumed():
-        environment = {"PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)}
-        return subprocess.run(
-            [sys.executable, "-c", script], capture_output=True, text=True, env=environment
-        )
-
-    assert resumed().returncode == 0
+    run_sweep(load(ALL[sweep], path="out.yaml"), "out.h5")
+    copy_packages(tmp_path)
     path = tmp_path / source
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new) + "# edited\n")
-    ended = resumed()
+    ended = resumed(tmp_path, "out")
     assert ended.returncode == 1 and "cannot be resumed" in ended.stderr, ended.stderr
     passed_on = source.startswith("sweeps/config")
     assert (" and is " if passed_on else "the code that computes is another") in ended.stderr

@@ -122,24 +122,22 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
 
 
 @pytest.mark.slow
-def test_two_parameters_with_a_period_give_a_map(draw):
-    assert draw("-o", "default.png").stdout == "default.png\n"
+def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen_is_said(draw):
+    default = draw("-o", "default.png")
+    assert (default.stdout, default.stderr) == ("default.png\n", "")
     draw("-o", "map.png", "--kind", "map")
-    draw("-o", "diagram.png", "--kind", "bifurcation")
+    said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
+    assert draw("-o", "diagram.png", "--kind", "bifurcation").stderr == said
     default, shown, other = (imread(f"{name}.png") for name in ("default", "map", "diagram"))
     assert np.array_equal(default, shown) and default.shape != other.shape
-    for choice in (["--axis", "R"], ["--at", "R=0.6"], ["--coordinate", "poincare_v"]):
-        assert draw(*choice).exit_code == 0
+    for choice, told in (
+        (["--axis", "R"], "omega = 2.2, the first of 13: --at omega=VALUE takes another\n"),
+        (["--at", "R=0.8"], ""),
+        (["--coordinate", "poincare_v"], said),
+    ):
+        drawn = draw(*choice)
+        assert (drawn.exit_code, drawn.stderr) == (0, told)
         assert imread("map.png").shape != shown.shape
-
-
-@pytest.mark.slow
-def test_a_value_that_was_not_chosen_is_said(draw):
-    said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
-    assert draw("--kind", "bifurcation").stderr == said
-    assert draw("--at", "R=0.8").stderr == ""
-    assert draw().stderr == ""
-    assert draw("--axis", "R").stderr.startswith("omega = 2.2, the first of 13: --at omega=VALUE")
     assert draw("--kind", "section").stderr.count("the first of") == 2
 
 

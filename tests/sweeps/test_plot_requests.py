@@ -74,17 +74,26 @@ def test_a_point_that_failed_is_titled_so(random_sweep):
     assert Status.UNRESOLVED.meaning in trajectory(dataset).get_suptitle()
 
 
+@pytest.fixture(scope="module")
+def over_starts(shared_sweep):
+    axes = {"x0": R - 2.0, "v0": R, "omega": OMEGA}
+    return shared_sweep(axes, diagnostics=["period"], phase=0.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("ending", "start"),
-    [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89")],
+    ("kind", "ending", "start"),
+    [
+        *((kind, "svg", b"<?xml") for kind in sorted({*KINDS} - {"table"})),
+        ("map", "pdf", b"%PDF"),
+        ("bifurcation", "pdf", b"%PDF"),
+        ("map", "png", b"\x89PNG"),
+        ("bifurcation", "PNG", b"\x89PNG"),
+    ],
 )
-@pytest.mark.parametrize("kind", sorted({*KINDS} - {"table"}))
-def test_every_kind_is_written_in_every_format(random_sweep, tmp_path, kind, ending, start):
+def test_every_kind_is_written_and_every_format(over_starts, tmp_path, kind, ending, start):
     output = tmp_path / f"a.{ending}"
-    axes = {"x0": R - 2.0, "v0": R, "omega": OMEGA}
-    dataset = random_sweep(axes, diagnostics=["period"], phase=0.0)
-    assert plot(dataset, output, kind) == output
+    assert plot(over_starts, output, kind) == output
     assert output.read_bytes().startswith(start)
 
 
@@ -104,8 +113,13 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
 
     monkeypatch.setattr(api, "KINDS", {name: spy(name) for name in KINDS})
-    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.png")
+    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.svg")
     assert called == [expected]
+
+
+@pytest.fixture(scope="module")
+def without_impacts(shared_sweep):
+    return shared_sweep({"R": R, "omega": OMEGA}, impacts=0, with_trajectory=False)
 
 
 @pytest.mark.parametrize(
@@ -163,11 +177,10 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
         ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
     ],
 )
-def test_requests_that_do_not_fit_are_refused(random_sweep, tmp_path, options, message):
+def test_requests_that_do_not_fit_are_refused(without_impacts, tmp_path, options, message):
     (tmp_path / "folder.png").mkdir()
-    dataset = random_sweep({"R": R, "omega": OMEGA}, impacts=0, with_trajectory=False)
     with pytest.raises(Refused, match=message):
-        plot(dataset, **{**options, "output": tmp_path / options.get("output", "a.png")})
+        plot(without_impacts, **{**options, "output": tmp_path / options.get("output", "a.png")})
     assert not (tmp_path / "a.png").exists()
 
 

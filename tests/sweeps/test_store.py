@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps.config.schema import DIAGNOSTICS
+from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid
 from sweeps.store import VARIABLES, bytes_per_point, open_sweep, status_counts, sweep_writer
 from sweeps.store.variables import held_variables

@@ -48,14 +48,14 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
             time.sleep(0.02)
         killed.kill()
     assert Path("sweep.h5.part").exists(), "the run ended before it was killed"
-    refined = ("--set", "refine={axis: omega, levels: 3}", "--set", "oscillator.omega.num=50")
+    few = ("--set", "oscillator.omega.num=50", "-o", "few.h5")
     commands = [
         [*run, "--set", "record.transient=2000", "--resume"],
-        ["run", "sweep.yaml", "--quiet", *refined, "-o", "refined.h5"],
-        ["run", "sweep.yaml", "--quiet", "-o", "refined.h5", "--overwrite"],
+        ["run", "sweep.yaml", "--quiet", *few, "--set", "refine={axis: omega, levels: 3}"],
+        ["run", "sweep.yaml", "--quiet", *few, "--overwrite"],
         ["plot", "sweep.h5"],
         ["info", "sweep.h5"],
-        ["zoom", "sweep.h5", "omega=2.5:2.6", "-o", "zoom.h5"],
+        ["zoom", "few.h5", "omega=2.5:2.6", "-o", "zoom.h5"],
         ["export", "sweep.h5", "-o", "sweep.csv"],
         ["export", "sweep.h5", "-o", "sweep.csv"],
     ]

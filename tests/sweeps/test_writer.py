@@ -133,7 +133,7 @@ def test_a_journal_that_is_cut_off_anywhere_has_the_blocks_before(whole):
     header = PART.stat().st_size
     fill_blocks("out.h5", 3, resume=True)
     content = PART.read_bytes()
-    lengths = {header, len(content), *np.linspace(header, len(content), 13).astype(int)}
+    lengths = {header, len(content), *np.linspace(header, len(content), 7).astype(int)}
     counts = []
     for length in sorted(lengths):
         PART.write_bytes(content[:length])
@@ -155,8 +155,8 @@ def test_of_the_last_block_any_sectors_may_be_lost(whole, old):
     content = PART.read_bytes()
     random = np.random.default_rng(1)
     sectors = range(start // SECTOR, -(-len(content) // SECTOR))
-    for case in range(16):
-        lost = [sectors[case % len(sectors)]] if case < 6 else random.permutation(sectors)[:case]
+    for case in (0, 1, 2, 3, 6, 9, 12, 15):
+        lost = [sectors[case % len(sectors)]] if case < 4 else random.permutation(sectors)[:case]
         damaged = bytearray(content)
         for sector in lost:
             cut = slice(max(start, sector * SECTOR), min((sector + 1) * SECTOR, len(content)))
@@ -234,7 +234,7 @@ def test_a_disk_that_fills_up_keeps_every_block_before(whole):
 
 
 @pytest.mark.parametrize(
-    "sizes", [9, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
+    "sizes", [5, pytest.param(400, marks=pytest.mark.campaign)], ids=["some", "many"]
 )
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):

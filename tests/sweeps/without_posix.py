@@ -14,19 +14,23 @@ import pathlib
 import sys
 import types
 
-LIBRARIES = """
-bokeh.server.server distributed filelock h5netcdf matplotlib.pyplot numba pandas platformdirs.unix
-psutil scipy.optimize xarray
-"""
+LIBRARIES = "filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
+#: Those that only these commands and options use, and that take long to import.
+MORE = {
+    "plot": "matplotlib.pyplot",
+    "explore": "bokeh.server.server matplotlib.pyplot",
+    "--dask": "distributed",
+}
 LACKING = {
     "os": "pread pwrite posix_fallocate fdatasync geteuid getuid fchmod O_NOFOLLOW O_NONBLOCK fork",
     "signal": "SIGKILL SIGPIPE SIGHUP pthread_sigmask setitimer",
 }
 
 
-def take_away():
+def take_away(words):
     """Remove what other systems lack, and refuse what they refuse."""
-    for library in LIBRARIES.split():
+    more = " ".join(names for word, names in MORE.items() if word in words)
+    for library in f"{LIBRARIES} {more}".split():
         importlib.import_module(library)
     for name, lacking in LACKING.items():
         whole = sys.modules[name]
@@ -86,7 +90,7 @@ def open_files():
 
 def main(words):
     """Run each command, until one does not end with 0."""
-    take_away()
+    take_away(words)
     from sweeps.cli.__main__ import main as command
 
     while words:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sweep_files import fill, random_results
-from sweeps.config.schema import DIAGNOSTICS
+from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid, block_points
 from sweeps.store import VARIABLES, Schema
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 TESTS = Path(__file__).parents[1]
 

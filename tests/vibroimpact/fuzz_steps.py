@@ -7,16 +7,15 @@ made of random bits, half as runs of valid points at and between the bounds of t
 import sys
 import time
 
-import numba
 import numpy as np
 
 from vibroimpact import integrate
+from vibroimpact.jit import jit
 from vibroimpact.kernel.record import SUMS, list_impact
 from vibroimpact.oscillator import PARAMETERS, POINT
 from vibroimpact.status import Status
 from vibroimpact.step.contact import EVENTS_SHAPE, IMPACT, KIND, SPEED, TIME, new_scratch
 from vibroimpact.step.exact import steps_needed
-from vibroimpact.step.grid import EXACT, IMPACT_RULES, PLAIN, scheme_of
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.propagator import (
     Coefficients,
@@ -26,6 +25,7 @@ from vibroimpact.step.propagator import (
     propagator_of,
 )
 from vibroimpact.step.recorder import trace
+from vibroimpact.step.scheme import EXACT, IMPACT_RULES, PLAIN, scheme_of
 from vibroimpact.step.stepper import take_exact_step
 from vibroimpact.step.time_stepping import plain, reduced_step
 
@@ -42,7 +42,7 @@ LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-
 # --- floats made of random bits ---
 
 
-@numba.njit(error_model="numpy")
+@jit
 def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
     """Take one step from each state: nothing about it is right but that its fields are floats."""
     most = 0

@@ -19,7 +19,7 @@ import vibroimpact
 from vibroimpact import Oscillator
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.grid import default_steps
+from vibroimpact.step.scheme import default_steps
 
 MOST_STEPS = 300_000
 PACKAGE = str(Path(vibroimpact.__file__).parent)

@@ -7,8 +7,8 @@ import pytest
 
 from vibroimpact import Oscillator, Status
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.grid import IMPACT_RULES, default_steps
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES, default_steps
 
 # One integrator for every rule.
 METHODS = pytest.mark.parametrize(

@@ -41,10 +41,12 @@ def folder(tmp_path):
 
 def test_a_moved_function_is_not_compiled_anew(tmp_path):
     """What it computes is looked at: not its place, the comments or the docstring."""
+    functions = []  # while one lives, numba knows the module that the file lacks
 
     def result(text):
         (tmp_path / "module.py").write_text(text)
         function = numba.njit(runpy.run_path(str(tmp_path / "module.py"))["scaled"])
+        functions.append(function)
         function._cache = CompiledCode(function.py_func, tmp_path / "compiled")
         return function(21), sum(function.stats.cache_hits.values())
 

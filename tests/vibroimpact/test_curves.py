@@ -297,6 +297,22 @@ def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
     assert sorted(point.value[1] for point in found.special) == [0.8 - width, 0.8 + width]
 
 
+def test_two_folds_meet_in_a_cusp():
+    """Beside it a branch has two folds on one side of its clearance, and none on the other."""
+    osc = Oscillator(h=0.1, R=0.6, omega=0.65, f=1.0)
+    run = simulate(osc, periods=300)
+    four = periodic_orbit(osc, run.x[-1], run.v[-1])
+    (fold,) = [p for p in branch(four, "omega", 0.3, 4.0).special if p.kind == "fold"]
+    found = bifurcation_curve(fold.orbit, "fold", ("omega", 0.5, 1.5), ("clearance", -0.5, 0.5))
+    (cusp,) = [p for p in found.special if p.kind == "cusp"]
+    omega, clearance = cusp.value
+    (without,) = branch(cusp.orbit, "clearance", -0.5, 0.5).at(clearance - 1e-3)
+    at = int(np.argmin(np.abs(found.values - cusp.value).max(axis=1)))
+    for near, count in ((without, 0), (found.orbit(at - 1), 2), (found.orbit(at + 1), 2)):
+        special = branch(near, "omega", omega - 0.01, omega + 0.01).special
+        assert [p.kind for p in special].count("fold") == count
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
     found = bifurcation_curve(one_impact(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))

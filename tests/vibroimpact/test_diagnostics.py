@@ -135,7 +135,7 @@ def test_the_flip_is_where_the_period_doubles(h, R, n, low, high):
         return computed(osc, transient, 8 * n, *on_the_orbit(osc, n, 5e-8))[0] != n
 
     assert doubled(high) and not doubled(low)
-    while high - low > 2e-7:
+    while high - low > 5e-7:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if doubled(middle) else (middle, high)
     assert abs(0.5 * (low + high) - flip) < 1e-6

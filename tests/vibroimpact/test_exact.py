@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, Status, integrate, simulate
-from vibroimpact.step.grid import default_steps
+from vibroimpact.step.scheme import default_steps
 
 PERIOD = 2.0 * math.pi
 GRAZES = ["graze_first_exact30", "graze_first_minus", "graze_first_minus6", "graze_first_plus6"]

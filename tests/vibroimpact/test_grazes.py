@@ -9,7 +9,7 @@ import pytest
 from kernel_cases import PERIOD
 from vibroimpact import integrate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.grid import default_steps
+from vibroimpact.step.scheme import default_steps
 
 
 def graze(rng):

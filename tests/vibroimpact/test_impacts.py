@@ -20,8 +20,8 @@ from vibroimpact.step.contact import (
     start,
     time_to_release,
 )
-from vibroimpact.step.grid import CUBIC, IMPACT_RULES, REDUCED_STEP
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import CUBIC, IMPACT_RULES, REDUCED_STEP
 from vibroimpact.step.time_stepping import (
     crossed,
     fly,

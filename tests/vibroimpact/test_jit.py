@@ -1,5 +1,6 @@
 """The fused multiply-add, and a disk cache that never serves a stale kernel."""
 
+import math
 import os
 import shutil
 import subprocess
@@ -11,24 +12,22 @@ import pytest
 import vibroimpact
 from vibroimpact.jit import fma
 
-# step_lanes() is in kernel/time_stepping.py, the helper it calls in step/integrators.py.
+# time_to_release() is in step/contact.py, the helper it calls in step/trigonometry.py.
 PROGRAM = """\
-import numpy as np
 import vibroimpact
-from vibroimpact.kernel.time_stepping import step_lanes
-from vibroimpact.kernel.workspace import LANES, LEVEL, POSITION, new_workspace
-lanes = new_workspace(0).lanes
-lanes[:] = 1.0
-lanes[LEVEL : LEVEL + LANES] = np.inf
-step_lanes(lanes, 1, np.array([[0.0], [0.25], [0.5]]), 0, 1)
+from vibroimpact import Oscillator
+from vibroimpact.step.contact import is_held, time_to_release
+pt = Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at()[0]
 print(vibroimpact.__file__)
-print(lanes[POSITION])
-print(sum(step_lanes.stats.cache_hits.values()), sum(step_lanes.stats.cache_misses.values()))
+print(time_to_release(4.0, pt))
+hits, misses = time_to_release.stats.cache_hits, time_to_release.stats.cache_misses
+print(sum(hits.values()), sum(misses.values()))
 """
+RELEASE = math.pi - 2.0  # from the phase 4 to 2 pi, at omega = 2
 
 
 def run(folder):
-    """Run the program on the copy of the package in `folder`: its file, x_T, hits, misses."""
+    """Run the program on the copy of the package in `folder`: its file, time, hits, misses."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "PYTHON"))}
     environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
     environment["NUMBA_CACHE_DIR"] = str(folder / "cache")  # that of the original has it, too
@@ -51,41 +50,25 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
     shutil.copytree(
         Path(vibroimpact.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
     )
-    assert run(tmp_path) == (2.75, 0, 1)
-    assert run(tmp_path) == (2.75, 1, 0)
-    helper = copy / "step/integrators.py"
+    assert run(tmp_path) == (pytest.approx(RELEASE), 0, 1)
+    assert run(tmp_path) == (pytest.approx(RELEASE), 1, 0)
+    helper = copy / "step/trigonometry.py"
     before = helper.read_text()
-    after = before.replace("fma(xs, s, xc * c)", "fma(xs, s, 3.0 * xc * c)")
+    after = before.replace("return -s if half >= 1.0 else s,", "return s,")
     assert after != before
     helper.write_text(after)
-    assert run(tmp_path) == (3.75, 0, 1)
-
-
-@pytest.mark.slow
-def test_compiled_code_runs_without_all_that_numba_can_compile(tmp_path):
-    """SciPy is most of it. A function that is not in the cache yet is compiled all the same."""
-    program = f"""{PROGRAM}
-import sys
-print("scipy.linalg" in sys.modules)
-from vibroimpact.kernel.time_stepping import map_of
-print(map_of(lanes, 0)[1])
-print("scipy.linalg" in sys.modules)
-"""
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    runs = [
-        subprocess.run([sys.executable, "-c", text], env=environment, stdout=subprocess.PIPE)
-        for text in (PROGRAM, program)
-    ]
-    first, second = (result.stdout.decode().splitlines()[1:] for result in runs)
-    assert first == ["2.75", "0 1"]
-    assert second == ["2.75", "1 0", "False", "(1.0, 1.0, 1.0, 1.0)", "True"]
+    assert run(tmp_path) == (0.0, 0, 1)
 
 
 @pytest.mark.slow
 def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
-    """Both wait until the other is ready to compile; both are right, and so is what they leave."""
-    before, call = PROGRAM.split("step_lanes(lanes", 1)
-    waiting = f"{before}print('ready', flush=True)\ninput()\nstep_lanes(lanes{call}"
+    """Both wait until the other is ready to compile; both are right, and so is what they leave.
+
+    It runs without all that numba can compile, of which SciPy is most; and a function that is not
+    in the cache yet is compiled all the same.
+    """
+    before, call = PROGRAM.split("print(time", 1)
+    waiting = f"{before}print('ready', flush=True)\ninput()\nprint(time{call}"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     both = [
         subprocess.Popen(
@@ -98,17 +81,23 @@ def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
         for _ in range(2)
     ]
     for process in both:
-        assert process.stdout.readline() == "ready\n"
+        assert [process.stdout.readline() for _ in range(2)][1] == "ready\n"
     for process in both:
         process.stdin.write("\n")
         process.stdin.flush()
     told = [process.communicate()[0].splitlines() for process in both]
     assert [process.returncode for process in both] == [0, 0]
-    assert [lines[1] for lines in told] == ["2.75", "2.75"]
-    third = subprocess.run(
-        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
+    assert told == [[repr(RELEASE), "0 1"]] * 2
+    third = f"""{PROGRAM}
+import sys
+print("scipy.linalg" in sys.modules)
+print(is_held(pt))
+print("scipy.linalg" in sys.modules)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", third], env=environment, capture_output=True, text=True, check=True
     )
-    assert third.stdout.splitlines()[1:] == ["2.75", "1 0"]
+    assert done.stdout.splitlines()[1:] == [repr(RELEASE), "1 0", "False", "False", "True"]
 
 
 def test_fma_rounds_once():

@@ -10,9 +10,9 @@ from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.workspace import LANES, aligned
 from vibroimpact.oscillator import POINT
 from vibroimpact.points.scaling import SCALED
-from vibroimpact.step.grid import default_steps, scheme_of
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.recorder import trajectories
+from vibroimpact.step.scheme import default_steps, scheme_of
 
 
 def test_a_lane_is_the_single_orbit_bit_for_bit(rule, integrator):

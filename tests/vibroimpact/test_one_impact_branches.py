@@ -105,7 +105,7 @@ def test_random_folds_are_at_their_closed_form(axis, count):
 
 @pytest.mark.parametrize(
     "count",
-    [pytest.param(50, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
+    [pytest.param(25, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
 )
 def test_random_flips_and_grazes_are_those_of_the_section_map(count):
     """To 1e-13, any damping but the critical; and a branch is stable where the closed form is."""

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, integrate, simulate
-from vibroimpact.step.grid import IMPACT_RULES
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
 PERIODS = 20

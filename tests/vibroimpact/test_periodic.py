@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from vibroimpact.orbits.branches import branch
+from vibroimpact.orbits.corrector import correct
 from vibroimpact.orbits.curves import bifurcation_curve
+from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved
+from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved, violation
 from vibroimpact.oscillator import Oscillator
-from vibroimpact.step.grid import scheme_of
 from vibroimpact.step.recorder import trace
+from vibroimpact.step.scheme import scheme_of
 from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.trajectory import simulate
 
@@ -203,26 +205,12 @@ def test_what_newtons_method_ends_at_is_an_orbit_or_refused(seed):
 
 def root_near(osc, phases, speeds):
     """Return the root of the impact equations near a guess, and why it is no orbit."""
-    from vibroimpact.orbits import periodic as module
-    from vibroimpact.orbits.corrector import System, correct
-    from vibroimpact.orbits.flights import values_of
-
-    X = np.column_stack([phases, speeds]).ravel()
-    system = System(
-        values_of(osc),
-        np.empty(0, np.int64),
-        np.empty(0),
-        1,
-        len(phases),
-        1.0,
-        0,
-        0,
-        np.zeros(1),
-    )
-    if not correct(system, X, np.empty((0, 0)), 60) or (X[1::2] < 0.0).any():
+    family = OrbitFamily(PeriodicOrbit(osc, 1, phases, speeds), (), speed=1.0)
+    X = family.start
+    if not correct(family.system, X, np.empty((0, 0)), 60) or (X[1::2] < 0.0).any():
         return None, ""
-    root = module.orbit_of(osc, 1, X[::2], X[1::2])
-    return root, module.violation(root)
+    root = family.orbit(X)
+    return root, violation(root)
 
 
 def returns(osc, root):
@@ -239,23 +227,6 @@ def returns(osc, root):
     off = np.abs(phases[inside] - first[:-1]).max(initial=0.0)
     off = max(off, np.abs(speeds[inside] - root.speeds[1:]).max(initial=0.0))
     return None if 1e-8 < off < 1e-4 else bool(off <= 1e-8)
-
-
-@pytest.mark.parametrize(("h", "R", "omega", "q"), [(0.1, 0.5, 1.05, 2), (0.5, 0.5, 1.0, 4)])
-def test_the_multipliers_are_those_of_the_section_map(h, R, omega, q):
-    """Central differences of one period of the exact engine."""
-    osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
-    found = periodic_orbit(osc, *attractor(osc, 100))
-    assert found.q == q
-    (state,) = found.sections()
-    columns = []
-    for unit in np.eye(2):
-        ends = [simulate(osc, 1, x0=x, v0=v) for x, v in (state + 1e-5 * unit, state - 1e-5 * unit)]
-        ends = [np.array([run.section_x[-1], run.section_v[-1]]) for run in ends]
-        columns.append((ends[0] - ends[1]) / 2e-5)
-    expected = np.linalg.eigvals(np.array(columns).T).astype(complex)
-    expected = expected[np.argsort(-np.abs(expected))]
-    assert found.multipliers == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.slow

@@ -11,8 +11,8 @@ import pytest
 from vibroimpact import Oscillator, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
-from vibroimpact.step.grid import MOST_STEPS, default_steps
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import MOST_STEPS, default_steps
 from vibroimpact.step.stability import free_map, is_stable, least_stable_steps, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)

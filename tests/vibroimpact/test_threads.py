@@ -35,11 +35,10 @@ FORKED, BESIDE = 'multiprocessing.get_context("fork").Pool(2)', "ThreadPoolExecu
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("layer", ["default", "omp", "workqueue"])
 @pytest.mark.parametrize("pool", [FORKED, BESIDE], ids=["forked", "beside each other"])
-def test_calls_in_forked_processes_and_in_threads(pool, layer):
-    """After a call on two threads, with any threading layer of numba: the same numbers, in time."""
-    environment = os.environ | {"NUMBA_THREADING_LAYER": layer, "NUMBA_NUM_THREADS": "2"}
+def test_calls_in_forked_processes_and_in_threads(pool):
+    """After a call on two threads: the same numbers, in time."""
+    environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
     command = [sys.executable, "-c", PROGRAM.replace("POOL", pool)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr

@@ -11,9 +11,9 @@ from kernel_cases import ALL, SECOND_ORDER
 from oscillators import oscillator
 from vibroimpact import Oscillator, Status, simulate
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.grid import IMPACT_RULES, scheme_of
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.recorder import trace, trajectories
+from vibroimpact.step.scheme import IMPACT_RULES, scheme_of
 
 RULES = pytest.mark.parametrize("rule", IMPACT_RULES)
 SHORTENING = pytest.mark.parametrize("rule", ["reduced-step", "cubic"])

@@ -1,9 +1,8 @@
 """Compiled functions: their options, single instructions of LLVM, disk cache, and threads."""
 
-from vibroimpact.jit.cache import NUMERICS
-from vibroimpact.jit.compiling import ALL_THREADS, compiled, jit
+from vibroimpact.jit.cache import NUMERICS, name_of
+from vibroimpact.jit.compiling import ALL_THREADS, compiled, jit, on_threads
 from vibroimpact.jit.intrinsics import (
-    bit,
     claim,
     fma,
     is_set,
@@ -12,13 +11,10 @@ from vibroimpact.jit.intrinsics import (
     select,
     widest_vectors,
 )
-from vibroimpact.jit.sources import name_of
-from vibroimpact.jit.threads import on_threads
 
 __all__ = [
     "ALL_THREADS",
     "NUMERICS",
-    "bit",
     "claim",
     "compiled",
     "fma",

@@ -7,12 +7,14 @@ warning where nothing can be kept; it never ends a program.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import hashlib
 import os
 import stat
 import tempfile
 import warnings
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,14 +22,42 @@ from typing import Any
 import numba
 import platformdirs
 
-from vibroimpact.jit.sources import name_of
-
+#: What has a docstring.
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _DIGEST = hashlib.sha256().digest_size
 
 
 def _root() -> Path:
     config: Any = numba.config  # its settings are made at run time, unseen by a type checker
     return Path(config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
+
+
+def syntax(source: bytes) -> str:
+    """Return the syntax tree of a source in words, without docstrings and places.
+
+    Empty fields are left out, since newer versions of Python add some: so the text does not depend
+    on the version, as that of ``ast.dump`` does.
+    """
+    return _shown(ast.parse(source))
+
+
+def _shown(part: object) -> str:
+    """Return a node, a list of nodes or a constant in words."""
+    if isinstance(part, list):
+        return f"[{', '.join(map(_shown, part))}]"
+    if not isinstance(part, ast.AST):
+        return repr(part)
+    fields = dict(ast.iter_fields(part))
+    if isinstance(part, _DOCUMENTED) and ast.get_docstring(part, clean=False) is not None:
+        fields["body"] = part.body[1:]
+    shown = (f"{name}={_shown(value)}" for name, value in fields.items() if value not in (None, []))
+    return f"{type(part).__name__}({', '.join(shown)})"
+
+
+def name_of(sources: Mapping[str, bytes], *others: str) -> str:
+    """Return a digest of the code of `sources`, by their paths, and of the names of `others`."""
+    trees = {path: syntax(source) for path, source in sources.items()}
+    return hashlib.sha256(repr((others, trees)).encode()).hexdigest()[:16]
 
 
 def numerics_of(package: Path) -> str:
@@ -63,13 +93,7 @@ class CacheWarning(UserWarning):
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder of this user alone.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made, or is there and unsafe.
-    """
+    """Make a folder of this user alone; OSError if it cannot be, or is there and unsafe."""
     if not folder.is_absolute():  # also "~/.cache", where there is no home
         raise OSError(0, "its path is not absolute")
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -114,13 +138,7 @@ def read(path: Path) -> bytes | None:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Put a file in its place whole, beside other processes that do the same.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written, or its folder is unsafe.
-    """
+    """Put a file in its place whole, beside other processes; OSError if it cannot be written."""
     make_folder(path.parent)
     descriptor, draft = tempfile.mkstemp(dir=path.parent)
     try:

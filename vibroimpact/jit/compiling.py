@@ -1,4 +1,4 @@
-"""The options that every function of this project is compiled with.
+"""The options that every function of this project is compiled with, and its threads.
 
 No fast-math flag is set anywhere. Where a product and a sum should be fused, the code says
 ``fma``; so scalar and vector code, any block size and any thread count round alike.
@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from typing import Any
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from typing import Any, TypeVar
 
 import numba
+import numpy as np
 
 from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
 from vibroimpact.jit.hooks import HOOKS, dispatcher
@@ -24,6 +28,8 @@ if _config.DISABLE_JIT:
 #: the variable NUMBA_NUM_THREADS says.
 ALL_THREADS: int = _config.NUMBA_NUM_THREADS
 
+T = TypeVar("T")
+
 
 def jit(
     function: Callable | None = None,
@@ -34,26 +40,13 @@ def jit(
 ) -> Any:
     """Compile `function` with the options of this project, cached on disk.
 
-    The NumPy error model is needed for vectorisation: with Python's, every division may raise.
-
-    Parameters
-    ----------
-    inline : bool
-        Merge into the caller before numba infers types. A helper then sees which of its arguments
-        are constants, and branches that they exclude are not compiled.
-    forced_inline : bool
-        Make LLVM merge it into the caller, because a loop around a call is not vectorised.
-    refcounts : bool
-        Count references to arrays. Functions whose arrays are all held by their caller can do
-        without, which halves the cost of an impact.
+    An `inline` function is merged into its caller before types are inferred, so that branches which
+    constant arguments exclude are not compiled; one of `forced_inline` by LLVM, since a loop around
+    a call is not vectorised. Without `refcounts`, which needs arrays that the caller holds, an
+    impact costs half. With Python's error model every division may raise: no loop is vectorised.
     """
     if function is None:
-        return lambda f: jit(
-            f,
-            inline=inline,
-            forced_inline=forced_inline,
-            refcounts=refcounts,
-        )
+        return partial(jit, inline=inline, forced_inline=forced_inline, refcounts=refcounts)
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,  # so that several threads compute, and a main thread hears signals
@@ -91,3 +84,26 @@ def compiled(function: Any, *arguments: Any) -> Any:
             if collecting:
                 gc.enable()
     return function
+
+
+def on_threads(
+    threads: int, interrupt: np.ndarray, function: Callable[..., T], *arguments: object
+) -> list[T]:
+    """Call a function on so many threads, and wait for what they return.
+
+    The caller only waits, because Python hears no signal while its main thread is in compiled code.
+    Whatever ends the wait, as Ctrl-C, sets `interrupt`, which the function checks.
+
+    The threads last as long as the call: a forked process misses none of them, and callers in
+    several threads do not meet.
+    """
+    calls: list[Future[T]] = []
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            with suppress(RuntimeError):  # if no more can be started, the started ones do the work
+                for _ in range(threads):
+                    calls.append(pool.submit(function, *arguments))
+            return [call.result() for call in calls] or [function(*arguments)]
+        except BaseException:
+            interrupt[0] = 1
+            raise

@@ -29,8 +29,7 @@ from numba.core.compiler import Compiler, CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from vibroimpact.jit.cache import cache_folder, read, warn_once, write
-from vibroimpact.jit.sources import syntax
+from vibroimpact.jit.cache import cache_folder, read, syntax, warn_once, write
 
 #: The versions of numba that these hooks were tested with.
 TESTED = ("0.60", "0.68")
@@ -113,15 +112,7 @@ class WholeCompiler(Compiler):
 
 
 class CompiledCode:
-    """The compiled forms of one function, in the interface that numba's dispatchers ask for.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-    folder : Path
-        Where the files are; it is made when the first is written.
-    """
+    """The compiled forms of a Python function, as numba's dispatchers ask for them."""
 
     def __init__(self, function: Callable, folder: Path) -> None:
         self.cache_path = str(folder)

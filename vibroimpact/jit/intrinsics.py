@@ -75,21 +75,6 @@ def is_set(context, flag):
 
 
 @intrinsic
-def bit(context, condition, place):
-    """An integer with the bit at `place` set where the condition holds, else 0; no branch."""
-
-    def generate(context, builder, signature, arguments):
-        condition, place = arguments
-        as_bit = context.cast(builder, condition, types.boolean, types.boolean)
-        single = context.get_constant(types.int64, 1)
-        return builder.select(
-            as_bit, builder.shl(single, place), context.get_constant(types.int64, 0)
-        )
-
-    return types.int64(types.boolean, types.int64), generate
-
-
-@intrinsic
 def lowest_bit(context, bits):
     """The place of the lowest bit set in an integer that is not 0."""
 

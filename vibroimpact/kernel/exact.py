@@ -47,7 +47,6 @@ from vibroimpact.kernel.workspace import (
     sleeps_until,
 )
 from vibroimpact.step.exact import exact_step
-from vibroimpact.step.grid import COS, SIN, THETA
 from vibroimpact.step.impact import ONLY
 from vibroimpact.step.propagator import (
     Forcing,
@@ -59,6 +58,7 @@ from vibroimpact.step.propagator import (
     propagator_of,
     to_dimensionless,
 )
+from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.variational import carry_tangents, orthonormalise, propagate_tangents
 
 # Steps between two looks at the tangent vectors.
@@ -146,12 +146,12 @@ def propagate_all_tangents(lanes, size, n):
 
 
 @jit(refcounts=False)
-def scatter(block, lo, count, grid, n, recording, carrying):
+def scatter(batch, lo, count, grid, n, recording, carrying):
     """Take the lanes of these columns to the end of step `n`.
 
     A lane without a proved single impact is taken there by itself.
     """
-    (lanes, met, c, _, _), points, record = block
+    (lanes, met, c, _, _), points, record = batch
     theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
     for j in range(count):
         i = met[lo + j] & (LANES - 1)
@@ -161,7 +161,7 @@ def scatter(block, lo, count, grid, n, recording, carrying):
                 if recording:
                     lanes[SLEPT + i] += 1.0
             else:
-                resolve_scalar(block, i, j, grid, n, recording, carrying)
+                resolve_scalar(batch, i, j, grid, n, recording, carrying)
             continue
         lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = c[Y_T + j], c[W_T + j]
         if carrying:
@@ -172,9 +172,9 @@ def scatter(block, lo, count, grid, n, recording, carrying):
 
 
 @jit(refcounts=False)
-def resolve_scalar(block, i, j, grid, n, recording, carrying):
+def resolve_scalar(batch, i, j, grid, n, recording, carrying):
     """Take lane `i`, which is in column `j`, over step `n`, with every impact in it."""
-    (lanes, _, c, _, scratch), points, record = block
+    (lanes, _, c, _, scratch), points, record = batch
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
     theta = table[THETA, n]
@@ -229,9 +229,9 @@ def judge_tangents(lanes, size, row):
 
 
 @jit(refcounts=False)
-def stretch_lanes(block, n):
+def stretch_lanes(batch, n):
     """Orthonormalise the tangent vectors that need it, before step `n`."""
-    (lanes, met, _, _, _), points, record = block
+    (lanes, met, _, _, _), points, record = batch
     row = TANGENTS + (n & 1) * ROW
     judge_tangents(lanes, points.size, row)
     for j in range(list_lanes(lanes, met, points.size)):
@@ -240,9 +240,9 @@ def stretch_lanes(block, n):
 
 
 @jit(refcounts=False)
-def advance(block, grid, recording, carrying):
-    """Take a block over the steps of `grid`, step by step."""
-    workspace, points, _ = block
+def advance(batch, grid, recording, carrying):
+    """Take a batch over the steps of `grid`, step by step."""
+    workspace, points, _ = batch
     lanes, size = workspace.lanes, grid.size
     for n in range(size):
         added = workspace.added[place_of_added(workspace, grid, n)]
@@ -253,9 +253,9 @@ def advance(block, grid, recording, carrying):
         for lo in range(0, listed, COLUMNS):
             count = min(COLUMNS, listed - lo)
             correct_side_by_side(workspace, lo, count, grid, n, carrying)
-            scatter(block, lo, count, grid, n, recording, carrying)
+            scatter(batch, lo, count, grid, n, recording, carrying)
         if carrying and ((n + 1) % _STRIDE == 0 or n + 1 == size):
-            stretch_lanes(block, n + 1)
+            stretch_lanes(batch, n + 1)
     if size & 1:
         for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step is even
             for i in range(a, a + LANES):
@@ -282,9 +282,9 @@ def forget_at_rest(lanes, size):
 
 
 @jit(refcounts=False)
-def sum_up_tangents(block):
+def sum_up_tangents(batch):
     """Add up the growth that is left in the tangent vectors, as of (x, v)."""
-    (lanes, _, _, _, _), points, record = block
+    (lanes, _, _, _, _), points, record = batch
     for i in range(points.size):
         ay, aw, by, bw = pair_in(lanes, TANGENTS + i, 2 * ROW)
         omega = points[i].omega

@@ -25,7 +25,6 @@ from vibroimpact.kernel.workspace import (
     pair_in,
     put_pair,
 )
-from vibroimpact.step.grid import COS, SIN
 from vibroimpact.step.impact import (
     all_terms,
     approach,
@@ -35,6 +34,7 @@ from vibroimpact.step.impact import (
     rebound,
 )
 from vibroimpact.step.propagator import Coefficients
+from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.variational import tangents_through_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.

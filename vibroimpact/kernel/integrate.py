@@ -6,10 +6,10 @@ import numpy as np
 
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.record import SUMS, Record
-from vibroimpact.kernel.run import KernelJob, lanes_per_block, run_blocks
+from vibroimpact.kernel.run import KernelJob, lanes_per_batch, run_batches
 from vibroimpact.oscillator import POINT, refuse_invalid, whole
 from vibroimpact.status import Status
-from vibroimpact.step.grid import EXACT, MOST_PERIODS, MOST_RECORDED, scheme_of
+from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, scheme_of
 
 
 def integrate(
@@ -74,7 +74,7 @@ def integrate(
         the recorded periods. Where ``status`` is a failure the numbers are NaN, and the counts
         0. With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first; -inf
         after a rest, which leaves nothing of the past, and the second one after an impact with
-        R = 0, which leaves only its phase. The rule ``plain`` knows no rest; only
+        R = 0, which leaves only its phase. The rule ``plain`` has no rests; only
         ``exact`` looks for near grazes.
 
     Raises
@@ -109,14 +109,14 @@ def integrate(
     record.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    lanes = lanes_per_block(n, threads)
+    lanes = lanes_per_batch(n, threads)
     # No thread without lanes: to start one takes longer than to compute a few lanes.
     threads = min(threads, max(1, -(-n // lanes)))
     claimed = np.zeros(1, np.int64)
     job = KernelJob(
         points, scheme, transient, periods, bool(lyapunov), lanes, record, claimed, interrupt
     )
-    run_blocks(threads, job)
+    run_batches(threads, job)
     results = _results(points, periods, record)
     if not lyapunov:
         del results["lyapunov"]

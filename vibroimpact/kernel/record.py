@@ -90,26 +90,17 @@ def record_section(x, v, row, k, record):
         record.sums[row].status = _NON_FINITE
 
 
-@jit(refcounts=False)
-def reverse(ring, begin, end):
-    """Reverse the order of the impacts in a part of a ring."""
-    for k in range((end - begin) // 2):
-        i, j = begin + k, end - 1 - k
-        for q in range(2):
-            ring[i, q], ring[j, q] = ring[j, q], ring[i, q]
-
-
-@jit(refcounts=False)
+@jit
 def put_in_order(ring, count):
-    """Unroll a ring that received `count` impacts into time order, with NaN where it has room."""
+    """Put a ring that received `count` impacts into time order, with NaN where it has room."""
     size = ring.shape[0]
     for k in range(count, size):
         ring[k, 0] = ring[k, 1] = math.nan
-    if count > size > 0:
-        oldest = count % size
-        reverse(ring, 0, oldest)
-        reverse(ring, oldest, size)
-        reverse(ring, 0, size)
+    if count > size:
+        kept = ring.copy()
+        for k in range(size):
+            slot = (count + k) % size
+            ring[k, 0], ring[k, 1] = kept[slot, 0], kept[slot, 1]
 
 
 @jit(inline=True)
@@ -118,7 +109,7 @@ def rows_of(record, lo, hi):
     return Record(record.sections[lo:hi], record.impacts[lo:hi], record.sums[lo:hi])
 
 
-@jit(refcounts=False)
+@jit
 def close_records(record, given_up):
     """Put the impacts of every point in order; points that were interrupted are ``PENDING``."""
     for i in range(record.sums.size):

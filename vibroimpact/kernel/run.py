@@ -1,8 +1,8 @@
-"""The kernel's run: blocks of points over the threads, period by period.
+"""The kernel's run: batches of points over the threads, period by period.
 
-All lanes of a block take a step as if there were no stop, and those that may have met it are
+All lanes of a batch take a step as if there were no stop, and those that may have met it are
 corrected. Exact impacts have their loop in ``exact.py``, the other rules in ``time_stepping.py``.
-Each thread takes block after block, and does not hold Python's lock.
+Each thread takes batch after batch, and does not hold Python's lock.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from vibroimpact.kernel.workspace import (
     VECTOR,
     VELOCITY,
     WAKE,
-    Block,
+    Batch,
     new_workspace,
     set_start,
 )
-from vibroimpact.step.grid import EXACT, PLAIN, Scheme, sine_at_start
+from vibroimpact.step.scheme import EXACT, PLAIN, Scheme, sine_at_start
 
 #: The fewest points that a thread takes side by side, if there are so many: fewer take nearly as
 #: long with exact impacts.
@@ -44,23 +44,23 @@ class KernelJob(NamedTuple):
     transient: int  #: Periods left out.
     periods: int  #: Periods recorded.
     lyapunov: bool
-    lanes: int  #: Points in a block.
+    lanes: int  #: Points in a batch.
     record: Record  #: Receives the results.
-    claimed: np.ndarray  #: The number of blocks taken by the threads, shape (1,).
+    claimed: np.ndarray  #: The number of batches taken by the threads, shape (1,).
     interrupt: np.ndarray  #: Once it is set the points are left: ``PENDING``. Shape (1,).
 
 
-def lanes_per_block(points: int, threads: int) -> int:
+def lanes_per_batch(points: int, threads: int) -> int:
     """Return how many points to take side by side, so that threads get equal shares."""
     share = max(1, -(-points // threads))
-    blocks = -(-share // LANES)  # as many for every thread
-    return max(FEWEST_LANES, -(-share // (blocks * VECTOR)) * VECTOR)
+    batches = -(-share // LANES)  # as many for every thread
+    return max(FEWEST_LANES, -(-share // (batches * VECTOR)) * VECTOR)
 
 
 @jit(refcounts=False)
-def end_period(block, k, row, step):
+def end_period(batch, k, row, step):
     """Store the states, which lie in the first or second rows, as section `k` of the record."""
-    (lanes, _, _, _, _), points, record = block
+    (lanes, _, _, _, _), points, record = batch
     for i in range(LANES):
         lanes[WAKE + i] -= 2.0 * math.pi  # the grid's phases begin again
     if k >= 0:
@@ -72,13 +72,13 @@ def end_period(block, k, row, step):
 
 
 @jit(inline=True)
-def run_block(block, job, exactly, plain):
-    """Run a block of at most ``LANES`` points from its start to the end of the record.
+def run_batch(batch, job, exactly, plain):
+    """Run a batch of at most ``LANES`` points from its start to the end of the record.
 
     `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so that
     only the loop of the rule is compiled.
     """
-    workspace, points, _ = block
+    workspace, points, _ = batch
     lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.scheme
     set_start(lanes, points, method[0], sine_at_start(lead, grid))
     # The lead-in is the period before the transient: `advance` is called, and compiled, once.
@@ -91,47 +91,47 @@ def run_block(block, job, exactly, plain):
                 exact.set_propagators(workspace, points, steps)
             if k == 0:
                 exact.forget_at_rest(lanes, points.size)
-            exact.advance(block, steps, k >= 0, k >= 0 and job.lyapunov)
+            exact.advance(batch, steps, k >= 0, k >= 0 and job.lyapunov)
             if k >= -transient:
                 exact.round_states(lanes)
         else:
             if k <= -transient:
                 time_stepping.set_maps(lanes, points, method[1], steps)
-            time_stepping.advance(block, method, plain, steps, k >= 0)
+            time_stepping.advance(batch, method, plain, steps, k >= 0)
         if k >= -transient:
-            end_period(block, k, ROW if exactly else 0, steps.step)
+            end_period(batch, k, ROW if exactly else 0, steps.step)
     if exactly and job.lyapunov:
-        exact.sum_up_tangents(block)
+        exact.sum_up_tangents(batch)
     if plain:
-        time_stepping.sum_up_plain(block)
+        time_stepping.sum_up_plain(batch)
 
 
 @jit(refcounts=False)
-def run_exact(block, job):
-    """Run a block with the rule ``exact``."""
-    run_block(block, job, True, False)
+def run_exact(batch, job):
+    """Run a batch with the rule ``exact``."""
+    run_batch(batch, job, True, False)
 
 
 @jit(refcounts=False)
-def run_plain(block, job):
-    """Run a block with the rule ``plain``."""
-    run_block(block, job, False, True)
+def run_plain(batch, job):
+    """Run a batch with the rule ``plain``."""
+    run_batch(batch, job, False, True)
 
 
 @jit(refcounts=False)
-def run_shortened(block, job):
-    """Run a block with the rule ``reduced-step`` or ``cubic``."""
-    run_block(block, job, False, False)
+def run_shortened(batch, job):
+    """Run a batch with the rule ``reduced-step`` or ``cubic``."""
+    run_batch(batch, job, False, False)
 
 
 @jit(inline=True)
-def take_blocks(job, run, columns):
-    """Run block after block, as long as there are any that no thread has taken yet."""
+def take_batches(job, run, columns):
+    """Run batch after batch, as long as there are any that no thread has taken yet."""
     workspace, lanes = new_workspace(columns), job.lanes
     lo = lanes * claim(job.claimed)
     while lo < job.points.size:  # ends: the counter only rises
         record = rows_of(job.record, lo, lo + lanes)
-        run(Block(workspace, job.points[lo : lo + lanes], record), job)
+        run(Batch(workspace, job.points[lo : lo + lanes], record), job)
         close_records(record, is_set(job.interrupt))
         lo = lanes * claim(job.claimed)
 
@@ -139,22 +139,22 @@ def take_blocks(job, run, columns):
 @jit
 def take_exact(job):
     """Do the work of one thread with the rule ``exact``."""
-    take_blocks(job, run_exact, EXACT_COLUMNS)
+    take_batches(job, run_exact, EXACT_COLUMNS)
 
 
 @jit
 def take_plain(job):
     """Do the work of one thread with the rule ``plain``."""
-    take_blocks(job, run_plain, 0)
+    take_batches(job, run_plain, 0)
 
 
 @jit
 def take_shortened(job):
     """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
-    take_blocks(job, run_shortened, CHORD_COLUMNS)
+    take_batches(job, run_shortened, CHORD_COLUMNS)
 
 
-def run_blocks(threads: int, job: KernelJob) -> None:
+def run_batches(threads: int, job: KernelJob) -> None:
     """Run every point on so many threads."""
     loops = {PLAIN: take_plain, EXACT: take_exact}
     work = compiled(loops.get(job.scheme.method[0], take_shortened), job)

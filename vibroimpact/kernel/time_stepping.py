@@ -53,8 +53,8 @@ from vibroimpact.kernel.workspace import (
     sleeps_until,
 )
 from vibroimpact.status import Status
-from vibroimpact.step.grid import COS, REDUCED_STEP, SIN, THETA
 from vibroimpact.step.integrators import affine_map, apply_map
+from vibroimpact.step.scheme import COS, REDUCED_STEP, SIN, THETA
 from vibroimpact.step.stepper import take_step
 
 #: Steps taken at a time, so that what a lane needs stays in registers.
@@ -164,9 +164,9 @@ def plain_lanes(lanes, size, table, n, span, recording):
 
 
 @jit(refcounts=False)
-def list_plain_impacts(block, listed, grid, n, span):
+def list_plain_impacts(batch, listed, grid, n, span):
     """Put the impacts of a stride from step `n` into the record of the listed lanes."""
-    (lanes, met, _, _, _), _, record = block
+    (lanes, met, _, _, _), _, record = batch
     for j in range(listed):
         i = met[j]
         for q in range(span):
@@ -177,9 +177,9 @@ def list_plain_impacts(block, listed, grid, n, span):
 
 
 @jit(refcounts=False)
-def sum_up_plain(block):
+def sum_up_plain(batch):
     """Put the greatest displacements into the record."""
-    (lanes, _, _, _, _), points, record = block
+    (lanes, _, _, _, _), points, record = batch
     for i in range(points.size):
         sums = record.sums[i]
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
@@ -188,9 +188,9 @@ def sum_up_plain(block):
 
 
 @jit(refcounts=False)
-def gather(block, lo, count, table, n):
+def gather(batch, lo, count, table, n):
     """Fill the columns: each lane goes on from step `n` to the one that may take it to its stop."""
-    (lanes, met, columns, _, _), points, _ = block
+    (lanes, met, columns, _, _), points, _ = batch
     for j in range(count):
         i = met[lo + j]
         x, v, safe, k = lanes[POSITION + i], lanes[VELOCITY + i], True, n
@@ -208,15 +208,15 @@ def gather(block, lo, count, table, n):
 
 
 @jit(refcounts=False)
-def correct_side_by_side(block, lo, count, left, integrator, grid, n, recording):
+def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording):
     """Take `count` listed lanes, from place `lo` on, over the stride from step `n`.
 
     A lane for which a single impact is not certain is not moved, and listed after `left` such
     lanes; returns how many there are then.
     """
-    (lanes, met, c, _, _), points, record = block
+    (lanes, met, c, _, _), points, record = batch
     table = grid.table
-    gather(block, lo, count, table, n)
+    gather(batch, lo, count, table, n)
     shorten_steps(c, count, grid.step)
     take_remainders(c, count, integrator)
     for j in range(count):
@@ -239,9 +239,9 @@ def correct_side_by_side(block, lo, count, left, integrator, grid, n, recording)
 
 
 @jit(refcounts=False)
-def resolve_scalar(block, i, method, grid, n, span, recording):
+def resolve_scalar(batch, i, method, grid, n, span, recording):
     """Take lane `i` over `span` steps from step `n`, with every impact in them."""
-    (lanes, _, _, _, scratch), points, record = block
+    (lanes, _, _, _, scratch), points, record = batch
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
     rows = map_of(lanes, i)
     state = lanes[POSITION + i], lanes[VELOCITY + i], lanes[LEVEL + i] == AT_REST
@@ -264,12 +264,12 @@ def resolve_scalar(block, i, method, grid, n, span, recording):
 
 
 @jit(inline=True)
-def advance(block, method, plain, grid, recording):
-    """Take a block over the steps of `grid`, stride by stride, and over the rest of them singly.
+def advance(batch, method, plain, grid, recording):
+    """Take a batch over the steps of `grid`, stride by stride, and over the rest of them singly.
 
     `plain` says whether the rule is ``plain``, as a literal: only its loop is compiled then.
     """
-    (lanes, met, _, _, _), points, _ = block
+    (lanes, met, _, _, _), points, _ = batch
     rule, integrator = method
     size, strides = points.size, grid.size // STRIDE
     for k in range(strides + grid.size % STRIDE):
@@ -278,7 +278,7 @@ def advance(block, method, plain, grid, recording):
         if plain:
             plain_lanes(lanes, size, grid.table, n, span, recording)
             if recording:
-                list_plain_impacts(block, list_lanes(lanes, met, size), grid, n, span)
+                list_plain_impacts(batch, list_lanes(lanes, met, size), grid, n, span)
             continue
         step_lanes(lanes, size, grid.table, n, span)
         listed = list_lanes(lanes, met, size)
@@ -286,7 +286,7 @@ def advance(block, method, plain, grid, recording):
             left = 0
             for lo in range(0, listed, COLUMNS):
                 count = min(COLUMNS, listed - lo)
-                left = correct_side_by_side(block, lo, count, left, integrator, grid, n, recording)
+                left = correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
             listed = left
         for j in range(listed):
-            resolve_scalar(block, met[j], method, grid, n, span, recording)
+            resolve_scalar(batch, met[j], method, grid, n, span, recording)

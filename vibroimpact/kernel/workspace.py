@@ -1,6 +1,6 @@
-"""The workspace of a thread: a block of points in lanes, and their impacts in columns.
+"""The workspace of a thread: a batch of points in lanes, and their impacts in columns.
 
-A lane is one parameter point; the points of a block lie side by side, so that vectors are filled.
+A lane is one parameter point; the points of a batch lie side by side, so that vectors are filled.
 The steps per period are an integer, so omega t_n mod 2 pi is one table for every lane, also where
 omega is swept, and the loops hold no trigonometry.
 """
@@ -16,10 +16,10 @@ import numpy as np
 from vibroimpact.jit import jit, lowest_bit, not_negative
 from vibroimpact.kernel.record import Record
 from vibroimpact.step.contact import Scratch, new_scratch, start, time_to_release
-from vibroimpact.step.grid import PLAIN
+from vibroimpact.step.scheme import PLAIN
 from vibroimpact.step.stepper import to_state
 
-#: Points per block at the most, a power of 2; and impacts that are corrected at a time.
+#: Points per batch at the most, a power of 2; and impacts that are corrected at a time.
 LANES, COLUMNS = 128, 64
 #: Numbers in a vector of 512 bits.
 VECTOR = 8
@@ -56,7 +56,7 @@ AT_REST, AWAKE = -math.inf, -math.inf
 
 
 class Workspace(NamedTuple):
-    """The memory for a block."""
+    """The memory for a batch."""
 
     lanes: np.ndarray  #: The rows of the lanes.
     met: np.ndarray  #: The list of lanes that may have met the stop.
@@ -66,8 +66,8 @@ class Workspace(NamedTuple):
     scratch: Scratch
 
 
-class Block(NamedTuple):
-    """A block of points; the record has a row for each of them."""
+class Batch(NamedTuple):
+    """A batch of points; the record has a row for each of them."""
 
     workspace: Workspace
     points: np.ndarray
@@ -111,7 +111,7 @@ def put_pair(rows, a, distance, pair):
 def set_start(lanes, points, rule, s):
     """Put every lane at its start, at a phase with the sine `s`."""
     for i in range(LANES):
-        pt = points[min(i, points.size - 1)]  # a short block repeats its last point
+        pt = points[min(i, points.size - 1)]  # a short batch repeats its last point
         x, v, resting = start(pt, s)
         lanes[POSITION + i], lanes[VELOCITY + i], _ = to_state(rule, x, v, resting, pt)
         lanes[LEVEL + i] = AT_REST if resting and rule != PLAIN else pt.clearance

@@ -31,22 +31,8 @@ def with_short_chords(
 ) -> Branch:
     """Return a branch with so many points that what is drawn of it stays near their chords.
 
-    Parameters
-    ----------
-    found : Branch
-        In one parameter.
-    low, high : float
-        The range of the parameter.
-    drawn : callable
-        Returns what is drawn of an orbit over the parameter, as shares of its ranges, shape (k,).
-    tolerance : float
-        How far from a chord it may be, as a share of the ranges. So near, too, are the points on
-        both sides of a jump.
-
-    Returns
-    -------
-    Branch
-        The added points are orbits to rounding, as all others.
+    `drawn` returns what is drawn of an orbit over the parameter, as shares of its ranges, shape
+    (k,). It is within the `tolerance` of a chord, as are the points on both sides of a jump.
     """
     if len(found.values) < 2:
         return found

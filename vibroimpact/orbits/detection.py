@@ -158,6 +158,15 @@ def _flights(system, X, tangent, i, n, zeros):
 
 
 @jit
+def _may_meet(c, here, slopes, there, k, length, rounding):
+    """Whether step k of a flight may meet the stop at the control point beside an end; sets `c`."""
+    for j in range(TERMS):
+        c[j] = 4.0 * here[k, j] + 2.0 * length * slopes[k, j] - there[k, j]
+    c[0] -= 4.0 * abs(length) * rounding[k]
+    return not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0
+
+
+@jit
 def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
     """Whether a flight may meet the stop within a step from X to Y."""
     m, q, c = system.m, system.q, np.empty(TERMS)
@@ -170,15 +179,9 @@ def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         a, a_slope, rounding = _flights(system, X, tangent, i, n, zeros)
         b, b_slope, rounding_Y = _flights(system, Y, tangent_Y, i, n, zeros)
         for k in range(n):
-            for j in range(TERMS):
-                c[j] = 4.0 * a[k, j] + 2.0 * length * a_slope[k, j] - b[k, j]
-            c[0] -= 4.0 * length * rounding[k]
-            if not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0:
+            if _may_meet(c, a, a_slope, b, k, length, rounding):
                 return True
-            for j in range(TERMS):
-                c[j] = 4.0 * b[k, j] - 2.0 * length_Y * b_slope[k, j] - a[k, j]
-            c[0] -= 4.0 * length_Y * rounding_Y[k]
-            if not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0:
+            if _may_meet(c, b, b_slope, a, k, -length_Y, rounding_Y):
                 return True
     return False
 

@@ -93,19 +93,10 @@ class Point(NamedTuple):
 
 
 class OrbitFamily:
-    """The orbits of m forcing periods and q impacts over one or two free parameters.
+    """The orbits of m forcing periods and q >= 1 impacts over at most two free parameters.
 
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        One of these orbits, with q >= 1; gives the other parameters and the unit of speed.
-    parameters : sequence of ContinuationParameter
-    kind : str
-        The bifurcation that all of them are at, one of ``CONDITIONS``.
-    graze : int
-        The impact that grazes.
-    speed : float, optional
-        The unit of speed, by default that of the orbit.
+    All are at the bifurcation `kind`, in which the impact `graze` grazes. The other parameters are
+    those of the first orbit, and by default the unit of speed is.
     """
 
     def __init__(
@@ -122,11 +113,11 @@ class OrbitFamily:
         self.speed = unit_of_speed(self.osc, orbit.speeds) if speed is None else speed
         self.spans = np.array([parameter.span for parameter in parameters])
         self.system = corrector.System(
-            values_of(self.osc), np.array([_NAMES.index(name) for name in self.names]), self.spans,
+            values_of(self.osc), np.array([*map(_NAMES.index, self.names)], np.int64), self.spans,
             self.m, self.q, self.speed, CONDITIONS[kind], graze, np.zeros(1),
         )  # fmt: skip
         ends = [(axis.low - axis.slack, axis.high + axis.slack) for axis in parameters]
-        self.bounds = np.array(ends) / self.spans[:, None]
+        self.bounds = np.reshape(ends, (-1, 2)) / self.spans[:, None]
         at = [getattr(self.osc, axis.name) / axis.span for axis in parameters]
         z = np.column_stack([orbit.phases, orbit.speeds / self.speed])
         self.start = np.concatenate([z.ravel(), at])
@@ -210,11 +201,6 @@ class OrbitFamily:
     def distance(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return how far two points are apart."""
         return math.sqrt(self.inner(X - Y, X - Y))
-
-    def derivatives(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return A and B of the flights (``flights.residuals``)."""
-        _, A, B = corrector.linearised(self.system, X)
-        return A, B
 
     def stable(self, point: Point) -> bool:
         """Whether both multipliers are inside the unit circle (Jury); at a bifurcation not."""

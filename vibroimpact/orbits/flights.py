@@ -107,6 +107,12 @@ def _land(flight, theta, v, pt, coefficients, M):
     return y, u
 
 
+@jit(inline=True)
+def phase_of_landing(m, X, q, i):
+    """Return the phase at the end of flight i."""
+    return X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
+
+
 @jit
 def residuals(values, m, speed, X, q):
     """Return the residuals of all flights and their derivatives.
@@ -125,9 +131,8 @@ def residuals(values, m, speed, X, q):
         return F, A, B
     for i in range(q):
         theta, v = X[2 * i], X[2 * i + 1] * speed
-        last = i + 1 == q
-        end = X[0] + 2.0 * math.pi * m if last else X[2 * i + 2]
-        arrival = X[1] if last else X[2 * i + 3]
+        end = phase_of_landing(m, X, q, i)
+        arrival = X[1] if i + 1 == q else X[2 * i + 3]
         tau = (end - theta) / pt.omega
         if not 0.0 < tau < longest:
             F[:] = math.inf
@@ -175,8 +180,7 @@ def zeros_of(R, X, q, i):
 @jit
 def steps_of(pt, m, X, q, i):
     """Return in how many steps flight i is taken."""
-    end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
-    return _divide((end - X[2 * i]) / pt.omega, pt, 1).n
+    return _divide((phase_of_landing(m, X, q, i) - X[2 * i]) / pt.omega, pt, 1).n
 
 
 @jit
@@ -187,8 +191,7 @@ def polynomials(pt, m, speed, X, q, i, n, zeros):
     its landing are divided out. The polynomial of each step, shape (n, TERMS), is in powers of u
     from 0 to 1; its rounding, shape (n,), is of the value.
     """
-    end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
-    flight = _divide((end - X[2 * i]) / pt.omega, pt, n)
+    flight = _divide((phase_of_landing(m, X, q, i) - X[2 * i]) / pt.omega, pt, n)
     C, rounding = np.empty((flight.n, TERMS)), np.zeros(flight.n)
     y, u = 0.0, -pt.R * X[2 * i + 1] * speed
     for k in range(flight.n):
@@ -234,8 +237,8 @@ def first_penetration(values, m, speed, X, q):
             crossing, turn = first_crossing(C[k], 0, 1.0)
             highest = max(highest, turn)
             if crossing >= 0.0:
-                end = X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
-                return i, X[2 * i] + (end - X[2 * i]) * (k + crossing) / n, highest
+                length = phase_of_landing(m, X, q, i) - X[2 * i]
+                return i, X[2 * i] + length * (k + crossing) / n, highest
     return -1, 0.0, highest
 
 

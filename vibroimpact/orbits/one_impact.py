@@ -35,7 +35,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 
@@ -94,15 +93,6 @@ class OneImpactOrbit:
         return self.exists and bool(np.all(np.abs(self.multipliers) < 1.0))
 
 
-class _Solutions(NamedTuple):
-    """The solutions (v, sin, cos) = middle +- sqrt(discriminant) reach; with +, the faster."""
-
-    flow: np.ndarray
-    middle: np.ndarray
-    reach: np.ndarray
-    discriminant: float
-
-
 def _radians(osc: Oscillator, n: int) -> float:
     """Return the length of the flight in radians of all its rates together."""
     return (2.0 * osc.h + osc.p + osc.omega) * n * osc.forcing_period
@@ -154,8 +144,8 @@ def _one_minus_xx(xx: float, xv: float, osc: Oscillator, T: float) -> float:
     return below_1 / (1.0 + root) - osc.h * xv
 
 
-def _solve(osc: Oscillator, n: int) -> _Solutions | None:
-    """Cut the line of the module's docstring with the cylinder; None if it is parallel to it."""
+def _solve(osc: Oscillator, n: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return the map of the flight, and all (v, sin, cos) where the line cuts the cylinder."""
     T = n * osc.forcing_period
     (xx, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = _flow(osc, n)
     R, sigma = osc.R, osc.clearance
@@ -164,15 +154,19 @@ def _solve(osc: Oscillator, n: int) -> _Solutions | None:
     # What the two terms of its last components are made of, before they cancel.
     terms = (1.0 + R) * math.hypot(xs, xc) + R * min(T, 1.0 / osc.p) * math.hypot(vs, vc)
     across = math.hypot(line[1], line[2])
-    if not across > _rounding(osc, n) * terms:
-        return None
+    flow = np.array([[xx, xv], [vx, vv]])
+    if not across > _rounding(osc, n) * terms:  # the line is parallel to the cylinder
+        return flow, []
     reach = line / across
     radial = np.array([0.0, reach[1], reach[2]])
     # Cramer's rule for the point of the line nearest to the axis of the cylinder.
     middle = sigma * one_minus_xx * np.cross(second, radial) - sigma * vx * np.cross(radial, first)
     middle /= across
     discriminant = 1.0 - middle[1] ** 2 - middle[2] ** 2
-    return _Solutions(np.array([[xx, xv], [vx, vv]]), middle, reach, discriminant)
+    if not discriminant >= 0.0:
+        return flow, []
+    root = math.sqrt(discriminant)
+    return flow, [middle + sign * reach for sign in ((-root, root) if root else (root,))]
 
 
 def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]:
@@ -215,17 +209,12 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
         )
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            solutions = _solve(osc, n)
+            flow, solutions = _solve(osc, n)
     except ArithmeticError:
         raise ValueError(f"the numbers of the orbit are too large or too small: {osc}") from None
-    if solutions is None or not solutions.discriminant >= 0.0:
-        return ()
-    root = math.sqrt(solutions.discriminant)
     slowest = _rounding(osc, n) * (osc.f / osc.omega + osc.p * abs(osc.clearance))
     return tuple(
-        _orbit(osc, n, solutions.flow, *(solutions.middle + sign * solutions.reach).tolist())
-        for sign in ((-root, root) if root else (root,))
-        if solutions.middle[0] + sign * solutions.reach[0] > slowest
+        _orbit(osc, n, flow, *solution.tolist()) for solution in solutions if solution[0] > slowest
     )
 
 

@@ -10,22 +10,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vibroimpact.orbits.corrector import NONE, System, correct, null_vector
-from vibroimpact.orbits.flights import MOST_STEPS, first_penetration, time_steps, values_of
+from vibroimpact.orbits.corrector import correct, null_vector
+from vibroimpact.orbits.family import OrbitFamily
+from vibroimpact.orbits.flights import MOST_STEPS, time_steps, values_of
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_orbit,
     linearised,
-    orbit_of,
     scaled,
     steady_response,
-    unit_of_speed,
 )
 from vibroimpact.oscillator import Oscillator, checked, refuse_other, whole
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, REST
-from vibroimpact.step.grid import scheme_of
 from vibroimpact.step.recorder import trace
+from vibroimpact.step.scheme import scheme_of
 
 #: More impacts per repetition are not solved for.
 MOST_IMPACTS = 4096
@@ -38,15 +37,18 @@ _LATER = (0, 1, 4, 16, 64, 256)
 _MOST_ITERATIONS = 80
 #: An orbit misses its impacts by less than this share of its size.
 _RESIDUAL = 1e-11
-#: A speed below this, as a share of the largest, is zero to rounding.
-_ZERO_SPEED = 1e-14
 #: How far beside a flipped orbit that of twice the period is sought: from beyond it, Newton's
 #: method comes down to it.
 _DISTANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 #: An orbit repeats after a part of itself where its impacts do to within the first; where they do
 #: only to within the second, it may be that part, off because it is beside its flip.
 _RETURN_TOLERANCE, _NEARLY = 1e-7, 1e-4
-_NO_AXES, _NO_SPANS, _NO_PLANES = np.empty(0, np.int64), np.empty(0), np.empty((0, 0))
+#: What a root of the flights' equations violates that is no orbit.
+_VIOLATIONS = {
+    "speed": "an impact would leave the stop instead of meeting it: its speed is negative",
+    "rest": "the mass cannot leave the stop: it rests",
+    "penetration": "it passes the stop between its impacts, at omega t = {:.6g}",
+}
 
 
 class OrbitError(ValueError):
@@ -129,7 +131,7 @@ def _impacts_from(
         begin = (phase + 2.0 * math.pi * m * (later - before)) / osc.omega
         last = log[log[:, 1] >= begin]
         if (last[:, 0] == REST).any():
-            yield "the motion rests on the stop, which erases its past: it has no multipliers"
+            yield "the motion rests on the stop, where deviations end: it has no multipliers"
         else:
             hits = last[last[:, 0] == IMPACT]
             yield hits[:, 1] * osc.omega, hits[:, 3]
@@ -148,12 +150,9 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
         if not abs(steady_response(osc)) < osc.clearance:
             raise OrbitError("the free oscillation reaches the stop")
         return free_orbit(osc)
-    speed = unit_of_speed(osc, speeds)
-    X = np.column_stack([phases, speeds / speed]).ravel()
-    fixed = values_of(osc), _NO_AXES, _NO_SPANS
-    system = System(*fixed, m, q, speed, NONE, 0, np.zeros(1))
-    converged = correct(system, X, _NO_PLANES, _MOST_ITERATIONS)
-    orbit = orbit_of(osc, m, X[::2], X[1::2] * speed)
+    family = OrbitFamily(PeriodicOrbit(osc, m, phases, speeds), ())
+    converged = correct(family.system, family.start, np.empty((0, 2 * q)), _MOST_ITERATIONS)
+    orbit = family.orbit(family.start)
     # Twice around an orbit at its flip, the iteration ends in rounding.
     if not converged and not np.abs(linearised(orbit)[0]).max() < _NEARLY**2:
         raise OrbitError("Newton's method does not converge")
@@ -183,19 +182,12 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
 
 def violation(orbit: PeriodicOrbit) -> str:
     """Say why a root of the flights' equations is no orbit; nothing if it is one."""
-    X, speed = scaled(orbit)
-    if (X[1::2] < -_ZERO_SPEED).any():
-        return "an impact would leave the stop instead of meeting it: its speed is negative"
-    F = linearised(orbit)[0]
-    if not np.abs(F).max() < _RESIDUAL:
-        return f"its impacts miss the stop by {np.abs(F).max():.1e} of its size"
-    values = values_of(orbit.oscillator)
-    flight, phase, _ = first_penetration(values, orbit.m, speed, X, orbit.q)
-    if flight >= 0:
-        if phase == X[2 * flight]:
-            return "the mass cannot leave the stop: it rests"
-        return f"it passes the stop between its impacts, at omega t = {phase:.6g}"
-    return ""
+    missed = np.abs(linearised(orbit)[0]).max()
+    if not missed < _RESIDUAL:
+        return f"its impacts miss the stop by {missed:.1e} of its size"
+    family = OrbitFamily(orbit, ())
+    found, _ = family.violation(family.start)
+    return _VIOLATIONS[found.kind].format(found.where) if found else ""
 
 
 def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from vibroimpact.orbits.continuation import PathStep
-from vibroimpact.orbits.corrector import null_vector, parameters_at
+from vibroimpact.orbits.corrector import linearised, null_vector, parameters_at
 from vibroimpact.orbits.detection import HEADING, ROUNDING
 from vibroimpact.orbits.family import OrbitFamily, Violation
 from vibroimpact.orbits.flights import state_after
@@ -90,17 +90,10 @@ def _heading(step: PathStep, X: np.ndarray) -> np.ndarray:
 
 
 def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
-    """Return how a path that is not closed ends with its last step.
+    """Return how a path that is not closed ends, its last point, and the orbit there.
 
-    Returns
-    -------
-    kind : str
-        ``edge``, ``lost``; ``graze``, or ``rest`` if the force presses; ``penetration`` if a flight
-        crosses the stop and no graze is found.
-    X : ndarray
-        The last point.
-    orbit : PeriodicOrbit
-        At the graze of a branch the impact of speed zero is one of its impacts.
+    It ends at an ``edge``, ``lost``, in a ``graze``, in ``rest`` if the force presses then, or in
+    ``penetration``. At the graze of a branch the orbit has the impact of speed zero.
     """
     family, X, violation = step.family, step.end.X, step.violation
     kind = "lost" if violation is None or violation.kind == "speed" else "penetration"
@@ -191,7 +184,8 @@ def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarr
     """
     q, units = family.q, np.array([1.0, family.speed / speed])
     z = X[: 2 * q].reshape(q, 2) * units
-    vector = null_vector(*family.derivatives(X), -1.0).reshape(q, 2) * units
+    _, A, B = linearised(family.system, X)
+    vector = null_vector(A, B, -1.0).reshape(q, 2) * units
     vector /= math.sqrt(np.sum(vector**2) / q)
     second_round = z + np.array([2.0 * math.pi * family.m, 0.0])
     doubled = np.concatenate([z.ravel(), second_round.ravel(), X[2 * q :]])

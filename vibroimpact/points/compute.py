@@ -12,8 +12,8 @@ from vibroimpact.points.following import follow
 from vibroimpact.points.period_class import period_class
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import computed_once
-from vibroimpact.step.grid import scheme_of
 from vibroimpact.step.recorder import trajectories
+from vibroimpact.step.scheme import scheme_of
 
 
 def compute_box(

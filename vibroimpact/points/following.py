@@ -6,7 +6,7 @@ its record continue the neighbour's motion under another value of the axis. Wher
 followed, and the stop has moved past that state, the mass starts on the stop. Where the neighbour
 failed there is no state to start from, and the next point begins as the first of a chain.
 
-A chain is walked value by value, side by side with the others of its block: they are lanes of the
+A chain is walked value by value, side by side with the others of its batch: they are lanes of the
 same call of the kernel, and so are the two directions.
 """
 
@@ -62,16 +62,14 @@ def _next(
 
     `moving_stop` says whether the stop can have moved past the last states of those points.
     """
-    if not before:
-        return run(lanes, False)
-    x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
-    ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], _FAILED)
-    lanes["x0"] = np.where(ended, x, lanes["x0"])
-    lanes["v0"] = np.where(ended, v, lanes["v0"])
-    if moving_stop:
-        lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
-    if ended.all():
-        return run(lanes, True)
+    ended = np.zeros(len(lanes), bool)
+    if before:
+        x, v = before["poincare_x"][:, -1], before["poincare_v"][:, -1]
+        ended = np.isfinite(x) & np.isfinite(v) & ~np.isin(before["status"], _FAILED)
+        lanes["x0"] = np.where(ended, x, lanes["x0"])
+        lanes["v0"] = np.where(ended, v, lanes["v0"])
+        if moving_stop:
+            lanes["x0"] = np.minimum(lanes["x0"], lanes["clearance"])
     collected = _Collected(len(lanes))
     for chosen, at_section in ((ended, True), (~ended, False)):
         if chosen.any():

@@ -30,19 +30,9 @@ def period_class(
     of period m either, though its deviations may be within the tolerance by then: they must be less
     than a hundredth of those from a repetition after any divisor of m.
 
-    Parameters
-    ----------
-    poincare_x, poincare_v : ndarray, shape (n, periods)
-        The stroboscopic section.
-    impacts_per_period : ndarray, shape (n,)
-        Impacts per forcing period, over the same record.
-
-    Returns
-    -------
-    period : ndarray of int, shape (n,)
-        Forcing periods per repetition; 0 where none was found, and for NaN.
-    period_impacts : ndarray of int, shape (n,)
-        Impacts per repetition. In a complete chatter it counts the impacts that were followed.
+    The sections have the shape (n, periods), the impacts per period are over the same record.
+    Returns forcing periods per repetition, 0 where none was found, and impacts per repetition, of
+    which a complete chatter has as many as were followed: int64, shape (n,).
     """
     n, periods = poincare_x.shape
     sections = np.stack([poincare_x, poincare_v])

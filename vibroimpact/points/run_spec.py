@@ -7,24 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RunSpec:
-    """What is computed of every point of a sweep; plain values, equal where all results are.
+    """What is computed of every point of a sweep; plain values, equal where all results are."""
 
-    Attributes
-    ----------
-    integrator, impact, steps_per_period, transient, periods, phase, impacts, lyapunov
-        As for `vibroimpact.integrate`.
-    period : bool
-        Whether to find the period class.
-    every : int or None
-        Record the trajectory at so many steps; None for no trajectory.
-    scaled : bool
-        Whether points that differ in f alone are computed once, see ``scaling.py``.
-    followed : str or None
-        The axis along which each point starts from its neighbour, see ``following.py``.
-    directions : tuple of str
-        In which it is followed: ``up``, ``down`` or both.
-    """
-
+    # As for ``integrate``.
     integrator: str
     impact: str
     steps_per_period: int
@@ -33,8 +18,11 @@ class RunSpec:
     phase: float
     impacts: int
     lyapunov: bool
-    period: bool
-    every: int | None
+    period: bool  #: Whether to find the period class.
+    every: int | None  #: Record the trajectory at so many steps; None for no trajectory.
+    #: Whether points that differ in f alone are computed once, see ``scaling.py``.
     scaled: bool
+    #: The axis along which each point starts from its neighbour, see ``following.py``, and in which
+    #: directions: ``up``, ``down`` or both.
     followed: str | None
     directions: tuple[str, ...]

@@ -19,7 +19,7 @@ from vibroimpact.step.contact import (
     new_scratch,
     start,
 )
-from vibroimpact.step.grid import EXACT, PLAIN, THETA, Scheme, sine_at_start
+from vibroimpact.step.scheme import EXACT, PLAIN, THETA, Scheme, sine_at_start
 from vibroimpact.step.stepper import from_state, prepare, take_grid_step, to_state
 
 # Kinds of row, beside the kinds of event: a state on the grid, and the end of a period.

@@ -14,7 +14,6 @@ import numpy as np
 from vibroimpact.jit import jit
 from vibroimpact.status import Status
 from vibroimpact.step.exact import exact_step, log_impact
-from vibroimpact.step.grid import COS, EXACT, PLAIN, SIN, THETA
 from vibroimpact.step.impact import ONLY, single_impact
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.propagator import (
@@ -28,6 +27,7 @@ from vibroimpact.step.propagator import (
     propagator_of,
     to_dimensionless,
 )
+from vibroimpact.step.scheme import COS, EXACT, PLAIN, SIN, THETA
 from vibroimpact.step.series import TERMS
 from vibroimpact.step.time_stepping import plain, reduced_step
 

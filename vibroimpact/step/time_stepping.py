@@ -43,8 +43,8 @@ from vibroimpact.step.contact import (
     speeds_until_rest,
     time_to_release,
 )
-from vibroimpact.step.grid import CUBIC
 from vibroimpact.step.integrators import step
+from vibroimpact.step.scheme import CUBIC
 from vibroimpact.step.series import first_crossing
 from vibroimpact.step.trigonometry import sin_cos
 

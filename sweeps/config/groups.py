@@ -36,8 +36,8 @@ from sweeps.config.values import (
 )
 from sweeps.text import nearest, shortest, suggestion
 from vibroimpact.oscillator import PARAMETERS, Parameter
-from vibroimpact.step.grid import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
 
 #: What can be computed of each point beside what is always recorded.
 DIAGNOSTICS = ("period", "lyapunov")
@@ -54,7 +54,11 @@ def choice(meaning: str, table: Collection[str], default: str) -> Any:
 
 def _parameter(name: str) -> Any:
     """Return the field of a parameter of ``PARAMETERS``."""
-    parameter = PARAMETERS[name]
+    return parameter_field(PARAMETERS[name])
+
+
+def parameter_field(parameter: Parameter) -> Any:
+    """Return the field of a parameter, with its bounds for editors."""
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
     text = (
         f"{parameter.meaning}{unit}: {parameter.allowed}; "
@@ -80,6 +84,15 @@ def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{**number, **bounds}, {**values, "items": bounds}, {**extent, **ends}]
 
 
+def refuse_out_of_bounds(value: Any, parameter: Parameter) -> Any:
+    """Return values; refuse those that are out of the bounds of a parameter."""
+    for extreme in extremes(value):
+        if not parameter.accepts(extreme):
+            contains = "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
+            raise ValueError(f"{contains}is not allowed")
+    return value
+
+
 class ParameterConfig(Group):
     """Parameters of ``PARAMETERS``, each a number, a list or a range, and within its bounds."""
 
@@ -87,13 +100,7 @@ class ParameterConfig(Group):
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values that are out of the bounds of their parameter."""
-        for extreme in extremes(value):
-            if not PARAMETERS[str(info.field_name)].accepts(extreme):
-                contains = (
-                    "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
-                )
-                raise ValueError(f"{contains}is not allowed")
-        return value
+        return refuse_out_of_bounds(value, PARAMETERS[str(info.field_name)])
 
 
 class OscillatorConfig(ParameterConfig):
@@ -225,7 +232,7 @@ class FollowConfig(Group):
 
     axis: Annotated[str, AfterValidator(_followable)] = Field(
         description="axis along which each point starts from its neighbour's final state: a swept "
-        f"parameter out of {', '.join(OscillatorConfig.model_fields)}",
+        f"parameter out of {', '.join(OscillatorConfig.model_fields)}, or what the rig calls it",
         json_schema_extra={"enum": [*OscillatorConfig.model_fields]},
     )
     direction: Annotated[str, one_of(DIRECTIONS)] = choice(
@@ -249,13 +256,15 @@ class UnitsConfig(Group):
 
     length: str = _unit("length")
     time: str = _unit("time")
+    mass: str = _unit("mass")
 
 
 class RefineConfig(Group):
     """Where points are added."""
 
     axis: Annotated[str, one_of(PARAMETERS)] = Field(
-        description=f"the only swept axis, in increasing order: one of {', '.join(PARAMETERS)}"
+        description=f"the only swept axis, in increasing order: one of {', '.join(PARAMETERS)}, "
+        "or what the rig calls it"
     )
     around: Literal["changes"] = Field(
         "changes", description="where the class of the motion changes between neighbours: changes"

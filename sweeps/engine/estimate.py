@@ -16,7 +16,7 @@ from sweeps.grid import Grid
 from sweeps.store import bytes_per_point
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
-from vibroimpact.kernel.run import lanes_per_block
+from vibroimpact.kernel.run import lanes_per_batch
 
 #: Results of one block in memory, more only for full lanes [bytes].
 _BLOCK_MEMORY = 64 * 2**20
@@ -163,7 +163,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
 
 def _lanes(config: SweepConfig) -> int:
     """Return how many points a single thread computes side by side."""
-    return lanes_per_block(config.grid.size // _chain(config), 1)
+    return lanes_per_batch(config.grid.size // _chain(config), 1)
 
 
 def _side_by_side(config: SweepConfig) -> int:

@@ -1,0 +1,31 @@
+"""The JSON schema of a configuration, for editors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sweeps.config.rig import RigConfig
+from sweeps.config.sweep import SweepConfig
+
+#: The name of the JSON schema, of this shape of the configuration; nothing is fetched from there.
+_SCHEMA_ID = "urn:vibroimpact:sweep-schema"
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of the configuration file, with the bounds of every number."""
+    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
+    schema = SweepConfig.model_json_schema()
+    del schema["required"]
+    # What is required is given as a number, a list or a range, or is a column of a table.
+    needed = {
+        "oscillator": schema["$defs"]["OscillatorConfig"].pop("required"),
+        "rig": schema["$defs"]["RigConfig"].pop("required"),
+    }
+    grids = [
+        {"required": [name], "properties": {name: {"required": keys}}}
+        for name, keys in needed.items()
+    ]
+    follow = schema["$defs"]["FollowConfig"]["properties"]["axis"]
+    follow["enum"] += [name for name in RigConfig.model_fields if name not in ("mass", "R")]
+    one = {"not": {"required": ["oscillator", "rig"]}}
+    return {**about, **schema, **one, "anyOf": [*grids, {"required": ["points"]}]}

@@ -1,0 +1,205 @@
+"""A rig in SI units in place of the model's parameters, and what its user reads in SI units.
+
+``QUANTITIES`` is the only place that converts; it agrees with `Oscillator.from_rig` to the bit. A
+file has the model's names and numbers, and the configuration in it has the rig.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Annotated, Any, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
+
+from sweeps.config.groups import UnitsConfig, parameter_field, refuse_out_of_bounds
+from sweeps.config.values import Group, MisplacedError, Number, Range, Values
+from vibroimpact.oscillator import PARAMETERS, Parameter
+
+
+class Quantity(NamedTuple):
+    """What a parameter or a result of the model is of a rig with a mass, and the way back."""
+
+    name: str
+    about: Parameter
+    in_si: Callable[[float, Any], Any]
+    in_model: Callable[[float, Any], Any] = lambda mass, value: value
+
+
+def _about(name: str, symbol: str, meaning: str, unit: str) -> Parameter:
+    """Return a quantity of the rig, which has the bounds of a parameter of the model."""
+    return replace(PARAMETERS[name], symbol=symbol, meaning=meaning, unit=unit, default=None)
+
+
+_MASS = _about("p", "m", "mass", "kg")
+_TURN = 2.0 * math.pi
+
+#: By the names of the model.
+QUANTITIES: Mapping[str, Quantity] = {
+    "h": Quantity(
+        "damping", _about("h", "c", "viscous damping", "N s/m"),
+        lambda mass, h: 2.0 * mass * h, lambda mass, c: c / (2.0 * mass),
+    ),
+    "omega": Quantity(
+        "frequency", _about("omega", r"\nu", "forcing frequency", "Hz"),
+        lambda mass, omega: omega / _TURN, lambda mass, nu: _TURN * nu,
+    ),
+    "f": Quantity(
+        "force", _about("f", "F", "amplitude of the force", "N"),
+        lambda mass, f: mass * f, lambda mass, force: force / mass,
+    ),
+    "p": Quantity(
+        "stiffness", _about("p", "k", "stiffness of the spring", "N/m"),
+        lambda mass, p: mass * p**2, lambda mass, k: np.sqrt(k / mass),
+    ),
+    "clearance": Quantity(
+        "gap", _about("clearance", r"\sigma", "gap", "m"), lambda mass, gap: gap
+    ),
+    "impulse": Quantity(
+        "impulse", Parameter("J", "impulse on the stop per forcing period", "N s"),
+        lambda mass, impulse: mass * impulse,
+    ),
+    "energy_lost": Quantity(
+        "energy_lost", Parameter(r"E_\mathrm{i}", "energy lost at impacts per forcing period", "J"),
+        lambda mass, energy: mass * energy,
+    ),
+}  # fmt: skip
+
+
+class RigConfig(Group):
+    """A rig in SI units, of the arguments of `Oscillator.from_rig`; a column has the model's."""
+
+    mass: Annotated[Number, Field(gt=0.0)] = Field(
+        description=f"mass [kg]: {_MASS.allowed}, the same all over the sweep"
+    )
+    stiffness: Values = parameter_field(QUANTITIES["p"].about)
+    damping: Values = parameter_field(QUANTITIES["h"].about)
+    force: Values = parameter_field(QUANTITIES["f"].about)
+    frequency: Values = parameter_field(QUANTITIES["omega"].about)
+    gap: Values = parameter_field(QUANTITIES["clearance"].about)
+    R: Values = parameter_field(PARAMETERS["R"])
+
+    @field_validator("stiffness", "damping", "force", "frequency", "gap", "R")
+    @classmethod
+    def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse values that are out of the bounds of what they become."""
+        return refuse_out_of_bounds(value, PARAMETERS[model_name(str(info.field_name))])
+
+    def oscillator(self) -> dict[str, Any]:
+        """Return the parameters of the model, in the order in which those of the rig are given."""
+        return {
+            model_name(name): _converted(self.mass, model_name(name), value)
+            for name, value in self.items()
+            if name != "mass"
+        }
+
+
+class _Converted(Range):
+    """A range of the rig, of which each value is converted."""
+
+    _given: tuple[float, str, Range]
+
+    @classmethod
+    def of(cls, mass: float, name: str, given: Range) -> Self:
+        """Return a range of the rig as values of a parameter of the model; refuse an overflow."""
+        si = QUANTITIES[name].name
+        ends = {end: _converted(mass, name, getattr(given, end)) for end in ("start", "stop")}
+        try:
+            made = cls(**ends, num=given.num, spacing=given.spacing)
+        except ValidationError:
+            shown = f"{ends['start']!r} to {ends['stop']!r}"
+            problem = f"is no range in the units of the model, {shown}; expected: other values"
+            raise MisplacedError(("rig", si), problem) from None
+        made._given = mass, name, given
+        return made
+
+    def values(self) -> np.ndarray:
+        """Return the values, shape (num,)."""
+        mass, name, given = self._given
+        converted: np.ndarray = QUANTITIES[name].in_model(mass, given.values())
+        return converted
+
+
+def _converted(mass: float, name: str, value: Any) -> Any:
+    """Return what a value of a rig is in the model, in the form in which it is given."""
+    if name not in QUANTITIES or isinstance(value, np.ndarray):  # a column is in the model's
+        return value
+    if isinstance(value, Range):
+        return _Converted.of(mass, name, value)
+    if isinstance(value, tuple):
+        return tuple(_converted(mass, name, item) for item in value)
+    return float(QUANTITIES[name].in_model(mass, value))
+
+
+def model_name(name: str) -> str:
+    """Return the model's name of what a rig calls so; other names stay."""
+    return next((own for own, quantity in QUANTITIES.items() if quantity.name == name), name)
+
+
+def si_name(name: str, rig: RigConfig | None) -> str:
+    """Return what a rig, if there is one, calls a parameter of the model."""
+    return QUANTITIES[name].name if rig is not None and name in QUANTITIES else name
+
+
+def about(name: str, rig: RigConfig | None) -> Parameter:
+    """Return what a parameter of the model is, or of a rig, if there is one."""
+    in_rig = rig is not None and name in QUANTITIES
+    return QUANTITIES[name].about if in_rig else PARAMETERS[name]
+
+
+def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any]:
+    """Return values of the model, by name, as the user of a rig reads them, if there is one."""
+    return {
+        si_name(name, rig): value
+        if rig is None or name not in QUANTITIES or isinstance(value, str)
+        else QUANTITIES[name].in_si(rig.mass, value)
+        for name, value in values.items()
+    }
+
+
+def checked_units(units: UnitsConfig, rig: RigConfig | None) -> UnitsConfig:
+    """Return the names of the units; refuse others than those of a rig, and mass without one."""
+    si = UnitsConfig(length="m", time="s", mass="kg")
+    for name, unit in units.items():
+        if rig is not None and unit not in (getattr(si, name), name):
+            problem = f"{unit} is not the unit of a rig; expected: {getattr(si, name)}"
+            raise MisplacedError(("units", name), problem)
+    if rig is None and "mass" in units.model_fields_set:
+        problem = "without a rig there is no mass; expected: rig in place of oscillator"
+        raise MisplacedError(("units", "mass"), problem)
+    return units if rig is None else si
+
+
+def with_rig(data: dict[str, Any]) -> dict[str, Any]:
+    """Put a rig in the place of the oscillator, and the columns of a table into the rig."""
+    if "oscillator" in data:
+        problem = "stands beside oscillator; expected: one of them"
+        raise MisplacedError(("rig",), problem)
+    data = {**data, "oscillator": {}}
+    for group in ("follow", "refine"):
+        given = data.get(group)
+        if isinstance(given, dict) and isinstance(given.get("axis"), str):
+            data[group] = {**given, "axis": model_name(given["axis"])}
+    table, rig = data.get("points"), data["rig"]
+    if isinstance(table, np.ndarray) and isinstance(rig, dict):
+        data["rig"] = {**rig, **_columns(table, rig)}
+    return data
+
+
+def _columns(table: np.ndarray, rig: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return the columns of a table, which are the model's, by the rig's names; refuse others."""
+    names, columns = (
+        {name: model_name(name) for name in RigConfig.model_fields},
+        table.dtype.names or (),
+    )
+    for name, own in names.items():
+        if name in columns and name != own:
+            problem = f"is no column beside a rig; expected: {own}, in the unit of the model"
+            raise MisplacedError(("points", name), problem)
+        value = rig.get(name)
+        if isinstance(value, list | tuple | dict) or (value is not None and own in columns):
+            problem = "stands beside points; expected: one number here, or only a column"
+            raise MisplacedError(("rig", name), f"{problem} {own} of points")
+    return {name: table[own] for name, own in names.items() if own in columns}
