@@ -24,7 +24,7 @@ class Status(IntEnum):
 
     @property
     def failed(self) -> bool:
-        """Whether there is no result."""
+        """Whether there is no result, or none yet."""
         return self not in (Status.COMPUTED, Status.CERTIFIED, Status.SETTLED, Status.UNBOUNDED)
 
 

@@ -8,8 +8,8 @@ import pytest
 from limits import cpu_features
 from vibroimpact.jit.hooks import WholeCompiler
 from vibroimpact.kernel import exact, time_stepping
-from vibroimpact.kernel.chord_impacts import shorten_steps, take_remainders
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS, carry_columns, correct_columns
+from vibroimpact.kernel.reduced_step_impacts import shorten_steps, take_remainders
 from vibroimpact.kernel.time_stepping import STRIDE
 from vibroimpact.kernel.workspace import LANES, new_workspace
 from vibroimpact.step.scheme import one_period

@@ -14,9 +14,9 @@ import numpy as np
 
 from vibroimpact.jit import claim, compiled, is_set, jit, on_threads
 from vibroimpact.kernel import exact, time_stepping
-from vibroimpact.kernel.chord_impacts import CHORD_COLUMNS
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
 from vibroimpact.kernel.record import Record, close_records, record_section, rows_of
+from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import (
     LANES,
     POSITION,
@@ -151,7 +151,7 @@ def take_plain(job):
 @jit
 def take_shortened(job):
     """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
-    take_batches(job, run_shortened, CHORD_COLUMNS)
+    take_batches(job, run_shortened, REDUCED_STEP_COLUMNS)
 
 
 def run_batches(threads: int, job: KernelJob) -> None:

@@ -3,7 +3,7 @@
 Every lane is taken by its affine map as if there were no stop. A lane that may meet the stop in a
 stride stays at the start of it, and is taken through the stride alone, step by step, as a single
 orbit is. With ``reduced-step`` most of these lanes are first taken side by side, see
-``chord_impacts.py``. The rule ``plain`` needs no more than selects.
+``reduced_step_impacts.py``. The rule ``plain`` needs no more than selects.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 from vibroimpact.jit import jit, select, widest_vectors
-from vibroimpact.kernel.chord_impacts import (
+from vibroimpact.kernel.record import list_impact, record_step
+from vibroimpact.kernel.reduced_step_impacts import (
     C_0,
     OF_CLEARANCE,
     OF_F,
@@ -32,7 +33,6 @@ from vibroimpact.kernel.chord_impacts import (
     shorten_steps,
     take_remainders,
 )
-from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.workspace import (
     AT_REST,
     CLEARANCE,

@@ -457,8 +457,8 @@ def correct(system, X, planes, most):
             share = _decreasing(system, X, P, share, size)
         for i in range(X.size):
             X[i] += share * P[i]
-        settled = length < _CONVERGED or (length < _STALLED and length > 0.5 * before)
-        if share == 1.0 and settled:
+        converged = length < _CONVERGED or (length < _STALLED and length > 0.5 * before)
+        if share == 1.0 and converged:
             return True
         before = length
     return False

@@ -46,7 +46,7 @@ from vibroimpact.step.trigonometry import sin_cos
 #: A flight counts as below the stop where it passes it by less than so many roundings.
 _ROUNDINGS = 32.0 * 2.0**-52
 #: The limit of the work: time steps of a repetition.
-MOST_STEPS = 2**15
+MOST_ORBIT_STEPS = 2**15
 
 
 class TimeSteps(NamedTuple):
@@ -119,14 +119,14 @@ def residuals(values, m, speed, X, q):
 
     Of X, shape (2 q, ...), are looked at the phase of each impact, and its speed in units of
     `speed`, in turn. F, shape (q, 2), is inf where an impact does not come after the one before
-    it, or where the repetition has more time steps than ``MOST_STEPS``. A and B, shape (q, 2, 2),
-    are the derivatives with respect to the impact before the flight and that after it.
+    it, or where the repetition has more time steps than ``MOST_ORBIT_STEPS``. A and B, shape
+    (q, 2, 2), are the derivatives with respect to the impact before the flight and that after it.
     """
     pt = parameters(values)
     F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
     coefficients, M = np.empty(TERMS), np.empty((2, 2))
     length, longest = speed / pt.omega, 4.0 * math.pi * m / pt.omega  # beyond rounding
-    if not time_steps(values, m, 0) <= MOST_STEPS:
+    if not time_steps(values, m, 0) <= MOST_ORBIT_STEPS:
         F[:], A[:], B[:] = math.inf, math.nan, math.nan
         return F, A, B
     for i in range(q):

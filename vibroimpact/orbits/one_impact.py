@@ -46,7 +46,7 @@ from vibroimpact.step.integrators import INTEGRATORS, affine_map
 
 _EPS = float(np.finfo(float).eps)
 #: More forcing periods than this between two impacts are refused.
-MOST_PERIODS = 100_000
+MOST_FLIGHT_PERIODS = 100_000
 # A flight of more radians, of all its rates together, would take seconds to search for a touch.
 _LONGEST_FLIGHT = 2e6
 
@@ -192,8 +192,8 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     TypeError
         If `osc` is no Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_PERIODS``, the flight is too long, because omega
-        is far below h or p, or its numbers overflow or underflow.
+        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``, the flight is too long, because
+        omega is far below h or p, or its numbers overflow or underflow.
 
     Notes
     -----
@@ -201,7 +201,7 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     v^2 {[(1 + R) cot(k) / (2 p)]^2 + [(1 - R) / (2 omega)]^2} = f^2 / (p^2 - omega^2)^2.
     """
     refuse_other("osc", osc, Oscillator)
-    n = whole("n", n, 1, MOST_PERIODS)
+    n = whole("n", n, 1, MOST_FLIGHT_PERIODS)
     if not _radians(osc, n) <= _LONGEST_FLIGHT:
         raise ValueError(
             f"the flight between two impacts would be searched over more than "
@@ -257,7 +257,7 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
     TypeError
         If `osc` is no Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_PERIODS``, the flight is too long, because omega
-        is far below h or p, or its numbers overflow or underflow.
+        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``, the flight is too long, because
+        omega is far below h or p, or its numbers overflow or underflow.
     """
     return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))

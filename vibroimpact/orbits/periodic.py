@@ -12,7 +12,7 @@ import numpy as np
 
 from vibroimpact.orbits.corrector import correct, null_vector
 from vibroimpact.orbits.family import OrbitFamily
-from vibroimpact.orbits.flights import MOST_STEPS, time_steps, values_of
+from vibroimpact.orbits.flights import MOST_ORBIT_STEPS, time_steps, values_of
 from vibroimpact.orbits.orbit import (
     PeriodicOrbit,
     free_orbit,
@@ -29,7 +29,7 @@ from vibroimpact.step.scheme import scheme_of
 #: More impacts per repetition are not solved for.
 MOST_IMPACTS = 4096
 #: A motion is not followed over more time steps, impacts and sections than these.
-_MOST_FOLLOWED = 16 * MOST_STEPS
+_MOST_FOLLOWED = 16 * MOST_ORBIT_STEPS
 #: Newton's method starts from the given state, and then from where the motion is later, after so
 #: many repetitions.
 _LATER = (0, 1, 4, 16, 64, 256)
@@ -62,7 +62,7 @@ def periodic_orbit(
 
     The motion is followed over `m` forcing periods; its impacts are where Newton's method starts.
     If that ends at no orbit, the motion is followed longer, several times over, as far as 16 times
-    ``MOST_STEPS`` time steps go.
+    ``MOST_ORBIT_STEPS`` time steps go.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def periodic_orbit(
         Where to begin: a state at the section [length, length/time].
     m : int
         Forcing periods after which the orbit is to repeat; it may do so after a divisor of them.
-        They are ``MOST_STEPS`` time steps at the most: m (1 + (2 h + p) / omega) < 6831.
+        They are ``MOST_ORBIT_STEPS`` time steps at the most: m (1 + (2 h + p) / omega) < 6831.
     phase : float
         omega t mod 2 pi of the section, in [0, 2 pi) [rad].
 
@@ -91,7 +91,7 @@ def periodic_orbit(
         is not in its range.
     """
     refuse_other("osc", osc, Oscillator)
-    m = whole("m", m, 1, MOST_STEPS)
+    m = whole("m", m, 1, MOST_ORBIT_STEPS)
     refuse_long(osc, m, 0)
     state = checked("x0", x), checked("v0", v)
     if state[0] > osc.clearance:
@@ -173,10 +173,10 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
     if q > MOST_IMPACTS:
         raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
     steps = time_steps(values_of(osc), m, 0)
-    if not steps <= MOST_STEPS:
+    if not steps <= MOST_ORBIT_STEPS:
         raise OrbitError(
             f"{m:,} forcing periods here are {steps:,.0f} time steps, more than the "
-            f"{MOST_STEPS:,} that are solved for"
+            f"{MOST_ORBIT_STEPS:,} that are solved for"
         )
 
 

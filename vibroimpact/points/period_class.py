@@ -6,8 +6,8 @@ import numpy as np
 
 #: A motion repeats where its sections do to within this share of their spread about the origin.
 TOLERANCE = 1e-6
-#: It has settled to m periods where it is off by less than this share of what it is off otherwise.
-SETTLED = 0.01
+#: m is the least period where m periods are off by less than this share of any divisor's deviation.
+_LESS_THAN_DIVISORS = 0.01
 #: Longest repetition that is looked for [forcing periods].
 LONGEST_PERIOD = 64
 
@@ -43,10 +43,10 @@ def period_class(
         once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= tolerance).all(axis=0)
         rows = np.flatnonzero((period == 0) & once)
         off = _off_by(sections[:, rows], m)
-        settled = off <= tolerance
+        repeats = off <= tolerance
         for divisor in (d for d in range(1, m) if m % d == 0):
-            settled &= off <= SETTLED * _off_by(sections[:, rows], divisor)
-        period[rows[settled]] = m
+            repeats &= off <= _LESS_THAN_DIVISORS * _off_by(sections[:, rows], divisor)
+        period[rows[repeats]] = m
     counted = np.nan_to_num(impacts_per_period) * period
     return period, np.rint(counted).astype(np.int64)
 

@@ -14,9 +14,9 @@ What the literal procedure leaves open, and how it is closed here:
   launch. This is exact for a constant acceleration, as in a step of an integrator of second
   order. It is not applied to a step much longer than the flight, where the acceleration differs:
   the step is cut to twice the flight, and so on.
-- A chord on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is halved. A
-  speed that is zero to rounding counts as zero, because semi-implicit Euler brings every rebound
-  within a step back at that speed.
+- A straight line on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is
+  halved. A speed that is zero to rounding counts as zero, because semi-implicit Euler brings every
+  rebound within a step back at that speed.
 - Several impacts in one step follow one another until the remainder is used up.
 - A chatter whose geometric sum of flights, 2 v / (a (1 - R)), ends within the step while the
   force presses is complete: the mass rests. It also rests when a rebound is shorter than
@@ -151,13 +151,13 @@ def fly(method, launch, end, span, pt, coefficients):
 
 
 @jit(inline=True)
-def single_chord_impact(x, v, x_T, v_T, theta, T, pt):
+def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
     """Return T_r, v_Tr, sine and cosine there, and `sure`, of a step from off the stop, (6)-(9).
 
     `sure` says that the step crosses the stop, has an impact there and goes on with a rebound, not
     with a chatter that is complete before its end. There is no branch, for the columns of
-    ``kernel/chord_impacts.py``. Any other step goes through ``reduced_step``, which has the same
-    arithmetic.
+    ``kernel/reduced_step_impacts.py``. Any other step goes through ``reduced_step``, which has the
+    same arithmetic.
     """
     T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
     s, c = sin_cos(theta + pt.omega * T_r)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from vibroimpact.jit import jit, select, widest_vectors
 from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR
 from vibroimpact.step.integrators import INTEGRATORS, Parameters, step
-from vibroimpact.step.time_stepping import single_chord_impact
+from vibroimpact.step.time_stepping import single_linear_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.
 (
@@ -22,7 +22,7 @@ from vibroimpact.step.time_stepping import single_chord_impact
     STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T,
     # The impact, the time that remains of the step, and whether the impact is the only one.
     T_R, V_TR, S_TR, C_TR, REMAINDER, SINGLE,
-    CHORD_COLUMNS,
+    REDUCED_STEP_COLUMNS,
 ) = range(0, 21 * COLUMN_ROW, COLUMN_ROW)  # fmt: skip
 
 
@@ -41,7 +41,7 @@ def shorten_steps(c, count, step):
     for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
         pt = parameters_of(c, j)
         T = step / pt.omega
-        T_r, c[V_TR + j], c[S_TR + j], c[C_TR + j], sure = single_chord_impact(
+        T_r, c[V_TR + j], c[S_TR + j], c[C_TR + j], sure = single_linear_impact(
             c[X_0 + j], c[V_0 + j], c[X_T + j], c[V_T + j], c[THETA_0 + j], T, pt
         )
         c[T_R + j], c[REMAINDER + j], c[SINGLE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
