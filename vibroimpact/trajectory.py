@@ -76,8 +76,8 @@ def simulate(
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
     steps_per_period : int, optional
         Steps of length T = 2 pi / (omega steps_per_period), from 1 to ``MOST_STEPS``, stable or
-        not; by default 100
-        or as many as are stable, and for the impact rule ``exact`` as few as it allows.
+        not; by default 100 or as many as are stable, and for the impact rule ``exact`` as few as
+        it allows.
     x0, v0 : float
         Start: displacement (<= clearance) [length] and velocity [length/time].
     phase : float
