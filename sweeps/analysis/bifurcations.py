@@ -8,9 +8,10 @@ into the basin of another.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from itertools import pairwise, product
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import fields
+from itertools import pairwise, product, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,24 +19,16 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis import tables
-from sweeps.analysis.exact_branches import branches, wide_branches
-from sweeps.analysis.nearby_orbit import orbit_at
+from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branches
+from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.regimes import Change, cascades, changes, labels
 from sweeps.analysis.rig import in_si, rig_of
-from sweeps.analysis.selection import (
-    Selection,
-    chosen_axes,
-    config_of,
-    oscillator_of,
-    select,
-    swept_axes,
-)
+from sweeps.analysis.selection import Selection, chosen_axes, config_of, select, swept_axes
 from sweeps.config.rig import si_name, si_values
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.orbits.branches import branch
-from vibroimpact.oscillator import Oscillator
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,41 +43,34 @@ _MEANINGS = {
 }
 #: What the end of a branch is called in the list: a flight that meets the stop begins in a graze.
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
-_NAMES = tuple(field.name for field in fields(Oscillator))
-
-
-@dataclass(frozen=True)
-class Bifurcation:
-    """A change of the class of the motion between two neighbouring values of an axis.
-
-    Attributes
-    ----------
-    at : mapping of str to float or str
-        The values of the other axes.
-    change : Change
-    kind : str
-        ``flip``, ``fold``, ``graze`` where a branch of periodic orbits ends or loses its stability
-        so; ``rest``, ``chaos``, ``unbounded`` where that begins or ends; ``basin`` where the
-        attractor of before exists on both sides and is stable; ``unknown`` otherwise.
-    value : float
-        Of the axis at the flip, fold or graze, to rounding; NaN where it is not known.
-    """
-
-    at: Mapping[str, float | str]
-    change: Change
-    kind: str
-    value: float
 
 
 def find_bifurcations(
     dataset: xr.Dataset, axis: str | None = None, at: Selection | None = None
-) -> tuple[str, list[Bifurcation]]:
+) -> tuple[str, pd.DataFrame]:
     """Find the bifurcations along an axis, by default the longest, on every line of the grid.
 
-    Return the axis, and the bifurcations in the order of the grid, on each line of increasing
-    values of the axis. `at` is where to cut other axes; of the others every value is taken. Raises
-    Refused if there is no such axis or value, or the classes were not recorded.
+    `at` is where to cut other axes; of the others every value is taken.
+
+    Returns
+    -------
+    axis : str
+    found : DataFrame
+        A row for each change of class between two neighbouring values of the axis, in the order of
+        the grid and on each line of increasing values of the axis: the values of the other axes;
+        ``low``, ``high``, ``before``, ``after`` and ``between`` of the `Change`; ``value`` of the
+        axis at a flip, fold or graze, to rounding, NaN where it is not known; and ``kind``:
+        ``flip``, ``fold``, ``graze`` where a branch of periodic orbits ends or loses its stability
+        so; ``rest``, ``chaos``, ``unbounded`` where that begins or ends; ``basin`` where the
+        attractor of before exists on both sides and is stable; ``unknown`` otherwise.
+
+    Raises
+    ------
+    Refused
+        If there is no such axis or value, or the classes were not recorded.
     """
+    import pandas as pd
+
     (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
     if "period" not in dataset:
         raise Refused(
@@ -94,123 +80,116 @@ def find_bifurcations(
     data = select(dataset, at, free=[along, *free])
     other_axes = [str(name) for name in data["status"].dims if name != along]
     data = data.sortby(along)
-    result = []
+    rows = []
     for index in product(*(range(data.sizes[name]) for name in other_axes)):
         line = data.isel(dict(zip(other_axes, index, strict=True))).load()
-        values = {name: line[name].item() for name in other_axes}
-        orbits = _Orbits(line, along)
+        motions, down = PeriodicPoints.of(line), _is_followed_down(line, along)
         for change in changes(line[along].values, labels(line)):
-            result.append(Bifurcation(values, change, *orbits.explain(change)))
-    return along, result
+            kind, value = _explain(motions, along, change, down)
+            own = {"kind": kind, "value": value}
+            rows.append({name: line[name].item() for name in other_axes} | vars(change) | own)
+    columns = [*other_axes, *(field.name for field in fields(Change)), "kind", "value"]
+    return along, pd.DataFrame(rows, columns=columns)
 
 
-class _Orbits:
-    """The periodic orbits on a line, and what becomes of them."""
-
-    def __init__(self, line: xr.Dataset, axis: str) -> None:
-        self._line, self._axis, config = line, axis, config_of(line)
-        self._phase, self._down = config.record.phase, False
-        if config.follow is not None and config.follow.axis == axis:
-            way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
-            self._down = way == "down"
-
-    def explain(self, change: Change) -> tuple[str, float]:
-        """Return the kind of a change, and the value of the axis where it is known exactly."""
-        if self._axis not in _NAMES:
-            return "basin", np.nan
-        sides = [(change.low, change.high), (change.high, change.low)]
-        if self._down:
-            sides.reverse()
-        ends = [self._end(*side) for side in sides]
-        if ends[0] is not None and ends[0][0] == "edge":
-            return "basin", np.nan
-        if change.kind in ("rest", "chaos", "unbounded"):
-            at_other = ends[1] is not None and ends[1][0] == "edge"
-            return ("basin", np.nan) if at_other else (change.kind, np.nan)
-        exact_ends = [end for end in ends if end is not None and end[0] in _KINDS]
-        if not exact_ends:
-            return change.kind, np.nan
-        kind, value = exact_ends[0]
-        return _KINDS[kind], value
-
-    def _end(self, start: float, end: float) -> tuple[str, float] | None:
-        """Return how the branch of the orbit at `start` ends on its way to `end`, and where."""
-        point = self._line.sel({self._axis: start})
-        m, q = int(point["period"]), int(point["period_impacts"])
-        if m == 0 or float(point["rest_fraction"]) > 0.0:
-            return None
-        x, v = (float(point[name][-1]) for name in ("poincare_x", "poincare_v"))
-        try:
-            orbit = orbit_at(oscillator_of(point), x, v, m, self._phase)
-            if (orbit.m, orbit.q) != (m, q) or not orbit.stable:
-                return None
-            low, high = sorted((start, end))
-            special = branch(orbit, self._axis, low, high).special
-        except ValueError:  # no orbit is found, or it cannot be followed
-            return None
-        # Both walks begin at an end of the range, so that one of them is over at once.
-        following = special[1:] if start < end else special[-2::-1]
-        return (following[0].kind, following[0].value) if following else None
+def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
+    """Whether each point of a line was started from that of the next greater value of the axis."""
+    config = config_of(line)
+    if config.follow is None or config.follow.axis != axis:
+        return False
+    way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
+    return bool(way == "down")
 
 
-def as_read(
-    dataset: xr.Dataset, axis: str, bifurcations: Sequence[Bifurcation]
-) -> tuple[str, list[Bifurcation]]:
+def _explain(motions: PeriodicPoints, axis: str, change: Change, down: bool) -> tuple[str, float]:
+    """Return the kind of a change, and the value of the axis where it is known exactly."""
+    if axis in STARTS:
+        return "basin", np.nan
+    sides = np.searchsorted(motions.points[axis], [change.low, change.high]).tolist()
+    before, after = reversed(sides) if down else sides
+    ends = [_end(motions, axis, before, after), _end(motions, axis, after, before)]
+    (first, _), (second, _) = ends
+    if first == "edge":
+        return "basin", np.nan
+    if change.kind in ("rest", "chaos", "unbounded"):
+        return "basin" if second == "edge" else change.kind, np.nan
+    exact = [(_KINDS[kind], value) for kind, value in ends if kind in _KINDS]
+    return exact[0] if exact else (change.kind, np.nan)
+
+
+def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float]:
+    """Return how the branch of the orbit at point i ends on its way to point j, and where.
+
+    The kind is empty where there is no such branch.
+    """
+    if motions.m[i]:
+        start, end = motions.points[axis][[i, j]].tolist()
+        with suppress(ValueError):  # no orbit is found, or it cannot be followed
+            orbit = motions.orbit(i)
+            if (orbit.m, orbit.q) == (motions.m[i], motions.q[i]) and orbit.stable:
+                special = branch(orbit, axis, *sorted((start, end))).special
+                # Both walks begin at an end of the range, so that one of them is over at once.
+                for point in special[1:] if start < end else special[-2::-1]:
+                    return point.kind, point.value
+    return "", np.nan
+
+
+def as_read(dataset: xr.Dataset, axis: str, found: pd.DataFrame) -> tuple[str, pd.DataFrame]:
     """Return an axis and the bifurcations along it in the names and units of a rig, if any."""
-    rig = rig_of(dataset)
+    import pandas as pd
 
-    def shown(value: float) -> float:
-        return float(si_values({axis: value}, rig)[si_name(axis, rig)])
-
-    return si_name(axis, rig), [
-        replace(
-            item,
-            at=si_values(item.at, rig),
-            change=replace(item.change, low=shown(item.change.low), high=shown(item.change.high)),
-            value=shown(item.value),
-        )
-        for item in bifurcations
-    ]
+    rig, own = rig_of(dataset), si_name(axis, rig_of(dataset))
+    columns = si_values(found, rig)
+    for name in ("low", "high", "value"):
+        columns[name] = si_values({axis: columns[name]}, rig)[own]
+    return own, pd.DataFrame(columns)
 
 
-def describe(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
+def _others(found: pd.DataFrame) -> list[str]:
+    """Name the other axes."""
+    return list(found.columns[: list(found).index("low")])
+
+
+def describe(axis: str, found: pd.DataFrame) -> str:
     """Write bifurcations as tables: those with an exact value first, or of a map each kind."""
-    if not bifurcations:
+    if found.empty:
         return f"the class of the motion does not change along {axis}"
-    if is_summary(bifurcations):
-        return "\n".join([_summary(axis, bifurcations), *_meanings(bifurcations)])
-    exact = [item for item in bifurcations if not np.isnan(item.value)]
-    others = [item for item in bifurcations if np.isnan(item.value)]
-    listed = exact if len(others) > _MOST_INEXACT else [*exact, *others]
+    if is_summary(found):
+        return "\n".join([_summary(axis, found), *_meanings(found)])
+    inexact = found["value"].isna()
+    listed, others = found[~inexact], found[inexact]
     parts = []
-    if listed:
-        head = [axis, "kind", "classes", "between", ""]
-        parts.append(table([[*listed[0].at, *head], *map(_row, listed)]))
-    if len(listed) < len(bifurcations):
+    if len(others) <= _MOST_INEXACT:
+        listed = found.loc[[*listed.index, *others.index]]
+    if len(listed):
+        head = [*_others(found), axis, "kind", "classes", "between", ""]
+        parts.append(table([head, *map(_row, listed.to_dict("records"))]))
+    if len(listed) < len(found):
         parts.append(f"{len(others)} changes without an exact value\n{_summary(axis, others)}")
-    lines = [*_cascades(axis, bifurcations), *_meanings(others)]
+    lines = [*_cascades(axis, found), *_meanings(others)]
     return "\n\n".join([*parts, *(["\n".join(lines)] if lines else [])])
 
 
-def _meanings(bifurcations: Sequence[Bifurcation]) -> list[str]:
-    kinds = {item.kind for item in bifurcations}
+def _meanings(found: pd.DataFrame) -> list[str]:
+    kinds = set(found["kind"])
     return [f"{kind}: {text}" for kind, text in _MEANINGS.items() if kind in kinds]
 
 
-def is_summary(bifurcations: Sequence[Bifurcation]) -> bool:
+def is_summary(found: pd.DataFrame) -> bool:
     """Whether there are too many of them to be described one by one."""
-    return len(bifurcations) > MOST_ROWS and bool(bifurcations[0].at)
+    return len(found) > MOST_ROWS and bool(_others(found))
 
 
-def _row(item: Bifurcation) -> list[str]:
-    change = item.change
+def _row(item: dict[str, Any]) -> list[str]:
+    at = list(item.values())[: list(item).index("low")]
+    between = item["between"]
     return [
-        *map(_shown, item.at.values()),
-        "" if np.isnan(item.value) else f"{item.value:.12g}",
-        item.kind,
-        f"{change.before} -> {change.after}",
-        f"{change.low:.12g} .. {change.high:.12g}",
-        f"{shown_count(change.between, 'point')} of no known class" if change.between else "",
+        *map(_shown, at),
+        "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
+        item["kind"],
+        f"{item['before']} -> {item['after']}",
+        f"{item['low']:.12g} .. {item['high']:.12g}",
+        f"{shown_count(between, 'point')} of no known class" if between else "",
     ]
 
 
@@ -218,45 +197,39 @@ def _shown(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.6g}"
 
 
-def _summary(axis: str, bifurcations: Sequence[Bifurcation]) -> str:
+def _summary(axis: str, found: pd.DataFrame) -> str:
     """Write a line for each kind and pair of classes, the most frequent first."""
-    groups: dict[tuple[str, str], list[Bifurcation]] = {}
-    for item in bifurcations:
-        pair = f"{item.change.before} -> {item.change.after}"
-        groups.setdefault((item.kind, pair), []).append(item)
-    ordered = sorted(groups.items(), key=lambda group: -len(group[1]))
-    head = ["kind", "classes", "times", axis, *bifurcations[0].at]
+    others = _others(found)
+    pairs = [f"{a} -> {b}" for a, b in zip(found["before"], found["after"], strict=True)]
+    groups = list(found.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
     rows = [
         [
-            kind,
-            pair,
+            *group,
             f"{len(items):,}",
-            shown_range([item.change.low for item in items] + [item.change.high for item in items]),
-            *(shown_range([item.at[name] for item in items]) for name in bifurcations[0].at),
+            shown_range([*items["low"], *items["high"]]),
+            *(shown_range(items[name]) for name in others),
         ]
-        for (kind, pair), items in ordered[:MOST_ROWS]
+        for group, items in sorted(groups, key=lambda one: -len(one[1]))
     ]
-    lines = [table([head, *rows])]
-    if len(ordered) > MOST_ROWS:
-        lines.append(f"and {len(ordered) - MOST_ROWS:,} rarer pairs of classes")
-    if bifurcations[0].at:
-        lines.append(f"{len(bifurcations):,} changes along {axis}")
+    lines = [table([["kind", "classes", "times", axis, *others], *rows[:MOST_ROWS]])]
+    if len(rows) > MOST_ROWS:
+        lines.append(f"and {len(rows) - MOST_ROWS:,} rarer pairs of classes")
+    if others:
+        lines.append(f"{len(found):,} changes along {axis}")
     return "\n".join(lines)
 
 
-def _cascades(axis: str, bifurcations: Sequence[Bifurcation]) -> Iterator[str]:
+def _cascades(axis: str, found: pd.DataFrame) -> Iterator[str]:
     """Yield a line for each run of flips: where they are, and the ratios of their distances."""
-    lines: dict[tuple[tuple[str, float | str], ...], dict[Change, float]] = {}
-    for item in bifurcations:
-        middle = 0.5 * (item.change.low + item.change.high)
-        value = middle if np.isnan(item.value) else item.value
-        lines.setdefault(tuple(item.at.items()), {})[item.change] = value
-    for at, line in lines.items():
-        for run in cascades(list(line)):
-            values = np.array([line[change] for change in run])
-            flips = ", ".join(f"{value:.9g}" for value in values)
-            ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(values)))
-            where = [f"{name} = {_shown(value)}" for name, value in at]
+    others, names = _others(found), [field.name for field in fields(Change)]
+    values = found["value"].fillna(0.5 * (found["low"] + found["high"]))
+    for at, line in found.groupby(others, sort=False) if others else [((), found)]:
+        value_of = dict(zip(starmap(Change, line[names].values), values[line.index], strict=True))
+        for run in cascades(list(value_of)):
+            places = np.array([value_of[change] for change in run])
+            flips = ", ".join(f"{value:.9g}" for value in places)
+            ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(places)))
+            where = [f"{name} = {_shown(value)}" for name, value in zip(others, at, strict=True)]
             text = f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
             yield ", ".join([*where, text])
 
@@ -288,7 +261,7 @@ def describe_branches(
     lines, or the axis is a start or has a single value.
     """
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
-    if uncut or axis in ("x0", "v0") or dataset.sizes[axis] == 1:
+    if uncut or axis in STARTS or dataset.sizes[axis] == 1:
         return ""
     found = in_si(branches(dataset, axis, at, **chosen), dataset)
     (axis,) = map(str, found.coords)
@@ -304,15 +277,10 @@ def describe_branches(
     return "\n".join(lines if rows else lines[:2])
 
 
-def write_csv(path: Path, axis: str, bifurcations: Sequence[Bifurcation]) -> None:
+def write_csv(path: Path, axis: str, found: pd.DataFrame) -> None:
     """Write every bifurcation, with all digits."""
-    other_axes = list(bifurcations[0].at) if bifurcations else []
-    head = [f"{axis}_low", f"{axis}_high", "before", "after", "kind", axis, "unknown_between"]
-    tables.write_csv(path, map(_numbers, bifurcations), [*other_axes, *head])
-
-
-def _numbers(item: Bifurcation) -> list[object]:
-    """Write a bifurcation with all digits."""
-    change = item.change
-    ends = [change.low, change.high, str(change.before), str(change.after)]
-    return [*item.at.values(), *ends, item.kind, item.value, change.between]
+    names = {
+        "low": f"{axis}_low", "high": f"{axis}_high", "before": "before", "after": "after",
+        "kind": "kind", "value": axis, "between": "unknown_between",
+    }  # fmt: skip
+    tables.write_csv(path, found[[*_others(found), *names]].rename(columns=names))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import MOST_PERIODS, Line, lines_of
+from sweeps.analysis.exact_branches import LONGEST_ORBIT, PeriodicPoints, lines_of
 from sweeps.analysis.rig import rig_of
 from sweeps.analysis.selection import Selection, orbit_coordinates, recorded_coordinate
 from sweeps.config.rig import si_name, si_values
@@ -39,8 +39,8 @@ def compare(
 
     parts, rig = [], rig_of(dataset)
     for line in lines_of(dataset, axis, at):
-        way = f" {line.dataset[DIRECTION].item()}" if DIRECTION in line.dataset.coords else ""
-        found = deviations(line, coordinate)
+        way = f" {line[DIRECTION].item()}" if DIRECTION in line.coords else ""
+        found = deviations(line, axis, coordinate)
         pairs = list(zip(found["m"], found["q"], strict=True))
         found["name"] = [f"{m}/{q}{way}" for m, q in pairs]
         parts.append(found[[not classes or pair in classes for pair in pairs]])
@@ -62,8 +62,8 @@ def compare(
     )
 
 
-def deviations(line: Line, coordinate: str) -> pd.DataFrame:
-    """Compare the periodic points of a line with the stable orbits that they are on.
+def deviations(line: xr.Dataset, axis: str, coordinate: str) -> pd.DataFrame:
+    """Compare the periodic points along an axis with the stable orbits that they are on.
 
     A row for each point with such an orbit of its own class has ``m``, ``q``, the axis, ``size``
     (the largest deviation in its record, in the unit of the coordinate), and ``settled`` (whether
@@ -71,21 +71,22 @@ def deviations(line: Line, coordinate: str) -> pd.DataFrame:
     """
     import pandas as pd
 
-    records = recorded_coordinate(line.dataset, coordinate).values
-    transient = int(line.dataset["section"].values[0]) - 1
+    motions = PeriodicPoints.of(line)
+    records = recorded_coordinate(line, coordinate).values
+    transient = int(line["section"].values[0]) - 1
     rows = []
-    for i in np.flatnonzero((line.q > 0) & (line.m <= MOST_PERIODS)).tolist():
+    for i in np.flatnonzero((motions.q > 0) & (motions.m <= LONGEST_ORBIT)).tolist():
         try:
-            orbit = line.orbit(i)
+            orbit = motions.orbit(i)
         except OrbitError:
             continue
-        if orbit.stable and (orbit.m, orbit.q) == (line.m[i], line.q[i]):
-            exact = orbit_coordinates(orbit, line.phase)[coordinate]
+        if orbit.stable and (orbit.m, orbit.q) == (motions.m[i], motions.q[i]):
+            exact = orbit_coordinates(orbit, motions.phase)[coordinate]
             size = _distance(records[i], exact, coordinate)
             decay = float(np.abs(orbit.multipliers).max()) ** (transient / orbit.m)
             settled = decay < np.finfo(float).eps
-            rows.append((orbit.m, orbit.q, float(line.values[i]), size, settled))
-    return pd.DataFrame(rows, columns=["m", "q", line.axis, "size", "settled"])
+            rows.append((orbit.m, orbit.q, float(motions.points[axis][i]), size, settled))
+    return pd.DataFrame(rows, columns=["m", "q", axis, "size", "settled"])
 
 
 def _row(name: str, axis: str, points: pd.DataFrame) -> tuple[str, ...]:

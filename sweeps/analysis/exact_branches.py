@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.grouping import STARTS, points_of
 from sweeps.analysis.nearby_orbit import orbit_at
+from sweeps.analysis.regimes import Regime, classify
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
@@ -22,7 +25,6 @@ from sweeps.analysis.selection import (
     config_of,
     listed,
     orbit_coordinates,
-    oscillator_of,
     select,
     split_directions,
 )
@@ -33,13 +35,10 @@ from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
-from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import period_class
-from vibroimpact.status import Status
 
-_NAMES = [field.name for field in fields(Oscillator)]
 #: Longer orbits are neither seeds nor followed, nor more branches than this.
-MOST_PERIODS, MOST_BRANCHES = 8, 60
+LONGEST_ORBIT, MOST_BRANCHES = 8, 60
 #: Classes that the summary names.
 _MOST_NAMES = 8
 #: How far a branch may be from the lines between its points, as a share of the ranges: a seventh of
@@ -48,50 +47,42 @@ CHORD_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Line:
-    """The computed points along one axis, in the order of its values."""
+class PeriodicPoints:
+    """The computed points of a cut through a sweep, and the periodic orbits that they are on.
 
-    dataset: xr.Dataset  # a cut through an opened sweep, with `axis` as its only swept axis
-    axis: str
-    values: np.ndarray  # of the axis, increasing, (n,)
-    oscillator: Oscillator  # at one of them
-    phase: float  # of the section [rad]
-    states: np.ndarray  # x and v at the last section, (n, 2)
-    m: np.ndarray  # forcing periods per repetition, (n,); 0 where it does not repeat, or rests
-    q: np.ndarray  # impacts per repetition, (n,); 0 there
+    Attributes
+    ----------
+    points : ndarray of dtype POINT, in the shape of the cut
+        The parameters, and the state at the last section as the start.
+    m, q : ndarray of int, in that shape
+        Forcing periods and impacts per repetition; 0 where the motion is not periodic.
+    phase : float
+        Of the section [rad].
+    """
+
+    points: np.ndarray
+    m: np.ndarray
+    q: np.ndarray
+    phase: float
 
     @classmethod
-    def of(cls, dataset: xr.Dataset, axis: str) -> Line:
-        """Read the points; Refused if the orbits do not depend on `axis`, or it has one value."""
-        check_axis(dataset, axis, "it")
-        phase, dataset = config_of(dataset).record.phase, dataset.sortby(axis)
-        names = ["status", "poincare_x", "poincare_v", "impacts_per_period", "rest_fraction"]
-        data = dataset[names].load()
-        x, v = data["poincare_x"].values, data["poincare_v"].values
-        m, q = period_class(x, v, data["impacts_per_period"].values)
-        failed = np.isin(data["status"].values, [status for status in Status if status.failed])
-        known = ~failed & ~(data["rest_fraction"].values > 0.0)
-        oscillator = oscillator_of(dataset.isel({axis: 0}))
-        states = np.stack([x[:, -1], v[:, -1]], axis=1)
-        return cls(
-            dataset, axis, data[axis].values, oscillator, phase, states,
-            np.where(known, m, 0), np.where(known, q, 0),
-        )  # fmt: skip
+    def of(cls, cut: xr.Dataset) -> Self:
+        """Read the points of a cut, of which the period may not be recorded."""
+        points = points_of(cut).reshape(cut["status"].shape)
+        for start, name in (("x0", "poincare_x"), ("v0", "poincare_v")):
+            points[start] = cut[name].isel(section=-1).values
+        if "period" not in cut:
+            x, v = (cut[name].values for name in ("poincare_x", "poincare_v"))
+            m, q = period_class(x, v, cut["impacts_per_period"].values)
+            dims = cut["status"].dims
+            cut = cut.assign(period=(dims, m), period_impacts=(dims, q))
+        periodic = classify(cut) == Regime.PERIODIC
+        m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
+        return cls(points, m, q, config_of(cut).record.phase)
 
-    def runs(self) -> list[tuple[int, int]]:
-        """Return the middle and the length of every run of periodic points of one class."""
-        classes = self.m * (1 + int(self.q.max(initial=0))) + self.q
-        begins = np.flatnonzero(np.diff(classes, prepend=-1))
-        lengths = np.diff(begins, append=len(classes))
-        middles = begins + lengths // 2
-        known = self.m[middles] > 0
-        return list(zip(middles[known].tolist(), lengths[known].tolist(), strict=True))
-
-    def orbit(self, i: int) -> PeriodicOrbit:
+    def orbit(self, *index: int) -> PeriodicOrbit:
         """Return the orbit that a periodic point is on; OrbitError if none is found."""
-        oscillator = replace(self.oscillator, **{self.axis: float(self.values[i])})
-        x, v = self.states[i].tolist()
-        return orbit_at(oscillator, x, v, int(self.m[i]), self.phase)
+        return orbit_at(self.points[index], int(self.m[index]), self.phase)
 
 
 def branches(
@@ -119,7 +110,7 @@ def branches(
     check : callable, optional
         Is called before each branch; what it raises ends the work.
     classes : collection of (int, int), optional
-        m and q of the motions to follow, by default all of at most ``MOST_PERIODS`` periods.
+        m and q of the motions to follow, by default all of at most ``LONGEST_ORBIT`` periods.
     most : int, optional
         No more branches are followed.
 
@@ -142,10 +133,10 @@ def branches(
         If there is no such axis, or the orbits do not depend on it.
     """
     (axis,) = chosen_axes(dataset, [axis] if axis else [], 1, "branch")
-    lines = lines_of(dataset, axis, at)
-    low = min(float(line.values[0]) for line in lines)
-    high = max(float(line.values[-1]) for line in lines)
-    longest = max((m for m, _ in classes), default=MOST_PERIODS)
+    lines = [PeriodicPoints.of(line) for line in lines_of(dataset, axis, at)]
+    low = min(float(line.points[axis][0]) for line in lines)
+    high = max(float(line.points[axis][-1]) for line in lines)
+    longest = max((m for m, _ in classes), default=LONGEST_ORBIT)
     found = BranchSet(axis, low, high, most, longest, classes, check)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for line, i, length in _seeds(lines):
@@ -166,19 +157,24 @@ def branches(
     return _as_dataset(found, lines[0].phase, left_out)
 
 
-def _seeds(lines: Sequence[Line]) -> list[tuple[Line, int, int]]:
-    """Return a point of each run of a class and the length of the run, in the order to follow them.
+def _seeds(lines: Sequence[PeriodicPoints]) -> list[tuple[PeriodicPoints, int, int]]:
+    """Return the middle and the length of each run of a class, in the order to follow them.
 
     The longest run of each class comes first, the most frequent class before the others.
     """
-    runs = [(line, *run) for line in lines for run in line.runs()]
     points: Counter[tuple[int, int]] = Counter()
-    for line, i, length in runs:
-        points[int(line.m[i]), int(line.q[i])] += length
+    runs = []
+    for line in lines:
+        begin = 0
+        for mq, run in groupby(zip(line.m.tolist(), line.q.tolist(), strict=True)):
+            length = len(list(run))
+            if mq[0]:
+                runs.append((mq, line, begin + length // 2, length))
+                points[mq] += length
+            begin += length
     seen: Counter[tuple[int, int]] = Counter()
     ordered = []
-    for line, i, length in sorted(runs, key=lambda run: -run[2]):
-        mq = int(line.m[i]), int(line.q[i])
+    for mq, line, i, length in sorted(runs, key=lambda run: -run[3]):
         ordered.append((seen[mq], -points[mq], (line, i, length)))
         seen[mq] += 1
     return [run for *_, run in sorted(ordered, key=lambda item: item[:2])]
@@ -308,7 +304,7 @@ def wide_branches(found: xr.Dataset) -> np.ndarray:
 
 def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
     """Refuse an axis that the orbits do not depend on, or of a single value."""
-    if axis not in _NAMES:
+    if axis in STARTS:
         raise Refused(
             f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
         )
@@ -319,7 +315,11 @@ def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
         )
 
 
-def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[Line]:
-    """Return a line of a sweep, once for each direction in which it was followed."""
+def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[xr.Dataset]:
+    """Return the points along an axis in its order, once for each direction of a followed sweep.
+
+    Refused if the orbits do not depend on the axis, or it has one value.
+    """
     line = select(dataset, at, free=[axis, DIRECTION])
-    return [Line.of(way, axis) for way in split_directions(line)]
+    check_axis(line, axis, "it")
+    return split_directions(line.sortby(axis))

@@ -12,27 +12,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import check_axis, dataset_of
-from sweeps.analysis.regimes import Regime, classify
-from sweeps.analysis.selection import (
-    Selection,
-    chosen_axes,
-    config_of,
-    listed,
-    oscillator_of,
-    select,
-)
+from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, dataset_of
+from sweeps.analysis.selection import Selection, chosen_axes, listed, select
 from sweeps.errors import Refused
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve
-from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, periodic_orbit
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -131,13 +122,8 @@ class _Search:
     def __init__(self, cut: xr.Dataset, axes: tuple[str, str]) -> None:
         self._axes = axes
         self._values = [cut[axis].values for axis in axes]
-        self._first = oscillator_of(cut.isel(dict.fromkeys(axes, 0)))
-        self._phase = config_of(cut).record.phase
-        last = [cut[name].isel(section=-1).values for name in ("poincare_x", "poincare_v")]
-        self._states = np.stack(last, axis=2)
-        periodic = classify(cut) == Regime.PERIODIC
-        m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
-        self._classes = np.stack([m, q], axis=2).astype(int)
+        self._motions = PeriodicPoints.of(cut)
+        self._classes = np.stack([self._motions.m, self._motions.q], axis=2)
         self._cells = np.array(list(self._changes()), int).reshape(-1, 2, 2)
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
@@ -239,15 +225,8 @@ class _Search:
 
     def _orbit(self, cell: np.ndarray) -> PeriodicOrbit:
         """Return the orbit of a cell; OrbitError if there is none, or one of another class."""
-        i, j = cell.tolist()
-        m, q = self._classes[i, j].tolist()
-        here = {
-            axis: float(values[k])
-            for axis, values, k in zip(self._axes, self._values, (i, j), strict=True)
-        }
-        x, v = self._states[i, j].tolist()
-        orbit = periodic_orbit(replace(self._first, **here), x, v, m, self._phase)
-        if (orbit.m, orbit.q) != (m, q):
+        orbit = self._motions.orbit(*cell)
+        if [orbit.m, orbit.q] != self._classes[*cell].tolist():
             raise OrbitError("a motion has not settled: its orbit is of another class")
         return orbit
 

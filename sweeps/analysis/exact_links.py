@@ -13,7 +13,6 @@ from functools import cache
 import numpy as np
 
 from sweeps.analysis.nearby_orbit import orbit_at
-from sweeps.analysis.selection import oscillator_of
 from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
@@ -50,10 +49,9 @@ class ExactLinks:
         )
 
     def _find(self, a: int) -> PeriodicOrbit | None:
-        oscillator, m = oscillator_of(self._points[a]), int(self._m[a])
-        x, v = (self._points[name][a].item() for name in ("x0", "v0"))
+        m = int(self._m[a])
         try:
-            orbit = orbit_at(oscillator, x, v, m, self._phase)
+            orbit = orbit_at(self._points[a], m, self._phase)
         except OrbitError:
             return None
         return orbit if orbit.stable and orbit.m == m else None

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sweeps.analysis.selection import oscillator_of
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, doubled, periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import LONGEST_PERIOD
@@ -22,11 +23,13 @@ _ROUNDING = 1e-6
 _TRIED_PERIODS = 4
 
 
-def orbit_at(oscillator: Oscillator, x: float, v: float, m: int, phase: float) -> PeriodicOrbit:
-    """Return the orbit near a state at the section, which an impact rule may let pass the stop.
+def orbit_at(point: np.void, m: int, phase: float) -> PeriodicOrbit:
+    """Return the orbit near a point, of dtype POINT, whose start is its state at the section.
 
-    Raises OrbitError if none is found.
+    An impact rule may let it pass the stop. Raises OrbitError if none is found.
     """
+    oscillator = oscillator_of(point)
+    x, v = point["x0"].item(), point["v0"].item()
     return periodic_orbit(oscillator, min(x, oscillator.clearance), v, m, phase)
 
 

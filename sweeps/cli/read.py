@@ -166,7 +166,7 @@ def _show_bifurcations(
     say_moved(cuts, seen, "listed")
     text = bifurcations.describe(along, items)
     if bifurcations.is_summary(items):
-        name, value = next(iter(items[0].at.items()))
+        name, value = items.columns[0], items.iat[0, 0]
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)

@@ -9,7 +9,6 @@ import pytest
 from sweep_files import run_in
 from sweeps import branches, open_sweep
 from sweeps.analysis.deviations import _distance, compare, deviations
-from sweeps.analysis.exact_branches import Line
 from sweeps.analysis.selection import COORDINATES, select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
@@ -53,20 +52,16 @@ def later(tmp_path_factory):
         yield branches(dataset), dataset
 
 
-def line_of(dataset, axis="omega", **at):
-    return Line.of(select(dataset, at or {"R": 0.8}, free=[axis]), axis)
-
-
 @pytest.fixture(scope="module")
 def line(exact):
     """Return the points at R = 0.8."""
-    return line_of(exact)
+    return exact.sel(R=0.8)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("coordinate", COORDINATES)
 def test_computed_points_are_on_the_stable_branches_to_rounding(line, coordinate):
-    found = deviations(line, coordinate)
+    found = deviations(line, "omega", coordinate)
     classes = dict(list(found.groupby(["m", "q"])))
     first, second = classes[1, 1], classes[2, 1]
     assert first["omega"].max() < FLIPS[1] and second["omega"].min() > FLIPS[2]
@@ -78,10 +73,9 @@ def test_computed_points_are_on_the_stable_branches_to_rounding(line, coordinate
 
 @pytest.mark.slow
 def test_a_point_off_the_branch_by_so_much_is_told(exact):
-    line = line_of(exact)
-    line.dataset.load()
-    line.dataset["poincare_x"][3] += 1e-9
-    found = deviations(line, "poincare_x")
+    line = exact.sel(R=0.8).load()
+    line["poincare_x"][3] += 1e-9
+    found = deviations(line, "omega", "poincare_x")
     assert found["size"][3] == pytest.approx(1e-9, rel=1e-3)
     dataset = exact.sel(R=[0.8]).load()
     dataset["poincare_x"][0, 3] += 1e-9
@@ -94,7 +88,7 @@ def test_a_coarse_method_is_off_by_its_error(tmp_path):
     worst = []
     for steps in (100, 200):
         with computed(tmp_path, method % steps, "oscillator.omega=[2.45, 2.5]") as dataset:
-            worst.append(deviations(line_of(dataset), "poincare_x")["size"].max())
+            worst.append(deviations(dataset.sel(R=0.8), "omega", "poincare_x")["size"].max())
     assert 1e-5 < worst[1] < worst[0]
     assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.5)
 
@@ -102,7 +96,7 @@ def test_a_coarse_method_is_off_by_its_error(tmp_path):
 @pytest.mark.slow
 def test_a_short_transient_is_told_apart(tmp_path):
     with computed(tmp_path, "record.transient=80") as dataset:
-        found = deviations(line_of(dataset), "poincare_x")
+        found = deviations(dataset.sel(R=0.8), "omega", "poincare_x")
         found = found[(found["m"] == 1) & (found["q"] == 1)]
         assert not found["settled"].any() and found["size"].max() > 1e-13
         said = compare(dataset, "omega", {"R": 0.8})
@@ -128,8 +122,7 @@ def test_phases_are_compared_around_the_circle():
 
 def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
     with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
-        line = Line.of(select(dataset, None, free=["R"]), "R")
-        found = deviations(line, "impact_v")
+        found = deviations(dataset, "R", "impact_v")
         assert found["R"].tolist() == [0.6, 0.7, 0.8] and found["size"].max() < 1e-13
         one = branches(dataset, "R")
         for R, v in zip(one["R"].values, one["impact_v"].values[:, 0], strict=True):

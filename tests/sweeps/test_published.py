@@ -128,9 +128,9 @@ def inelastic_brackets():
         path = Path(folder) / "out.h5"
         run_sweep(load_config(scene, coarse), path, progress=False)
         with open_sweep(path) as dataset:
-            changes = [item.change for item in find_bifurcations(dataset)[1]]
-    assert max(change.high - change.low for change in changes) < 5e-7
-    return np.array([0.5 * (change.low + change.high) for change in changes])
+            found = find_bifurcations(dataset)[1]
+    assert (found["high"] - found["low"]).max() < 5e-7
+    return (0.5 * (found["low"] + found["high"])).to_numpy()
 
 
 def bracket_near(value):
