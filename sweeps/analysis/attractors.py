@@ -27,13 +27,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_links import ExactLinks
 from sweeps.analysis.grouping import SETS, GridIndex, Groups
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import config_of
 from sweeps.analysis.settle import EXTENSIONS, Outcomes
-from sweeps.analysis.tracking import PeriodicAttractors, track
+from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.errors import Refused
 
 #: Motions that count as an attractor; whether the others stay as they are is not known.
@@ -177,7 +176,7 @@ def _tracked(
     if shape and config.method.impact == "exact":
         axis = points.parameters[int(np.argmax(shape))]
         states = points.at_states(at, *groups.last[at].T)
-        links = ExactLinks(axis, config.record.phase, states, groups.m[at])
+        links = exact_links(axis, config.record.phase, states, groups.m[at])
     m, place = groups.m[at], groups.place[at]
     tracked = PeriodicAttractors(points.parameter[at], m, place, groups.cycles)
     _, chain = np.unique(track(shape, tracked, links), return_inverse=True)

@@ -2,9 +2,11 @@
 
 Two attractors at neighbouring values of an axis get one number if each cycle is the nearest to the
 other and they are no further apart than ``MAX_DISTANCE``; or, if a step moves the section by more,
-if both are on the same exact branch (`sweeps.analysis.exact_links`). An attractor keeps its number
-through a flip: an orbit of m periods may go on as a nearby orbit of 2 m or m / 2 periods, as the
-branches of a diagram do. It loses its number in a jump, as at the end of a window.
+if both are on the same exact branch (`vibroimpact.branch`): it is stable from the one value to the
+other and ends at the other orbit, or the branches of m and of 2 m periods meet in a flip. An
+attractor keeps its number through a flip: an orbit of m periods may go on as a nearby orbit of 2 m
+or m / 2 periods, as the branches of a diagram do. It loses its number in a jump, as at the end of a
+window.
 
 These links make chains along the longest axis, also over gaps of ``MAX_GAP`` of the axis: beside a
 flip the motion settles slowly, and for a few values no repetition is found. Along the other axes
@@ -14,14 +16,19 @@ cusp, where one attractor leads to another, the number therefore changes along s
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sweeps.analysis.nearby_orbit import orbit_at
 from sweeps.analysis.section_distance import Cycles, distances
+from vibroimpact.orbits.branches import Branch, branch
+from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,6 +39,11 @@ MAX_DISTANCE = 0.2
 MOST_BRANCHES = 1000
 #: The longest gap that is bridged, as a share of an axis.
 MAX_GAP = 1 / 32
+#: Orbits and flips are the same to this share: that of Newton's method, and a margin.
+_TOLERANCE = 1e-6
+
+#: Whether one attractor goes on as another, which is beside it on the longest axis.
+Continues = Callable[[int, int], bool]
 
 
 @dataclass(frozen=True)
@@ -81,7 +93,7 @@ class PeriodicAttractors:
         return mutual["a"].values, mutual["b"].values
 
     def on_branches(
-        self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Callable[[int, int], bool]
+        self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Continues
     ) -> tuple[np.ndarray, np.ndarray]:
         """Pair attractors as `links` does, but those that are on one branch, at any distance."""
         pairs: dict[int, int] = {}
@@ -106,12 +118,11 @@ class PeriodicAttractors:
 def track(
     shape: tuple[int, ...],
     attractors: PeriodicAttractors,
-    on_one_branch: Callable[[int, int], bool] | None = None,
+    on_one_branch: Continues | None = None,
 ) -> np.ndarray:
     """Return a number for each attractor, shape (n,), the same for those that continue each other.
 
-    They are on a grid of parameter points of this shape; `on_one_branch` says whether one goes on
-    as another one, which is beside it on the longest axis.
+    They are on a grid of parameter points of this shape.
     """
     alone = np.arange(len(attractors.point))
     if not shape or not len(alone):
@@ -134,12 +145,56 @@ def track(
     return _joined(before, attractors.point, borders) if borders else before
 
 
+def exact_links(axis: str, phase: float, points: np.ndarray, m: np.ndarray) -> Continues:
+    """Return what tells whether periodic attractors are on one exact branch along an axis.
+
+    Attractors are given by points whose starts are their states at a section of this phase, shape
+    (n,), and by their periods m. The file was computed with exact impacts.
+    """
+
+    @cache
+    def stable_orbit(a: int) -> PeriodicOrbit | None:
+        try:
+            orbit = orbit_at(points[a], int(m[a]), phase)
+        except OrbitError:
+            return None
+        return orbit if orbit.stable and orbit.m == m[a] else None
+
+    def on_one_branch(a: int, b: int) -> bool:
+        first, second = stable_orbit(a), stable_orbit(b)
+        if first is None or second is None:
+            return False
+        low, high = sorted(points[axis][[a, b]].tolist())
+        here, there = (branch(orbit, axis, low, high) for orbit in (first, second))
+        if (first.m, first.q) == (second.m, second.q):
+            ends = here.at(points[axis][b].item()) if here.stable.all() else []
+            return any(_same(orbit, second) for orbit in ends)
+        return any(
+            math.isclose(flip, flip_there, rel_tol=_TOLERANCE)
+            for flip in _flips(here)
+            for flip_there in _flips(there)
+        )
+
+    return on_one_branch
+
+
+def _same(first: PeriodicOrbit, second: PeriodicOrbit) -> bool:
+    speeds = np.sort(second.speeds)
+    return np.allclose(
+        np.sort(first.speeds), speeds, rtol=0.0, atol=_TOLERANCE * speeds.max(initial=0.0)
+    )
+
+
+def _flips(line: Branch) -> list[float]:
+    return [point.value for point in line.special if point.kind == "flip"]
+
+
 def _along(
     shape: tuple[int, ...],
     attractors: PeriodicAttractors,
     axis: int,
     longest_step: int,
-    on_one_branch: Callable[[int, int], bool] | None = None,
+    on_one_branch: Continues | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the links along an axis, those over gaps last; none has two ahead or behind."""
     n = len(attractors.point)
