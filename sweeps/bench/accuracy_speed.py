@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -55,6 +53,8 @@ COLUMNS = [
     "error",
     "seconds_per_period",
 ]
+#: One method on one scene at one rung of the ladder.
+_Run = tuple[Scene, int, Method]
 _TYPES = {"steps_per_period": "Int64", "tolerance": float, "error": float}
 
 
@@ -98,14 +98,6 @@ def plan_of(config: SweepConfig, plan: Plan) -> Plan:
     return replace(plan, scenes=(scene,), ladder=tuple(sorted(ladder)), peers=())
 
 
-@dataclass
-class _Tally:
-    """What is collected of one method at one number of steps in one scene."""
-
-    seconds: float = math.inf
-    squares: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-
-
 def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = False) -> pd.DataFrame:
     """Measure the errors and the cost of every method.
 
@@ -125,7 +117,9 @@ def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = Fals
         where the solver chooses them; ``tolerance``, of a peer alone; ``error``, free of units, NaN
         or inf where the method failed; and ``seconds_per_period``, of the forcing.
     """
-    runs, peer_runs = _runs(plan), list(_peer_runs(plan))
+    runs, peer_runs = list(_runs(plan)), list(_peer_runs(plan))
+    rows: list[tuple] = []
+    failed: set[_Run] = set()
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -139,16 +133,17 @@ def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = Fals
             "compiling (kept for the next run)", total=plan.rounds * len(runs) + len(peer_runs)
         )
         truths = {scene.name: scene.truth() for scene in plan.scenes}
-        tallies = {run: _Tally() for run in runs}
         for turn in range(plan.rounds):
             for run in runs:
-                _take(tallies[run], truths[run.scene.name], run, turn, plan.rounds, threads)
-                bar.update(task, advance=1, description=run.scene.name)
-        rows: list[tuple] = [
-            (run.scene.name, kind, *run.method, run.rung, None, _mean(squares), tally.seconds)
-            for run, tally in tallies.items()
-            for kind, squares in tally.squares.items()
-        ]
+                scene, rung, method = run
+                if run not in failed:  # it might never end
+                    steps = _steps(rung, turn, plan.rounds)
+                    results, seconds = _timed(scene, method, steps, threads)
+                    errors = scene.errors(truths[scene.name], results)
+                    for kind, error in errors.items():
+                        rows.append((scene.name, kind, *method, rung, None, error, seconds))
+                    failed |= set() if np.isfinite([*errors.values()]).all() else {run}
+                bar.update(task, advance=1, description=scene.name)
         for scene, name, tolerance in peer_runs:
             errors, seconds = _peer_errors(scene, name, tolerance, plan.thinning)
             rows += [
@@ -156,26 +151,18 @@ def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = Fals
                 for kind in _PEER_KINDS
             ]
             bar.update(task, advance=1, description=name)
-    return pd.DataFrame(rows, columns=COLUMNS).astype(_TYPES)
+    rounds = pd.DataFrame(rows, columns=COLUMNS).astype(_TYPES)
+    same = rounds.groupby(COLUMNS[:-2], sort=False, dropna=False)
+    return same.agg({"error": _root_mean_square, "seconds_per_period": "min"}).reset_index()
 
 
-class _Run(NamedTuple):
-    """One method on one scene at one rung of the ladder."""
-
-    scene: Scene
-    rung: int
-    method: Method
-
-
-def _runs(plan: Plan) -> list[_Run]:
-    """Return the runs of a round: of each scene and rung all methods in turn."""
-    return [
-        _Run(scene, rung, method)
-        for scene in plan.scenes
-        for rung in plan.ladder
-        for method in plan.methods
-        if rung >= least_steps(method, scene.points)
-    ]
+def _runs(plan: Plan) -> Iterator[_Run]:
+    """Yield the runs of a round: of each scene and rung all methods in turn."""
+    for scene in plan.scenes:
+        for rung in plan.ladder:
+            for method in plan.methods:
+                if rung >= least_steps(method, scene.points):
+                    yield scene, rung, method
 
 
 def _steps(rung: int, turn: int, rounds: int) -> int:
@@ -192,33 +179,22 @@ def _peer_runs(plan: Plan) -> Iterator[tuple[Scene, str, float]]:
                     yield from ((scene, name, tolerance) for tolerance in plan.tolerances)
 
 
-def _take(
-    tally: _Tally,
-    truth: Mapping[str, np.ndarray],
-    run: _Run,
-    turn: int,
-    rounds: int,
-    threads: int | None,
-) -> None:
-    """Time a run and compare it with the truth, unless one before it failed: it might never end."""
-    if not all(math.isfinite(_mean(squares)) for squares in tally.squares.values()):
-        return
-    scene, method = run.scene, run.method
-    steps = _steps(run.rung, turn, rounds)
+def _timed(
+    scene: Scene, method: Method, steps: int, threads: int | None
+) -> tuple[dict[str, np.ndarray], float]:
+    """Return the results of a method on a scene, and its seconds per forcing period."""
     periods = scene.timed or scene.periods
     copies = math.ceil(_LEAST_WORK / (len(scene.points) * periods * steps))
     began = time.perf_counter()
     results = scene.run(method, steps, threads, copies, periods=periods)
     seconds = (time.perf_counter() - began) / (len(scene.points) * copies * periods)
-    tally.seconds = min(tally.seconds, seconds)
     if periods != scene.periods:
         results = scene.run(method, steps, threads)
-    for kind, error in scene.errors(truth, results).items():
-        tally.squares[kind].append(error * error)
+    return results, seconds
 
 
-def _mean(squares: list[float]) -> float:
-    return math.sqrt(sum(squares) / len(squares))
+def _root_mean_square(values: pd.Series) -> float:
+    return float(np.sqrt(np.mean(values.to_numpy() ** 2)))  # of NaN: NaN
 
 
 def _peer_errors(

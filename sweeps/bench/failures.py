@@ -7,12 +7,13 @@ from rest at the stop, so figures that need another start are not measured for i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sweeps.bench.scenes import EXACT, Method
+from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 
 LETTER = Method("newmark", "to the letter")
@@ -30,6 +31,14 @@ METHODS: Sequence[Method] = (
 
 #: Steps per period, where not said otherwise; the rule ``exact`` takes its own.
 STEPS = 100
+#: Behind a figure that is a failure.
+MARK = "!"
+# As many columns as 80 letters hold.
+_PER_TABLE = 4
+#: Of a CSV file.
+COLUMNS = ("method", "figure", "scene", "value")
+
+Figures = Mapping[tuple[Method, str], float]
 
 #: The chatter of a slow force, which ends at 12.41264; the mass then rests for 8.53.
 CHATTER = Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0)
@@ -87,7 +96,7 @@ def _failure(
     )
 
 
-def measure(methods: Sequence[Method] = METHODS) -> Mapping[tuple[Method, str], float]:
+def measure(methods: Sequence[Method] = METHODS) -> Figures:
     """Return every figure, by method and name of the failure."""
     return {
         (method, failure.name): failure.measure(method)
@@ -96,6 +105,37 @@ def measure(methods: Sequence[Method] = METHODS) -> Mapping[tuple[Method, str], 
         for method in methods
         for failure in FAILURES
     }
+
+
+def tables(figures: Figures) -> Iterator[str]:
+    """Yield the failures, a row per method, in tables that fit a terminal, with their scenes."""
+    yield f"Where methods fail ({MARK}), at {STEPS} steps per period unless said otherwise\n"
+    methods = dict.fromkeys(method for method, _ in figures)
+    for start in range(0, len(FAILURES), _PER_TABLE):
+        columns = FAILURES[start : start + _PER_TABLE]
+        rows = [("method", *(f"{failure.name} " for failure in columns))]
+        for method in methods:
+            cells = (shown(failure, figures[method, failure.name]) for failure in columns)
+            rows.append((" ".join(method), *cells))
+        scenes = "\n".join(f"  {failure.name}: {failure.scene}" for failure in columns)
+        yield f"{table(rows, words=1)}\n\n{scenes}\n"
+
+
+def shown(failure: Failure, figure: float) -> str:
+    """Write a figure, marked where it is a failure."""
+    if math.isnan(figure):
+        return ""
+    if math.isinf(figure) and not failure.fails(figure):
+        return "never "
+    return f"{figure:{failure.digits}}{MARK if failure.fails(figure) else ' '}"
+
+
+def rows(figures: Figures) -> Iterator[tuple[str, str, str, float]]:
+    """Yield every figure as a row of ``COLUMNS``."""
+    scenes = {failure.name: failure.scene for failure in FAILURES}
+    for (method, name), figure in figures.items():
+        if not math.isnan(figure):
+            yield " ".join(method), name, scenes[name], figure
 
 
 def _follow(

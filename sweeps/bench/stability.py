@@ -1,4 +1,4 @@
-"""The longest stable step: in closed form, from the map of a step, and from runs.
+"""The longest stable step: in closed form, from the map of a step, and from runs; with a chart.
 
 Without force and stop, eq. (1) has the single number zeta = h / p, and a step adds p T. The runs
 use the kernel.
@@ -7,12 +7,15 @@ use the kernel.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
 
+from sweeps.text import table
 from vibroimpact import integrate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
@@ -33,55 +36,94 @@ _PER_PERIOD = 100
 # A bracket of the limit is cut into so many parts, which fill the lanes of the kernel, so often.
 _PARTS, _CUTS = 7, 9
 
+# Blue where motion decays, the darker the faster; orange where it grows. In grey, too, the lightest
+# of all is next to the limit, and the limit is drawn.
+_LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)
+_COLOURS = ListedColormap(
+    ["#08519C", "#3C8CC3", "#86BCDC", "#D6E6F4", "#FDD9B0", "#F6A54C", "#D97706", "#8F4600"]
+)
+_NORM = BoundaryNorm(_LEVELS, _COLOURS.N, extend="max")
+# Rounding may lift a marginal radius above 1.
+_MARGIN = 1e-9
 
-class Limits(NamedTuple):
-    """The greatest stable p T of one integrator, at ``ZETAS``; inf where there is none.
+#: Of each integrator, by what it is from, the greatest stable p T at ``ZETAS``; inf: every step is.
+Limits = Mapping[str, Mapping[str, np.ndarray]]
 
-    Attributes
-    ----------
-    closed, radius, run : ndarray, shape (5,)
-        From the table of integrators, from the spectral radius of the map, and from runs.
+
+def limits(quick: bool = False) -> Limits:
+    """Return the limits of every integrator, by name; `quick` shortens the runs.
+
+    They are ``closed``, from the table of integrators, ``radius``, from the spectral radius of the
+    map, and ``run``, from runs.
     """
-
-    closed: np.ndarray
-    radius: np.ndarray
-    run: np.ndarray
-
-
-class Chart(NamedTuple):
-    """Spectral radii over p T (columns) and h / p (rows).
-
-    Attributes
-    ----------
-    step, zeta : ndarray, shape (columns,) and (rows,)
-    radius : dict of str to ndarray, shape (rows, columns)
-        By integrator.
-    """
-
-    step: np.ndarray
-    zeta: np.ndarray
-    radius: dict[str, np.ndarray]
-
-
-def limits(quick: bool = False) -> dict[str, Limits]:
-    """Return the limits of every integrator, by name; `quick` shortens the runs."""
     steps = STEPS_QUICK if quick else STEPS
     return {
-        name: Limits(
-            closed=integrator.limit(ZETAS),
-            radius=_first(partial(_unstable, name)),
-            run=_first(partial(grows, name, zeta=ZETAS, steps=steps)),
-        )
+        name: {
+            "closed": integrator.limit(ZETAS),
+            "radius": _first(partial(_unstable, name)),
+            "run": _first(partial(grows, name, zeta=ZETAS, steps=steps)),
+        }
         for name, integrator in INTEGRATORS.items()
     }
 
 
-def chart(quick: bool = False) -> Chart:
-    """Return the spectral radius of every integrator; `quick` takes a coarser mesh."""
+def table_of(limits: Limits) -> str:
+    """Return a row per integrator and h / p, and a single one where there is no limit."""
+    rows = [["integrator", "h/p", "closed form", "spectral radius", "in a run"]]
+    for name, limit in limits.items():
+        values = np.array([*limit.values()]).T
+        if np.isinf(values).all():
+            rows.append([name, "each", "every step", *2 * [f"> {LONGEST:g}"]])
+            continue
+        for zeta, (closed, *measured) in zip(ZETAS, values, strict=True):
+            shown_limits = (f"{value:.4f}" for value in measured)
+            first = f"{closed:.4f}" if closed > 0.0 else "no step"
+            rows.append([name if zeta == ZETAS[0] else "", f"{zeta:g}", first, *shown_limits])
+    return (
+        "Greatest stable p T of free motion: in closed form, from the spectral radius of\n"
+        f"the map, and from the growth in a run\n\n{table(rows, words=1)}\n"
+    )
+
+
+def rows(limits: Limits) -> Iterator[tuple[str, str, str, float]]:
+    """Yield every limit as a row of `sweeps.bench.failures.COLUMNS`."""
+    for name, limit in limits.items():
+        for source, values in limit.items():
+            for zeta, value in zip(ZETAS, values, strict=True):
+                yield name, f"limit of p T, {source}", f"h/p = {zeta:g}", value
+
+
+def picture(quick: bool = False) -> Figure:
+    """Draw a panel per integrator: the spectral radius of a step, and the limit in closed form.
+
+    The radius is over p T and h / p, on a coarser mesh if it is `quick`.
+    """
     columns, rows = (81, 41) if quick else (401, 201)
     step, zeta = np.linspace(0.0, CHART[0], columns), np.linspace(0.0, CHART[1], rows)
-    radius = {name: spectral_radius(name, step, zeta[:, None]) for name in INTEGRATORS}
-    return Chart(step, zeta, radius)
+    down = math.ceil(len(INTEGRATORS) / 2)
+    figure = Figure(figsize=(4.4, 0.8 + 1.4 * down), layout="constrained")
+    panels = figure.subplots(down, 2, sharex=True, sharey=True, squeeze=False)
+    for panel in panels.flat[len(INTEGRATORS) :]:
+        panel.set_visible(False)
+    for panel, (name, integrator) in zip(panels.flat, INTEGRATORS.items(), strict=False):
+        radius = spectral_radius(name, step, zeta[:, None]) - _MARGIN
+        panel.pcolormesh(step, zeta, radius, norm=_NORM, cmap=_COLOURS, rasterized=True)
+        limit = integrator.limit(zeta)
+        panel.plot(limit, zeta, color="black", linewidth=1.4)
+        panel.set_title(f"{name}, no limit" if np.isinf(limit).all() else name, pad=3.0)
+        panel.set_xlim(0.0, step[-1])
+        panel.set_ylim(0.0, zeta[-1])
+    for panel in panels[:, 0]:
+        panel.set_ylabel("damping $h/p$ [1]")
+    for panel in panels[-1]:
+        panel.set_xlabel("step $p\\,T$ [rad]")
+    bar = figure.colorbar(
+        ScalarMappable(_NORM, _COLOURS), ax=panels, location="bottom", aspect=40, pad=0.01
+    )
+    bar.set_label("spectral radius of a step of free motion; above 1 it grows")
+    bar.ax.axvline(1.0, color="black", linewidth=1.4)
+    bar.set_ticks(_LEVELS, labels=[f"{level:g}" for level in _LEVELS])
+    return figure
 
 
 def grows(integrator: str, step: np.ndarray, zeta: np.ndarray, steps: int) -> np.ndarray:

@@ -57,12 +57,12 @@ def accuracy_speed(
     import pandas as pd
 
     from sweeps.analysis.tables import write_csv
-    from sweeps.bench import accuracy_tables, work_precision
+    from sweeps.bench import work_precision
     from sweeps.bench.accuracy_picture import picture
     from sweeps.bench.accuracy_speed import FULL, QUICK, measure, plan_of
     from sweeps.bench.event_solvers import PEERS
-    from sweeps.bench.output import draw
     from sweeps.engine.configurations import read_config
+    from sweeps.plotting.saving import draw
 
     check_threads(threads)
     with _files(output, csv):
@@ -78,8 +78,8 @@ def accuracy_speed(
         for name in plan.peers:
             if not PEERS[name].installed:
                 say(f"{name} is not installed, so it is not on the chart", error=True)
-        say(accuracy_tables.of_methods(measured))
-        say(accuracy_tables.of_targets(measured))
+        say(work_precision.of_methods(measured))
+        say(work_precision.of_targets(measured))
         draw(output, picture, measured)
         if csv is not None:
             write_csv(csv, measured)
@@ -91,25 +91,25 @@ def stability(
 ) -> None:
     """Show how long a step may be, and where each method fails."""
     from sweeps.analysis.tables import write_csv
-    from sweeps.bench import failures, stability, stability_tables
-    from sweeps.bench.output import draw
-    from sweeps.bench.stability_picture import picture
+    from sweeps.bench import failures, stability
+    from sweeps.plotting.saving import draw
 
     with _files(output, csv):
         limits, figures = stability.limits(quick), failures.measure()
-        for part in (stability_tables.of_limits(limits), *stability_tables.of_failures(figures)):
+        for part in (stability.table_of(limits), *failures.tables(figures)):
             say(part)
-        draw(output, picture, stability.chart(quick))
+        draw(output, stability.picture, quick)
         if csv is not None:
-            write_csv(csv, stability_tables.rows(limits, figures), stability_tables.COLUMNS)
+            rows = [*stability.rows(limits), *failures.rows(figures)]
+            write_csv(csv, rows, failures.COLUMNS)
 
 
 @app.command()
 def paper(output: Figure = Path("paper.png")) -> None:
     """Show what the paper claims, and what it does not say."""
     from sweeps.bench import paper
-    from sweeps.bench.output import draw
     from sweeps.bench.paper_picture import picture
+    from sweeps.plotting.saving import draw
 
     with _files(output):
         measured = paper.measure()

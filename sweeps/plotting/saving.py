@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 
 from sweeps.analysis.selection import config_of, listed
 from sweeps.errors import Refused
-from sweeps.plotting.style import dots_per_inch, user_style
+from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
 from sweeps.text import shortened
 from vibroimpact import __version__
@@ -117,3 +118,15 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
         # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         figure.savefig(draft, format=kind, metadata={**about, **_NO_DATES[kind]})
+
+
+def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
+    """Draw into a file what a function of measurements returns, in the style of the pictures.
+
+    Raises
+    ------
+    Failed
+        If the picture cannot be written.
+    """
+    with mpl.rc_context(STYLE):
+        save(picture(*measured), output)

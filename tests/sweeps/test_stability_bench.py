@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from commands import call
-from sweeps.bench import failures, stability, stability_tables
-from sweeps.bench.stability_picture import picture
+from sweeps.bench import failures, stability
 from vibroimpact.step.integrators import INTEGRATORS
+from vibroimpact.step.stability import spectral_radius
 
 EXACT = failures.Method("exact", "exact")
 
@@ -30,16 +30,17 @@ def test_the_limits_agree(limits):
     """A run sees growth above SEEN / steps a step, so that its limit is a little greater."""
     assert list(limits) == list(INTEGRATORS)
     for name, found in limits.items():
-        np.testing.assert_array_equal(found.closed, INTEGRATORS[name].limit(stability.ZETAS))
-        some = np.isfinite(found.closed)
-        np.testing.assert_array_equal(np.isfinite(found.radius), some)
-        np.testing.assert_array_equal(np.isfinite(found.run), some)
-        np.testing.assert_allclose(found.radius[some], found.closed[some], atol=5e-7)
-        positive = some & (found.closed > 0.0)
-        np.testing.assert_allclose(found.run[positive], found.closed[positive], rtol=3e-3)
+        closed, radius, run = found["closed"], found["radius"], found["run"]
+        np.testing.assert_array_equal(closed, INTEGRATORS[name].limit(stability.ZETAS))
+        some = np.isfinite(closed)
+        np.testing.assert_array_equal(np.isfinite(radius), some)
+        np.testing.assert_array_equal(np.isfinite(run), some)
+        np.testing.assert_allclose(radius[some], closed[some], atol=5e-7)
+        positive = some & (closed > 0.0)
+        np.testing.assert_allclose(run[positive], closed[positive], rtol=3e-3)
     # Euler without damping grows by p^2 T^2 / 2 a step.
     seen = math.sqrt(2.0 * stability.SEEN / stability.STEPS_QUICK)
-    assert limits["euler"].run[0] == pytest.approx(seen, rel=0.02)
+    assert limits["euler"]["run"][0] == pytest.approx(seen, rel=0.02)
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
@@ -55,19 +56,20 @@ def test_a_run_tells_growth_from_none(name):
 
 def test_the_chart_is_the_spectral_radius():
     """Its region of growth is that beyond the closed form."""
-    chart = stability.chart(quick=True)
-    assert chart.radius.keys() == INTEGRATORS.keys()
-    for name, radius in chart.radius.items():
-        limit = INTEGRATORS[name].limit(chart.zeta)[:, None]
-        assert (radius[chart.step < limit] <= 1.0 + 1e-7).all()
-        assert (radius[chart.step > 1.001 * limit] > 1.0).all()
-    drawn = picture(chart)
+    drawn = stability.picture(quick=True)
     panels = [panel for panel in drawn.axes if panel.get_title()]
     assert [panel.get_title().split(",")[0] for panel in panels] == list(INTEGRATORS)
-    drawn_radius = panels[0].collections[0].get_array()
-    np.testing.assert_allclose(drawn_radius, chart.radius["euler"], atol=2e-9)
-    line = panels[list(INTEGRATORS).index("verlet")].lines[0]
-    np.testing.assert_array_equal(line.get_xdata(), np.full_like(chart.zeta, 2.0))
+    step, zeta = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 2.0, 41)
+    for panel, (name, integrator) in zip(panels, INTEGRATORS.items(), strict=True):
+        (mesh,), (line,) = panel.collections, panel.lines
+        corners = mesh.get_coordinates()
+        np.testing.assert_allclose(0.5 * (corners[0, 1:, 0] + corners[0, :-1, 0]), step, atol=1e-12)
+        np.testing.assert_allclose(0.5 * (corners[1:, 0, 1] + corners[:-1, 0, 1]), zeta, atol=1e-12)
+        radius, limit = mesh.get_array(), integrator.limit(zeta)[:, None]
+        np.testing.assert_allclose(radius, spectral_radius(name, step, zeta[:, None]), atol=2e-9)
+        assert (radius[step < limit] <= 1.0 + 1e-7).all()
+        assert (radius[step > 1.001 * limit] > 1.0).all()
+        np.testing.assert_array_equal(line.get_xydata(), np.stack([limit[:, 0], zeta], axis=1))
 
 
 def test_what_the_failures_are(figures):
@@ -111,7 +113,7 @@ def test_only_exact_impacts_never_fail_and_every_failure_is_seen(figures):
 
 
 def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
-    text = stability_tables.of_limits(limits) + "".join(stability_tables.of_failures(figures))
+    text = stability.table_of(limits) + "".join(failures.tables(figures))
     assert max(len(line) for line in text.splitlines() if ": " not in line) <= 80
     lines = {line.strip().split("  ")[0]: line for line in text.splitlines()}
     assert lines["euler plain"].count("!") == 3  # of the last table
@@ -124,7 +126,7 @@ def test_the_tables_fit_a_terminal_and_mark_the_failures(limits, figures):
 
 def test_a_figure_is_written_as_its_failure_says():
     failure = SimpleNamespace(digits=".2f", fails=lambda value: value > 1.0)
-    shown = [stability_tables.shown(failure, value) for value in (0.5, 2.0, math.nan)]
+    shown = [failures.shown(failure, value) for value in (0.5, 2.0, math.nan)]
     assert shown == ["0.50 ", "2.00!", ""]
 
 
