@@ -44,10 +44,11 @@ def basins(
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     panel = canvas.new_panel(ax, page)
     result = attractors(starts)
-    handles = draw_cells(panel, starts, basin_cells(starts, result))
+    table = rows(starts, result)
+    handles = draw_cells(panel, starts, basin_cells(result, table))
     page.set_limits(panel)
     if config_of(dataset).record.phase == 0.0:  # that of the starts
-        handles += mark_attractors(panel, starts, rows(starts, result))
+        handles += mark_attractors(panel, starts, table)
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, starts, handles, title)
 
@@ -63,10 +64,10 @@ def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> li
     return [mark] if len(at) else []
 
 
-def basin_cells(starts: xr.Dataset, result: xr.Dataset) -> list[Cells]:
-    """Return the starts, shape (v0, x0), that reach each of their `attractors`, the result."""
+def basin_cells(result: xr.Dataset, table: Sequence[Row]) -> list[Cells]:
+    """Return the starts, shape (v0, x0), that reach each of the `attractors` of one point."""
     reached = result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
-    return [attractor_cells(row, reached == row.number) for row in rows(starts, result)]
+    return [attractor_cells(row, reached == row.number) for row in table]
 
 
 def attractor_cells(row: Row, where: np.ndarray) -> Cells:

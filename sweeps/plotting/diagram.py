@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -46,7 +45,7 @@ from sweeps.plotting.style import (
 
 #: More points than this are drawn as a density: single markers would merge into a blob.
 DENSITY_FROM = 2_000_000
-#: How many numbers of a record are read at a time.
+#: How many numbers are read at a time.
 _PART_SIZE = 1_000_000
 #: Height of a panel below the diagram, as a share of that of the diagram.
 _LOWER = 0.4
@@ -95,25 +94,23 @@ def bifurcation(
     _check(dataset, axis, exact, below)
     line, axis = in_si(line), si_name(axis, rig_of(dataset))
     exact = None if exact is None else in_si(exact, dataset)
-    values, branches = line[axis].values, split_directions(line)
-    records = [
-        Record(branch, coordinate, has_result(branch["status"].values)) for branch in branches
-    ]
-    low, high = value_range(records)
+    values, ways = line[axis].values, split_directions(line)
+    low, high = value_range(ways, coordinate)
     if low > high:
         refuse_empty(line, coordinate)
     panel, *lower = _new_panels(ax, page, len(below))
     label_axis(panel.xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
-    dense = sum(record.computed.sum() * record.width for record in records) > DENSITY_FROM
+    computed = int(has_result(line["status"].values).sum())
+    dense = computed * line.sizes[COORDINATES[coordinate].record] > DENSITY_FROM
     if dense:
         panel.update_datalim([(values.min(), low), (values.max(), high)])
         panel.autoscale_view()
     else:
-        _draw_markers(panel, values, records)
-    if len(records) > 1:
+        _draw_markers(panel, values, ways, coordinate)
+    if len(ways) > 1:
         _name_directions(panel, line[axis].attrs["symbol"], dense)
-    parts = {} if exact is None else draw_branches(panel, exact, coordinate, len(records) > 1)
+    parts = {} if exact is None else draw_branches(panel, exact, coordinate, len(ways) > 1)
     if parts:
         low, high = panel.dataLim.intervaly
     if len(values) > 100:
@@ -123,7 +120,7 @@ def bifurcation(
     name_parts(panel, parts)
     canvas.mark_status(panel, values, line["status"].values)
     for scalar_panel, name in zip(lower, below, strict=True):
-        _draw_scalar(scalar_panel, axis, branches, name)
+        _draw_scalar(scalar_panel, axis, ways, name)
     if lower:
         label_axis(lower[-1].xaxis, line[axis])
         panel.set_xlabel("")
@@ -132,7 +129,7 @@ def bifurcation(
     others = [handle for handle in handles if handle not in of_parts]
     figure = canvas.finish(panel, page, line, [*others, *of_parts])
     if dense:
-        _draw_density(panel, values, records)
+        _draw_density(panel, values, ways, coordinate)
     return figure
 
 
@@ -170,12 +167,15 @@ def _new_panels(ax: Axes | None, page: Page, below: int) -> list[Axes]:
     return list(panels[:, 0])
 
 
-def _draw_markers(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
+def _draw_markers(
+    panel: Axes, values: np.ndarray, ways: Sequence[xr.Dataset], coordinate: str
+) -> None:
     """Draw markers; of two directions the second on top and smaller, so that both are seen."""
-    scales = (1.0,) if len(records) == 1 else (1.4, 0.6)
-    for record, colour, scale in zip(records, DIRECTION_COLOURS, scales, strict=False):
-        y = recorded_coordinate(record.line, record.coordinate).values[record.computed]
-        x = np.broadcast_to(values[record.computed, None], y.shape)[np.isfinite(y)]
+    scales = (1.0,) if len(ways) == 1 else (1.4, 0.6)
+    for way, colour, scale in zip(ways, DIRECTION_COLOURS, scales, strict=False):
+        computed = has_result(way["status"].values)
+        y = recorded_coordinate(way, coordinate).values[computed]
+        x = np.broadcast_to(values[computed, None], y.shape)[np.isfinite(y)]
         canvas.draw_points(panel, x, y[np.isfinite(y)], colour, scale)
 
 
@@ -188,11 +188,11 @@ def _name_directions(panel: Axes, symbol: str, dense: bool) -> None:
         panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
 
 
-def _draw_scalar(panel: Axes, axis: str, branches: Sequence[xr.Dataset], name: str) -> None:
+def _draw_scalar(panel: Axes, axis: str, ways: Sequence[xr.Dataset], name: str) -> None:
     """Draw a scalar over the axis, of the line of each direction in its colour; both exponents."""
-    for branch, colour in zip(branches, DIRECTION_COLOURS, strict=False):
-        x = branch[axis].values
-        y = np.asarray(branch[name].values, float).reshape(len(x), -1)
+    for way, colour in zip(ways, DIRECTION_COLOURS, strict=False):
+        x = way[axis].values
+        y = np.asarray(way[name].values, float).reshape(len(x), -1)
         if name == "period":
             y = np.where(y > 0.0, y, np.nan)  # 0: no repetition was found
         size = float(np.clip(250.0 / len(x), 0.8, 2.5))
@@ -201,54 +201,44 @@ def _draw_scalar(panel: Axes, axis: str, branches: Sequence[xr.Dataset], name: s
             points.set(markersize=size, markeredgewidth=0)
     if name == "lyapunov":
         panel.axhline(0.0, color="black", linewidth=0.6, zorder=1)
-    panel.set_title(label(branches[0][name]), loc="left", wrap=True)
+    panel.set_title(label(ways[0][name]), loc="left", wrap=True)
 
 
-class Record(NamedTuple):
-    """What is drawn of one direction: a `coordinate` of the points of a `line` that are `computed`.
+def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Read a coordinate of the computed points of a line, some at a time.
 
-    The last has the shape (n,).
+    Yield the indices of k points and their values, shapes (k,) and (k, record).
     """
-
-    line: xr.Dataset
-    coordinate: str
-    computed: np.ndarray
-
-    @property
-    def width(self) -> int:
-        """How many values a point has at most."""
-        return self.line.sizes[COORDINATES[self.coordinate].record]
-
-    def parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Read the computed points, some at a time: their indices, (k,), and values, (k, width)."""
-        (axis,) = self.line["status"].dims
-        rows = max(1, _PART_SIZE // self.width)
-        for start in range(0, len(self.computed), rows):
-            kept = np.flatnonzero(self.computed[start : start + rows])
-            if len(kept):
-                part = self.line.isel({axis: slice(start, start + rows)})
-                yield start + kept, recorded_coordinate(part, self.coordinate).values[kept]
+    (axis,), computed = line["status"].dims, has_result(line["status"].values)
+    rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].record])
+    for start in range(0, len(computed), rows):
+        kept = np.flatnonzero(computed[start : start + rows])
+        if len(kept):
+            part = line.isel({axis: slice(start, start + rows)})
+            yield start + kept, recorded_coordinate(part, coordinate).values[kept]
 
 
-def value_range(records: Sequence[Record]) -> tuple[float, float]:
-    """Return the least and the greatest value of records; inf, -inf where there is none."""
+def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, float]:
+    """Return the least and the greatest value of a coordinate; inf, -inf where there is none."""
     low, high = np.inf, -np.inf
-    for record in records:
-        for _, values in record.parts():
+    for line in lines:
+        for _, values in computed_parts(line, coordinate):
             values = values[np.isfinite(values)]
             low, high = values.min(initial=low), values.max(initial=high)
     return float(low), float(high)
 
 
-def _draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) -> None:
+def _draw_density(
+    panel: Axes, values: np.ndarray, ways: Sequence[xr.Dataset], coordinate: str
+) -> None:
     """Draw the share of each column's points that fall into each of its pixels, with a colour bar.
 
     Call it last: the pixels are those of the finished panel in a PNG. A column is one of the
-    `values` of the axis, or one pixel where there are more values than pixels. Of the records of
-    two directions, a pixel has the colour of the direction that meets it, or that of both.
+    `values` of the axis, or one pixel where there are more values than pixels. Of two directions,
+    a pixel has the colour of the direction that meets it, or that of both.
     """
     figure = canvas.figure_of(panel)
-    ramps = [_RAMP] if len(records) == 1 else _DIRECTION_RAMPS
+    ramps = [_RAMP] if len(ways) == 1 else _DIRECTION_RAMPS
     bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")
     figure.draw_without_rendering()  # lays the figure out
@@ -263,7 +253,7 @@ def _draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) ->
     if len(in_view) > columns:
         x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
     y_edges = np.linspace(low, high, rows + 1)
-    shares = [_column_shares(record, values, x_edges, y_edges) for record in records]
+    shares = [_column_shares(way, coordinate, values, x_edges, y_edges) for way in ways]
     if len(shares) == 2:
         in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
         mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
@@ -274,7 +264,11 @@ def _draw_density(panel: Axes, values: np.ndarray, records: Sequence[Record]) ->
 
 
 def _column_shares(
-    record: Record, values: np.ndarray, x_edges: np.ndarray, y_edges: np.ndarray
+    line: xr.Dataset,
+    coordinate: str,
+    values: np.ndarray,
+    x_edges: np.ndarray,
+    y_edges: np.ndarray,
 ) -> np.ndarray:
     """Return the share of each column's points in each of its pixels, shape (columns, rows)."""
     low, high, rows = y_edges[0], y_edges[-1], len(y_edges) - 1
@@ -282,7 +276,7 @@ def _column_shares(
     column = np.searchsorted(x_edges, values, side="right") - 1
     column[values == x_edges[-1]] = len(counts) - 1
     in_view = (column >= 0) & (column < len(counts))
-    for indices, y in record.parts():
+    for indices, y in computed_parts(line, coordinate):
         indices, y = indices[in_view[indices]], y[in_view[indices]]
         counts += count_pixels(column[indices], y, (len(counts), rows), low, high)
     return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

@@ -68,13 +68,14 @@ def integrity(
         label_axis(profile[-1].xaxis, axis)
         panel.set_title(f"basins at ${axis.symbol}={mathtext(here)}$", loc="left")
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
-    handles = draw_cells(panel, drawn, basin_cells(starts, there))
+    rows_there = rows(starts, there)
+    handles = draw_cells(panel, drawn, basin_cells(there, rows_there))
     handles += [
         Patch(color=colour_of(appearances[0]), label=class_names(appearances))
         for number, appearances in table.items()
         if number not in there["number"]
     ]
-    handles += _draw_disturbances(panel, starts, there)
+    handles += _draw_disturbances(panel, starts, there, rows_there)
     page.set_limits(panel)
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, line, handles, title)
@@ -111,7 +112,9 @@ def _draw_profile(
         panel.set_ylim(0.0, 1.1 * highest or 1.0)
 
 
-def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> list[Artist]:
+def _draw_disturbances(
+    panel: Axes, starts: xr.Dataset, there: xr.Dataset, table: Sequence[Row]
+) -> list[Artist]:
     """Draw discs, knocks and the attractors at the section; return their handles."""
     oscillator = oscillator_of(starts)
     line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
@@ -120,8 +123,8 @@ def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> li
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
     ]
-    for k, row in enumerate(rows(starts, there)):
-        one = {str(name): there[name].values[k].item() for name in there if there[name].ndim == 1}
+    measures = there.drop_dims(["x0", "v0"]).to_dataframe().to_dict("records")
+    for row, one in zip(table, measures, strict=False):
         if not one["integrity_factor"] > 0.0:
             continue  # no attractor
         size = 2.0 * one["integrity_factor"]
@@ -136,4 +139,4 @@ def _draw_disturbances(panel: Axes, starts: xr.Dataset, there: xr.Dataset) -> li
             text += ", fractal" if one["knock_fractal"] else ""
             arrow = Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **line)
             handles.append(arrow)
-    return handles + mark_attractors(panel, starts, rows(starts, there))
+    return handles + mark_attractors(panel, starts, table)

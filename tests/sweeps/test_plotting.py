@@ -72,7 +72,7 @@ def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkey
     assert plain(panel.get_ylabel()) == r"height above the stop $\sigma - x$"
     monkeypatch.setattr(diagram, "_PART_SIZE", 10)
     line, *_ = select_line(dataset, **cut)
-    parts = diagram.Record(line, "poincare_height", np.ones(3, bool)).parts()
+    parts = diagram.computed_parts(line, "poincare_height")
     np.testing.assert_array_equal(np.concatenate([values for _, values in parts]), height)
 
 
