@@ -23,9 +23,15 @@ from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branch
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.regimes import Change, cascades, changes, labels
 from sweeps.analysis.rig import in_si, rig_of
-from sweeps.analysis.selection import Selection, chosen_axes, config_of, select, swept_axes
+from sweeps.analysis.selection import (
+    Selection,
+    check_diagnostic,
+    chosen_axes,
+    config_of,
+    select,
+    swept_axes,
+)
 from sweeps.config.rig import si_name, si_values
-from sweeps.errors import Refused
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.orbits.branches import branch
@@ -72,10 +78,7 @@ def find_bifurcations(
     import pandas as pd
 
     (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
-    if "period" not in dataset:
-        raise Refused(
-            "the file has no period: run the sweep again with record.diagnostics: [period]"
-        )
+    check_diagnostic(dataset, "period")
     free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
     data = select(dataset, at, free=[along, *free])
     other_axes = [str(name) for name in data["status"].dims if name != along]

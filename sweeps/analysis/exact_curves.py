@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, dataset_of
-from sweeps.analysis.selection import Selection, chosen_axes, listed, select
+from sweeps.analysis.selection import Selection, check_diagnostic, chosen_axes, listed, select
 from sweeps.errors import Refused
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
@@ -71,10 +71,7 @@ def curves(
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
         check_axis(dataset, axis, "the map")
-    if "period" not in dataset:
-        raise Refused(
-            "the file has no period: run the sweep again with record.diagnostics: [period]"
-        )
+    check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
     return _Search(cut, (across, up)).run()
 

@@ -24,9 +24,9 @@ from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
 from sweeps.analysis.grouping import points_of
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import config_of, listed, swept_axes
+from sweeps.analysis.settle import follow
 from sweeps.errors import Refused
 from sweeps.text import table
-from vibroimpact import integrate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,10 +80,7 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     points["x0"], points["v0"] = state
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # of the others, over a record
     longest = int(periods.max(initial=1))
-    records = integrate(
-        points, **config.integration, transient=0, periods=longest, at_section=True, impacts=0
-    )
-    sections = np.stack([records["poincare_x"], records["poincare_v"]], axis=2)
+    _, sections = follow(config, points, longest)
     measures = np.full((len(_MEANING), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]

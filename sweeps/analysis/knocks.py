@@ -25,15 +25,9 @@ from sweeps.analysis.attractors import attractors
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import section_distance
 from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.analysis.settle import follow
 from sweeps.errors import Refused
-from vibroimpact import (
-    OrbitError,
-    Oscillator,
-    PeriodicOrbit,
-    integrate,
-    periodic_orbit,
-    simulate,
-)
+from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, periodic_orbit, simulate
 from vibroimpact.status import Status
 from vibroimpact.trajectory import exact_samples
 
@@ -124,16 +118,9 @@ class _Motions:
         number, certified = np.full(len(states), -1), np.ones(len(states), bool)
         left = np.arange(len(states))
         for periods in _FOLLOWED:
-            results = integrate(
-                points[left],
-                **self._config.integration,
-                transient=periods - _RECORD,
-                periods=_RECORD,
-                phase=phase,
-                at_section=True,
-                impacts=0,
-            )
-            last = np.stack([results["poincare_x"][:, -1], results["poincare_v"][:, -1]], axis=1)
+            options = {"transient": periods - _RECORD, "phase": phase}
+            results, sections = follow(self._config, points[left], _RECORD, **options)
+            last = sections[:, -1]
             certified[left] &= results["status"] == Status.CERTIFIED
             number[left[results["rest_fraction"] > 0.0]] = self._of_motion.get(Regime.REST, -1)
             for one, orbit in self.orbits.items():

@@ -150,6 +150,14 @@ def select(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()
     return dataset.isel(index)
 
 
+def check_diagnostic(dataset: xr.Dataset, name: str) -> None:
+    """Refuse a file in which a diagnostic was not recorded."""
+    if name not in dataset:
+        raise Refused(
+            f"the file has no {name}: run the sweep again with record.diagnostics: [{name}]"
+        )
+
+
 def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind: str) -> list[str]:
     """Return the swept axes that a picture shows, by default the longest; of equals, the first.
 

@@ -16,12 +16,13 @@ chaotic motions of its parameter point settle. Where some settled in the last ex
 are undecided.
 
 Motions that never settle, as without damping, would take forever: all motions together are followed
-for at most ``MOST_PERIODS`` forcing periods.
+for at most ``MOST_FOLLOWED`` forcing periods.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -41,13 +42,26 @@ _LONG = 1024
 #: Forcing periods of the last record of a motion followed on: twice the longest repetition.
 _RECORD = 2 * LONGEST_PERIOD
 #: The most forcing periods that all motions together are followed for.
-MOST_PERIODS = 300_000_000
+MOST_FOLLOWED = 300_000_000
 #: After this many motions of a parameter point lead to no orbit, no more are tried.
 _MOST_FAILURES = 5
 #: Motions that show no attractor.
 _UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 #: Points that are followed in one call.
 _PART = 4_000
+
+
+def follow(
+    config: SweepConfig, points: np.ndarray, periods: int, **options: Any
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Follow motions on from their states at the section, with the method of a sweep.
+
+    The options are of `vibroimpact.integrate`. Return its results, and the states at the sections,
+    shape (n, periods, 2).
+    """
+    record = {"transient": 0, "phase": config.record.phase, "impacts": 0} | options
+    results = integrate(points, **config.integration, periods=periods, at_section=True, **record)
+    return results, np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
 
 
 class Outcomes:
@@ -85,7 +99,7 @@ class Outcomes:
         Each extension, of at most so many, makes them four times as long.
         """
         self._last = last.copy()
-        left, chaos_ends = MOST_PERIODS, np.zeros(self._points.count, bool)
+        left, chaos_ends = MOST_FOLLOWED, np.zeros(self._points.count, bool)
         before = np.zeros(self.motion.size, bool)
         for extension in range(1, extensions + 1):
             length = (4**extension - 4 ** (extension - 1)) * self._length
@@ -122,35 +136,27 @@ class Outcomes:
 
     def _record(
         self, at: np.ndarray, periods: int, lyapunov: bool = False
-    ) -> dict[str, np.ndarray]:
-        """Follow motions over a record, and count their rests."""
-        results = integrate(
-            self._points.at_states(at, *self._last[at].T),
-            **self._config.integration,
-            transient=0,
-            periods=periods,
-            phase=self._config.record.phase,
-            at_section=True,
-            impacts=0,
-            lyapunov=lyapunov,
-        )
-        last = np.stack([results["poincare_x"][:, -1], results["poincare_v"][:, -1]], axis=1)
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Follow motions over a record as `follow` does, and count their rests."""
+        points = self._points.at_states(at, *self._last[at].T)
+        results, sections = follow(self._config, points, periods, lyapunov=lyapunov)
+        last = sections[:, -1]
         # NaN after a failure, which the next record shows again
         self._last[at] = np.where(np.isfinite(last), last, self._last[at])
         self._rests[at] += _rests(results["rest_fraction"], results["chatters"])
-        return results
+        return results, sections
 
     def _follow(self, at: np.ndarray, length: int) -> None:
         """Follow motions over so many periods and a record, and store what that shows."""
         for done in range(0, length - _LONG, _LONG):
             self._record(at, min(length - _LONG - done, _LONG))
         grown = min(length, _LONG)
-        growth = self._record(at, grown, lyapunov=self._exact)
-        results = growth | self._record(at, _RECORD)
+        growth, _ = self._record(at, grown, lyapunov=self._exact)
+        results, sections = self._record(at, _RECORD)
         share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
-        x, v = results["poincare_x"], results["poincare_v"]
+        x, v = np.moveaxis(sections, 2, 0)
         period, impacts = period_class(x, v, results["impacts_per_period"])
-        results |= {"period": period, "rest_fraction": share}
+        results = growth | results | {"period": period, "rest_fraction": share}
         motion = kinds(
             results, self._points.oscillators["omega"][self._points.parameter[at]], grown
         )
@@ -161,7 +167,7 @@ class Outcomes:
         beside_chaos = self._at_points(self.motion == Regime.CHAOTIC)
         slow = np.isin(motion, _UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
         failures: Counter[int] = Counter()
-        for k, (i, record) in enumerate(zip(at.tolist(), np.stack([x, v], axis=2), strict=True)):
+        for k, (i, record) in enumerate(zip(at.tolist(), sections, strict=True)):
             if motion[k] == Regime.PERIODIC:
                 self.cycles[i] = record[-period[k] :].copy()
             elif self._exact and slow[k]:
@@ -203,15 +209,7 @@ def orbit_speeds(
     """
     speeds = []
     for i in range(len(points)):
-        results = integrate(
-            points[i : i + 1],
-            **config.integration,
-            transient=0,
-            periods=int(m[i]),
-            phase=config.record.phase,
-            at_section=True,
-            impacts=int(q[i]),
-        )
+        results, _ = follow(config, points[i : i + 1], int(m[i]), impacts=int(q[i]))
         kept = results["impact_v"][0]
         speeds.append(np.sort(kept[np.isfinite(kept)]))
     return speeds

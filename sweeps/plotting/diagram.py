@@ -16,6 +16,7 @@ from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
+    check_diagnostic,
     config_of,
     listed,
     recorded_coordinate,
@@ -139,10 +140,8 @@ def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequ
         raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
     available = scalars(dataset)
     for name in below:
-        if name in DIAGNOSTICS and name not in dataset:
-            raise Refused(
-                f"the file has no {name}: run the sweep again with record.diagnostics: [{name}]"
-            )
+        if name in DIAGNOSTICS:
+            check_diagnostic(dataset, name)
         if name not in available:
             raise Refused(
                 f"{name or repr(name)} cannot be drawn below a diagram; choose from: "

@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from sweeps.analysis.exact_curves import map_axes
 from sweeps.analysis.regimes import Regime, classify, frequent_periods, has_result
 from sweeps.analysis.rig import in_si
-from sweeps.analysis.selection import Selection, listed, select
+from sweeps.analysis.selection import Selection, check_diagnostic, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, picture
@@ -75,10 +75,7 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
 
 def period_cells(cut: xr.Dataset) -> list[Cells]:
     """Return the points of each kind of motion; the most frequent classes have a colour each."""
-    if "period" not in cut:
-        raise Refused(
-            "the file has no period: run the sweep again with record.diagnostics: [period]"
-        )
+    check_diagnostic(cut, "period")
     motion, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
     periodic = motion == Regime.PERIODIC
     kinds = []
