@@ -201,8 +201,8 @@ def _as_dataset(
     data["special_multipliers"] = ("special", "multiplier"), multipliers[len(orbits) :]
     for name, variable in COORDINATES.items():
         table = _padded([record[name] for record in records])
-        data[name] = ("point", variable.record), table[: len(orbits)]
-        data[f"special_{name}"] = ("special", variable.record), table[len(orbits) :]
+        data[name] = ("point", variable.dimension), table[: len(orbits)]
+        data[f"special_{name}"] = ("special", variable.dimension), table[len(orbits) :]
     lines = _summary(found, left_out)
     about = {
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,

@@ -199,7 +199,7 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[slice, np.n
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
     """Read a coordinate at points in C order, shape (k, record), a part of the file at a time."""
-    width = dataset.sizes[COORDINATES[name].record]
+    width = dataset.sizes[COORDINATES[name].dimension]
     result = np.empty((len(at), width))
     for block, cut in _blocks(dataset, max(1, _PART // width)):
         wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))

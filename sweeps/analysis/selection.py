@@ -37,8 +37,8 @@ def dataset_of(
     shape = tuple(map(len, axes.values()))
     variables = {}
     for name, values in results.items():
-        record = VARIABLES[name].record
-        dimensions = (*axes, record) if record else tuple(axes)
+        dimension = VARIABLES[name].dimension
+        dimensions = (*axes, dimension) if dimension else tuple(axes)
         variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
     section = config.record.transient + 1 + np.arange(config.record.periods)
     coordinates = {**config.grid.fixed, **axes, "section": section}

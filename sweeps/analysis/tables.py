@@ -44,7 +44,7 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
     import pandas as pd
 
     (axis,) = map(str, found.coords)
-    record = COORDINATES[coordinate].record
+    dimension = COORDINATES[coordinate].dimension
     number, special = found["branch"].values, found.sizes["special"]
 
     def column(name: str, of_special: str) -> np.ndarray:
@@ -64,13 +64,13 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
     for i, multiplier in enumerate(multipliers, 1):
         columns[f"multiplier_{i}_real"] = multiplier.real
         columns[f"multiplier_{i}_imag"] = multiplier.imag
-    counts = m if record == "section" else q
+    counts = m if dimension == "section" else q
     orbit = np.repeat(np.arange(len(m)), counts)
     place = np.arange(len(orbit)) - np.repeat(np.cumsum(counts) - counts, counts)
     frame = pd.DataFrame(columns).iloc[orbit].reset_index(drop=True)
-    frame[record] = place + 1
+    frame[dimension] = place + 1
     for name, about in COORDINATES.items():
-        if about.record == record:
+        if about.dimension == dimension:
             frame[name] = column(name, f"special_{name}")[orbit, place]
     return frame
 
@@ -135,7 +135,7 @@ def _scalars(dataset: xr.Dataset) -> xr.Dataset:
             continue
         if set(dataset[name].dims) == axes:
             columns[name] = dataset[name]
-        elif VARIABLES[name].record == "exponent":
+        elif VARIABLES[name].dimension == "exponent":
             for i in range(dataset.sizes["exponent"]):
                 columns[f"{name}_{i + 1}"] = dataset[name].isel(exponent=i, drop=True)
     return xr.Dataset(columns, attrs=dataset.attrs)

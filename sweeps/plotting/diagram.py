@@ -103,7 +103,7 @@ def bifurcation(
     label_axis(panel.xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
     computed = int(has_result(line["status"].values).sum())
-    dense = computed * line.sizes[COORDINATES[coordinate].record] > DENSITY_FROM
+    dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
     if dense:
         panel.update_datalim([(values.min(), low), (values.max(), high)])
         panel.autoscale_view()
@@ -209,7 +209,7 @@ def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarr
     Yield the indices of k points and their values, shapes (k,) and (k, record).
     """
     (axis,), computed = line["status"].dims, has_result(line["status"].values)
-    rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].record])
+    rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension])
     for start in range(0, len(computed), rows):
         kept = np.flatnonzero(computed[start : start + rows])
         if len(kept):

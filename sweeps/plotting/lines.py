@@ -29,7 +29,7 @@ def select_line(
 
 def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
     """Return the coordinate asked for, by default the first that the file has; refuse another."""
-    available = [name for name, about in COORDINATES.items() if about.record in dataset.dims]
+    available = [name for name, about in COORDINATES.items() if about.dimension in dataset.dims]
     if coordinate is None:
         coordinate = next(iter([*available, *COORDINATES]))
     if coordinate in available:
@@ -47,7 +47,7 @@ def scalars(dataset: xr.Dataset) -> list[str]:
     return [
         name
         for name, variable in VARIABLES.items()
-        if name in dataset and variable.record in (None, "exponent") and name != "status"
+        if name in dataset and variable.dimension in (None, "exponent") and name != "status"
     ]
 
 

@@ -109,7 +109,7 @@ class Journal:
 
     def box(self, entry: Entry, name: str) -> Block:
         """Return the part of a variable that is in an entry, whose trajectories may be shorter."""
-        block, dimension = self.schema.blocks[entry.number], VARIABLES[name].record
+        block, dimension = self.schema.blocks[entry.number], VARIABLES[name].dimension
         if dimension is None:
             return block
         whole = len(self.schema.records[dimension])

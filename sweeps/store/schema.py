@@ -100,8 +100,8 @@ class Schema:
             if name in (TABLE, DIRECTION, *RECORDS, *VARIABLES):
                 raise StoreError(f"the column {name} of the table has the name of a result")
         records = {
-            record: np.arange({**widths, **FIXED_WIDTHS}[record])
-            for record in dict.fromkeys(v.record for v in recorded.values() if v.record)
+            name: np.arange({**widths, **FIXED_WIDTHS}[name])
+            for name in dict.fromkeys(v.dimension for v in recorded.values() if v.dimension)
         }
         if "section" in records:
             records["section"] += first_section
@@ -140,13 +140,13 @@ class Schema:
 
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Return the names of the dimensions of a variable."""
-        record = VARIABLES[name].record
-        return (*self.axes, record) if record else tuple(self.axes)
+        dimension = VARIABLES[name].dimension
+        return (*self.axes, dimension) if dimension else tuple(self.axes)
 
     def shape_of(self, name: str, box: tuple[int, ...] | None = None) -> tuple[int, ...]:
         """Return the shape of a variable, in a box of that shape or in the whole file."""
-        record = VARIABLES[name].record
-        width = (len(self.records[record]),) if record else ()
+        dimension = VARIABLES[name].dimension
+        width = (len(self.records[dimension]),) if dimension else ()
         return (self.shape if box is None else box) + width
 
     def with_points(self, values: np.ndarray) -> Self:
@@ -211,7 +211,7 @@ def add_blocks(file: h5py.File, schema: Schema) -> None:
 def schema_in(file: h5py.File) -> Schema:
     """Read what `describe` and `add_blocks` have written."""
     variables = tuple(name for name in VARIABLES if name in file)
-    records = dict.fromkeys(VARIABLES[name].record for name in variables)
+    records = dict.fromkeys(VARIABLES[name].dimension for name in variables)
     scales = [scale for dimension in file["status"].dims for scale in dimension.values()]
     axes = {scale.name.strip("/"): _values(scale) for scale in scales}
     fixed = {name: _values(file[name]) for name in str(file.attrs[_COORDINATES]).split()}

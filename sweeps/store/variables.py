@@ -20,7 +20,7 @@ class Variable:
 
     Attributes
     ----------
-    record : str or None
+    dimension : str or None
         The dimension that follows the swept axes; None where there is one value per point.
     unit, long_name, symbol : str
         As in ``PARAMETERS``.
@@ -30,7 +30,7 @@ class Variable:
         The diagnostic that it belongs to; None where it is always recorded.
     """
 
-    record: str | None
+    dimension: str | None
     unit: str
     long_name: str
     symbol: str
@@ -117,7 +117,7 @@ def held_variables(
     return {
         name: variable
         for name, variable in VARIABLES.items()
-        if (variable.record is None or widths.get(variable.record, 0) > 0)
+        if (variable.dimension is None or widths.get(variable.dimension, 0) > 0)
         and (variable.diagnostic is None or variable.diagnostic in diagnostics)
     }
 
@@ -126,7 +126,8 @@ def bytes_per_point(widths: Mapping[str, int], diagnostics: Collection[str] = ()
     """Return the bytes that the results of one point take."""
     widths = {**widths, **FIXED_WIDTHS}
     return sum(
-        np.dtype(variable.dtype).itemsize * (widths[variable.record] if variable.record else 1)
+        np.dtype(variable.dtype).itemsize
+        * (widths[variable.dimension] if variable.dimension else 1)
         for variable in held_variables(widths, diagnostics).values()
     )
 

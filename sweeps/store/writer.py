@@ -205,7 +205,7 @@ def _corners(block: Block) -> tuple[tuple[int, int], ...]:
 
 
 def _sampled(name: str) -> bool:
-    return VARIABLES[name].record == "sample"
+    return VARIABLES[name].dimension == "sample"
 
 
 def _refuse_other(path: Path, old: Schema, new: Schema) -> None:

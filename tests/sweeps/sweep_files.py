@@ -45,7 +45,7 @@ def random_results(points, widths, seed=0, scale=100.0):
     random = np.random.default_rng(seed)
     arrays = {}
     for name, variable in list(VARIABLES.items())[:-1]:  # without the status
-        width = {**widths, "exponent": 2, None: None}[variable.record]
+        width = {**widths, "exponent": 2, None: None}[variable.dimension]
         shape = (points,) if width is None else (points, width)
         arrays[name] = random.normal(scale=scale, size=shape).astype(variable.dtype)
     arrays["status"] = np.zeros(points, np.int8)

@@ -43,7 +43,7 @@ def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, comp
         assert set(dataset.data_vars) == set(VARIABLES)
         assert_holds(dataset, expected)
         for name, variable in VARIABLES.items():
-            record = () if variable.record is None else (variable.record,)
+            record = () if variable.dimension is None else (variable.dimension,)
             assert dataset[name].dims == ("R", "omega", *record)
             assert dataset[name].dtype == variable.dtype
             assert dataset[name].attrs["units"] == variable.unit
@@ -174,7 +174,7 @@ def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
         assert dataset["sample"].values.tolist() == list(range(300))
         for name, i in itertools.product(VARIABLES, range(3)):
             row, given = dataset[name][i].values, results(blocks[i], widths[i])[name][0]
-            if VARIABLES[name].record == "sample":
+            if VARIABLES[name].dimension == "sample":
                 assert np.isnan(row[widths[i] :]).all()
                 row = row[: widths[i]]
             np.testing.assert_array_equal(row, given)
