@@ -209,7 +209,9 @@ class SweepConfig(Group):
                 f"lyapunov needs the impact rule exact, not {method.impact}; "
                 "expected: method.impact: exact, or diagnostics without lyapunov",
             )
-        samples = _samples(record, _steps(oscillator, method))
+        samples = 0
+        if record.trajectory:
+            samples = record.periods * _steps(oscillator, method) // record.trajectory.every + 1
         if samples > _MOST_SAMPLES:
             raise MisplacedError(
                 ("record", "trajectory"),
@@ -295,15 +297,6 @@ class SweepConfig(Group):
         )
 
     @cached_property
-    def widths(self) -> dict[str, int]:
-        """The width of each record of a point; that of ``sample`` without the impacts."""
-        return {
-            "section": self.record.periods,
-            "impact": self.record.impacts,
-            "sample": _samples(self.record, self.steps),
-        }
-
-    @cached_property
     def grid(self) -> Grid:
         """The swept axes, in the order of the file, or the table; and the fixed values."""
         axes: dict[str, np.ndarray] = {} if self.points is None else {TABLE: self.points}
@@ -363,11 +356,6 @@ def _steps(oscillator: OscillatorConfig, method: MethodConfig) -> int:
         return method.steps_per_period
     points = worst_points(oscillator, method.integrator)
     return default_steps(points, method.impact, method.integrator)
-
-
-def _samples(record: RecordConfig, steps: int) -> int:
-    """Return the samples of a trajectory without those at impacts."""
-    return record.periods * steps // record.trajectory.every + 1 if record.trajectory else 0
 
 
 def _plain(value: Any) -> Any:

@@ -13,7 +13,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
 from sweeps.errors import StoreError
 from sweeps.grid import Grid
-from sweeps.store import bytes_per_point
+from sweeps.store import bytes_per_point, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.run import lanes_per_batch
@@ -30,6 +30,8 @@ _BLOCK_STEPS = 200_000_000
 _LEAST_BLOCK = 128
 #: A sweep is reported and written in at least this many blocks where it has the points.
 _BLOCKS = 50
+#: Samples of a trajectory at impacts, for which there is room in every period.
+_AT_IMPACTS = 8
 
 #: The calibration ends with the trial that takes longer [s].
 _TRIAL = 0.1
@@ -59,18 +61,12 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
     Raises StoreError if there is not enough memory for one point, or one chain of points.
     """
     size = config.size
-    file = size * bytes_per_point(config.widths, config.record.diagnostics)
-    disk = 2 * size * bytes_per_point(most_widths(config), config.record.diagnostics)
+    file = size * bytes_per_point(config.spec)
+    disk = 2 * size * bytes_per_point(config.spec, _AT_IMPACTS)
     points = min(block_size(config), config.grid.size)
     memory = _BLOCKS_HELD * points * _memory_per_point(config)
     seconds = expected_seconds(config, threads) / cores
     return Estimate(seconds, file, disk, memory)
-
-
-def most_widths(config: SweepConfig) -> dict[str, int]:
-    """Return the widths of the records, with room for impacts in the trajectories."""
-    room = 8 * config.record.periods if config.record.trajectory else 0
-    return {**config.widths, "sample": config.widths["sample"] + room}
 
 
 def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
@@ -123,8 +119,8 @@ def _unit(config: SweepConfig) -> str:
 
 def _memory_per_point(config: SweepConfig) -> int:
     """Return the bytes of the results of a point of the grid, and of the record of its samples."""
-    widths = most_widths(config)
-    in_one_direction = bytes_per_point(widths, config.record.diagnostics) + 32 * widths["sample"]
+    samples = widths_of(config.spec, _AT_IMPACTS)["sample"]
+    in_one_direction = bytes_per_point(config.spec, _AT_IMPACTS) + 32 * samples
     return in_one_direction * max(1, len(config.directions))
 
 

@@ -156,15 +156,7 @@ def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
     size, whole = block_size(config, **sizes), spec.followed
     if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
         whole = "f"  # whose values share one computation
-    return Schema.of(
-        grid,
-        grid.blocks(size, whole),
-        attributes=attributes,
-        widths=config.widths,
-        first_section=config.record.transient + 1,
-        diagnostics=config.record.diagnostics,
-        directions=config.directions,
-    )
+    return Schema.of(grid, grid.blocks(size, whole), spec, attributes)
 
 
 class _Display:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
@@ -24,14 +24,15 @@ from sweeps.store.variables import (
     COLUMNS,
     DIRECTION,
     DIRECTION_MEANING,
-    FIXED_WIDTHS,
     RECORDS,
     VARIABLES,
     held_variables,
+    widths_of,
 )
 from sweeps.text import in_units
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
+from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Status
 
 #: The attribute of a refined sweep that counts the points added to its grid.
@@ -76,35 +77,21 @@ class Schema:
 
     @classmethod
     def of(
-        cls,
-        grid: Grid,
-        blocks: Iterable[Block],
-        *,
-        attributes: Mapping[str, Any],
-        widths: Mapping[str, int],
-        first_section: int,
-        diagnostics: Collection[str] = (),
-        directions: Sequence[str] = (),
+        cls, grid: Grid, blocks: Iterable[Block], spec: RunSpec, attributes: Mapping[str, Any]
     ) -> Self:
-        """Return the schema of a new sweep.
+        """Return the schema of a new sweep, in which `spec` is computed of every point.
 
         `blocks` cover every point of the grid once. `attributes` have ``name``, ``configuration``
         (as YAML), ``numerics`` (which names the code that computes the data), if wanted
-        ``length_unit`` and ``time_unit``, and what else the file is to keep. A record dimension
-        without a width, and a diagnostic that is not named, leave their variables out. Of two
-        directions in which an axis is followed, the data have a leading dimension.
+        ``length_unit`` and ``time_unit``, and what else the file is to keep. Of two directions in
+        which an axis is followed, the data have a leading dimension.
         """
-        recorded = held_variables(widths, diagnostics)
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         for name in columns:
             if name in (TABLE, DIRECTION, *RECORDS, *VARIABLES):
                 raise StoreError(f"the column {name} of the table has the name of a result")
-        records = {
-            name: np.arange({**widths, **FIXED_WIDTHS}[name])
-            for name in dict.fromkeys(v.dimension for v in recorded.values() if v.dimension)
-        }
-        if "section" in records:
-            records["section"] += first_section
+        records = {name: np.arange(width) for name, width in widths_of(spec).items() if width}
+        records["section"] += spec.transient + 1
         attributes = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
@@ -118,10 +105,11 @@ class Schema:
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
         }
         axes = dict(grid.axes)
-        if len(directions) > 1:
-            axes = {DIRECTION: np.array(directions, object), **axes}
-            blocks = ((slice(0, len(directions)), *block) for block in blocks)
-        return cls(axes, grid.fixed, records, tuple(recorded), tuple(blocks), attributes)
+        if len(spec.directions) > 1:
+            axes = {DIRECTION: np.array(spec.directions, object), **axes}
+            blocks = ((slice(0, len(spec.directions)), *block) for block in blocks)
+        variables = tuple(held_variables(spec))
+        return cls(axes, grid.fixed, records, variables, tuple(blocks), attributes)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class Variable:
     dtype : str
         As stored. Points not computed yet hold NaN, or ``Status.PENDING`` (-1) in an integer.
     diagnostic : str or None
-        The diagnostic that it belongs to; None where it is always recorded.
+        The diagnostic that it belongs to, a field of `RunSpec`; None where it is always recorded.
     """
 
     dimension: str | None
@@ -99,8 +100,6 @@ RECORDS: Mapping[str, str] = {
     "sample": "number of the sample",
     "exponent": "number of the exponent, the larger first",
 }
-#: The width of the records that have the same in every sweep.
-FIXED_WIDTHS: Mapping[str, int] = {"exponent": 2}
 
 
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
@@ -109,26 +108,40 @@ def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 
-def held_variables(
-    widths: Mapping[str, int], diagnostics: Collection[str] = ()
-) -> dict[str, Variable]:
-    """Return the variables of a file whose records have these widths, if any, and diagnostics."""
-    widths = {**widths, **FIXED_WIDTHS}
+def widths_of(spec: RunSpec, at_impacts: int = 0) -> dict[str, int]:
+    """Return the width of every record dimension; 0 where there is none.
+
+    Of a trajectory it is that without the samples at impacts, or with so many in every period.
+    """
+    samples = 0
+    if spec.every is not None:
+        samples = spec.periods * spec.steps_per_period // spec.every + 1
+        samples += at_impacts * spec.periods
     return {
-        name: variable
-        for name, variable in VARIABLES.items()
-        if (variable.dimension is None or widths.get(variable.dimension, 0) > 0)
-        and (variable.diagnostic is None or variable.diagnostic in diagnostics)
+        "section": spec.periods,
+        "impact": spec.impacts,
+        "sample": samples,
+        "exponent": 2 * spec.lyapunov,
     }
 
 
-def bytes_per_point(widths: Mapping[str, int], diagnostics: Collection[str] = ()) -> int:
-    """Return the bytes that the results of one point take."""
-    widths = {**widths, **FIXED_WIDTHS}
+def held_variables(spec: RunSpec) -> dict[str, Variable]:
+    """Return the variables of a file by what is computed of every point."""
+    widths = widths_of(spec)
+    return {
+        name: variable
+        for name, variable in VARIABLES.items()
+        if (variable.dimension is None or widths[variable.dimension])
+        and (variable.diagnostic is None or getattr(spec, variable.diagnostic))
+    }
+
+
+def bytes_per_point(spec: RunSpec, at_impacts: int = 0) -> int:
+    """Return the bytes of the results of a point, with widths as of `widths_of`."""
+    widths = {"": 1, **widths_of(spec, at_impacts)}
     return sum(
-        np.dtype(variable.dtype).itemsize
-        * (widths[variable.dimension] if variable.dimension else 1)
-        for variable in held_variables(widths, diagnostics).values()
+        np.dtype(variable.dtype).itemsize * widths[variable.dimension or ""]
+        for variable in held_variables(spec).values()
     )
 
 

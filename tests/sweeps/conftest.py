@@ -13,7 +13,7 @@ from sweep_files import OVER_STARTS, refined, run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.grid import Grid
 from sweeps.store import Schema, sweep_writer
-from written_files import FIXED, SAMPLES, random_numbers
+from written_files import FIXED, SAMPLES, random_numbers, spec_of
 
 
 @pytest.fixture(autouse=True)
@@ -70,14 +70,12 @@ def random_sweeps(folder):
         schema = Schema.of(
             grid,
             grid.blocks(grid.size),
-            attributes={
+            spec_of(widths, diagnostics),
+            {
                 "name": name,
                 "configuration": load_config(configuration).to_yaml(),
                 "numerics": "",
             },
-            widths=widths,
-            first_section=11,
-            diagnostics=diagnostics,
         )
         with sweep_writer(path, schema) as store:
             store.write(

@@ -162,13 +162,6 @@ def test_the_steps_are_those_of_the_worst_point(values, method, steps):
     assert load(written).steps == steps
 
 
-def test_the_widths_are_those_of_the_record():
-    record = "record: {periods: 7, impacts: 3, trajectory: {every: 4}}\n"
-    widths = load(oscillator() + record).widths
-    assert widths == {"section": 7, "impact": 3, "sample": 7 * 8 // 4 + 1}
-    assert load(oscillator()).widths["sample"] == 0
-
-
 def test_diagnostics_are_asked_for_by_name():
     config = load(oscillator() + "record: {diagnostics: [lyapunov, period]}\n")
     assert config.record.diagnostics == ("lyapunov", "period")

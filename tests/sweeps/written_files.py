@@ -6,6 +6,7 @@ from sweep_files import fill, random_results
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid, block_points
 from sweeps.store import VARIABLES, Schema
+from vibroimpact.points.run_spec import RunSpec
 
 CONFIGURATION = "oscillator: {h: 0.1}\n"
 GRID = Grid(
@@ -13,6 +14,25 @@ GRID = Grid(
     {"h": 0.1, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0},
 )
 WIDTHS = {"section": 20, "impact": 3, "sample": 6}
+
+
+def spec_of(widths=WIDTHS, diagnostics=DIAGNOSTICS):
+    """What is computed, so that the records have these widths."""
+    return RunSpec(
+        integrator="exact",
+        impact="exact",
+        steps_per_period=widths["sample"] - 1,
+        transient=10,
+        periods=widths["section"],
+        phase=0.0,
+        impacts=widths["impact"],
+        lyapunov="lyapunov" in diagnostics,
+        period="period" in diagnostics,
+        every=widths["section"] if widths["sample"] else None,
+        scaled=False,
+        followed=None,
+        directions=(),
+    )
 
 
 def schema(
@@ -27,10 +47,8 @@ def schema(
     return Schema.of(
         grid,
         grid.blocks(block_size),
-        attributes={"name": "a test", "configuration": configuration, "numerics": numerics},
-        widths=widths,
-        first_section=11,
-        diagnostics=diagnostics,
+        spec_of(widths, diagnostics),
+        {"name": "a test", "configuration": configuration, "numerics": numerics},
     )
 
 
