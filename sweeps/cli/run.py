@@ -100,7 +100,7 @@ def run(
     with _client(dask, quiet) as client:
         if dry_run:
             texts = [
-                _plan(sweep, path, threads, client, **existing)
+                _plan(sweep, path, threads, client, resume)
                 for sweep, path in zip(sweeps, paths, strict=True)
             ]
             say("\n\n".join(texts))
@@ -142,17 +142,17 @@ def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
 
 
 def _plan(
-    sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, **existing: bool
+    sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return what a sweep takes, or refuse it if it takes too much."""
     from sweeps.engine.estimate import estimate
     from sweeps.engine.executors import computer_for, in_thread
     from sweeps.engine.reports import plan
-    from sweeps.store import check_output
+    from sweeps.store import check_room
 
     computer = computer_for(client, threads)
     cost = in_thread(estimate, sweep, computer.threads, computer.cores)
-    check_output(path, **existing, size=cost.disk)
+    check_room(path, cost.disk, resume=resume)
     return plan(sweep, path, cost)
 
 

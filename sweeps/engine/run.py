@@ -24,7 +24,7 @@ from sweeps.interrupts import check, raised_by_check
 from sweeps.store import (
     Schema,
     SweepWriter,
-    check_output,
+    check_room,
     only_writer,
     sweep_writer,
 )
@@ -95,15 +95,16 @@ def run_sweep(
     console = Console(
         stderr=True, quiet=not progress, soft_wrap=True, highlight=False, markup=False
     )
-    with raised_by_check(), only_writer(path):
-        check_output(path, overwrite=overwrite, resume=resume)
+    with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
             cost = in_thread(estimate, config, computer.threads, computer.cores)
-        check_output(path, overwrite=overwrite, resume=resume, size=cost.disk)
+        check_room(path, cost.disk, resume=resume)
         console.print(printable(plan(config, path, cost)))
         schema = _schema(config, computer.block_limits(cost.seconds, config.grid.size))
-        with sweep_writer(path, schema, overwrite=overwrite, resume=resume) as writer:
+        with sweep_writer(path, schema, resume=resume) as writer:
+            if writer is None:  # the file is complete
+                return path
             if writer.damaged:
                 console.print(f"blocks that were damaged, and are computed again: {writer.damaged}")
             display = _Display(config, writer, console, computer)
@@ -114,7 +115,7 @@ def run_sweep(
                     writer.write(block, results)
                     display.written(block)
             points = None
-            if config.refine is not None and not writer.complete:
+            if config.refine is not None:
                 points = _refined(config, writer, threads, console)
             writer.finish(points, compressed=config.compression != "none")
     return path

@@ -3,6 +3,7 @@ from .file import per_point as per_point
 from .file import status_counts as status_counts
 from .journal import kept_points as kept_points
 from .paths import check_output as check_output
+from .paths import check_room as check_room
 from .paths import identity as identity
 from .paths import is_sweep as is_sweep
 from .paths import journal_path as journal_path

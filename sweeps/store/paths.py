@@ -127,14 +127,11 @@ def refuse_version(path: Path) -> NoReturn:
     )
 
 
-def check_output(
-    path: str | Path, *, overwrite: bool = False, resume: bool = False, size: int = 0
-) -> None:
+def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
     """Refuse a path that a sweep cannot be written to, with StoreError.
 
-    It may be in no directory, or have the ending of another kind of file; the file or its journal
-    may exist and be neither to be overwritten nor resumed, or be of another kind; or there may be
-    no room for `size` bytes, which the journal and the file take together.
+    It may be in no directory, or have the ending of another kind of file; or the file or its
+    journal may exist and be neither to be overwritten nor resumed, or be of another kind.
     """
     path = Path(path)
     check_target(path, "output")
@@ -146,8 +143,10 @@ def check_output(
     journal = journal_path(path)
     check_target(journal, "journal")
     ours = {path: (Content.SWEEP, Content.OLDER), journal: (Content.JOURNAL,)}
-    existing = {file: found for file in ours if (found := content(file)) is not None}
-    for file, found in existing.items():
+    for file in ours:
+        found = content(file)
+        if found is None:
+            continue
         if not (overwrite or resume):
             raise StoreError(
                 f"{file} exists; give resume=True to go on with it, overwrite=True to replace it, "
@@ -157,8 +156,14 @@ def check_output(
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"
             )
+
+
+def check_room(path: Path, size: int, *, resume: bool = False) -> None:
+    """Refuse a sweep of `size` bytes, its journal and its file together, that the disk lacks."""
+    journal = journal_path(path)
+    existing = journal.exists() or path.exists()
     if resume and existing:  # the journal has a part of the room, and a complete file all of it
-        size = size - journal.stat().st_size if journal in existing else 0
+        size = size - journal.stat().st_size if journal.exists() else 0
     free = shutil.disk_usage(journal.parent).free
     if size > free:
         also = ", delete the old file first" if existing else ""
@@ -173,12 +178,12 @@ def check_output(
 
 
 @contextmanager
-def only_writer(path: Path) -> Iterator[None]:
+def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
     """Hold the lock ``<path>.lock``, a file that names this process, and remove it at the end.
 
     The system lets go of the lock when the process dies, however it dies. What a dead process
     leaves is a file that nobody has locked, and the next writer takes it over. Readers need none.
-    Raises StoreError if another process has it, or if there can be no such file.
+    Raises StoreError if another process has it, if there can be no such file, or as `check_output`.
     """
     try:
         real = path.resolve()
@@ -208,6 +213,7 @@ def only_writer(path: Path) -> Iterator[None]:
         with suppress(PermissionError):  # of Windows, where nobody can write to what is locked
             if not by_itself:
                 name.write_bytes(b"vibroimpact lock of process %d\n" % os.getpid())
+        check_output(path, overwrite=overwrite, resume=resume)
         yield
     finally:
         with suppress(PermissionError):

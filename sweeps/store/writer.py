@@ -17,13 +17,8 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.store.file import schema_of, write_file
 from sweeps.store.journal import Journal, create
-from sweeps.store.paths import (
-    check_output,
-    identity,
-    journal_path,
-    reason,
-)
-from sweeps.store.replacing import remove_leftovers, replacing
+from sweeps.store.paths import identity, journal_path, reason
+from sweeps.store.replacing import followed, remove_leftovers, replacing
 from sweeps.store.schema import Schema
 from sweeps.store.variables import VARIABLES
 
@@ -33,34 +28,32 @@ if TYPE_CHECKING:
 
 @contextmanager
 def sweep_writer(
-    path: str | Path, schema: Schema, *, overwrite: bool = False, resume: bool = False
-) -> Iterator[SweepWriter]:
+    path: str | Path, schema: Schema, *, resume: bool = False
+) -> Iterator[SweepWriter | None]:
     """Begin the journal of the sweep at `path`, or go on with it; call it inside `only_writer`.
 
-    `overwrite` allows to replace an existing file at the end, and an existing journal at once.
-    With `resume` a journal keeps its own blocks, and what is damaged in it is pending again.
-    Raises StoreError if `path` is refused by `check_output`, is of another sweep or is damaged, and
-    Failed if the journal cannot be created; then none is left behind, and an old one is untouched.
+    Yields None if the file is complete. An existing journal is replaced at once; with `resume` it
+    keeps its own blocks, and what is damaged in it is pending again. Raises StoreError if what is
+    resumed is of another sweep or is damaged, and Failed if the journal cannot be created; then
+    none is left behind, and an old one is untouched.
     """
-    # A link is followed once: all that follows works on the file that was checked and locked.
-    user_path, path = Path(path), Path(path).resolve()
-    check_output(user_path, overwrite=overwrite, resume=resume)
+    path = followed(Path(path))  # once: all that follows works on this file
     journal = journal_path(path)
     remove_leftovers(path)  # which may be large
     if resume and journal.exists() and journal.stat().st_size > 0:
         with Journal(journal, verify=False) as old:
-            _refuse_other(journal_path(user_path), old.schema, schema)
+            _refuse_other(journal, old.schema, schema)
     elif resume and path.exists() and path.stat().st_size > 0:
-        _refuse_other(user_path, schema_of(path), schema)
-        yield SweepWriter(path, user_path, None)
+        _refuse_other(path, schema_of(path), schema)
+        yield None
         return
     else:
-        with _failure(user_path, "created"), replacing(journal) as new:
+        with _failure(path, "created"), replacing(journal) as new:
             create(new, schema)
-    with _failure(user_path, "written"):
+    with _failure(path, "written"):
         opened = Journal(journal, writable=True)
     try:
-        yield SweepWriter(path, user_path, opened)
+        yield SweepWriter(path, opened)
     except StoreError as error:  # the journal passed its checks, and has changed since
         raise Failed(str(error)) from error
     finally:
@@ -72,30 +65,20 @@ class SweepWriter:
     """Fills a sweep block by block, and completes it; from `sweep_writer`.
 
     Every method raises Failed if the journal or the file cannot be written, say on a full disk, or
-    the journal was removed or changed. There is none where the file is complete. `user_path`, for
-    messages, may be a link.
+    the journal was removed or changed.
     """
 
-    def __init__(self, path: Path, user_path: Path, journal: Journal | None) -> None:
-        self._path, self._user_path, self._journal = path, user_path, journal
-        self._began = time.monotonic()
-        self._spent = journal.seconds if journal else 0.0
-        self.damaged = journal.damaged if journal else 0  #: Blocks that are pending again.
+    def __init__(self, path: Path, journal: Journal) -> None:
+        self._path, self._journal, self._schema = path, journal, journal.schema
+        self._began, self._spent = time.monotonic(), journal.seconds
+        self.damaged = journal.damaged  #: Blocks that are pending again.
         self._before = identity(path)
-        blocks = journal.schema.blocks if journal else ()
-        self._numbers = {_corners(block): number for number, block in enumerate(blocks)}
-
-    @property
-    def complete(self) -> bool:
-        """Whether the file is complete."""
-        return self._journal is None
+        self._numbers = {_corners(block): i for i, block in enumerate(self._schema.blocks)}
 
     def pending(self) -> list[Block]:
         """Return the blocks that are not in the journal."""
-        if self._journal is None:
-            return []
-        blocks = self._journal.schema.blocks
-        return [block for number, block in enumerate(blocks) if number not in self._journal.entries]
+        there = self._journal.entries
+        return [block for i, block in enumerate(self._schema.blocks) if i not in there]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
         """Write the results of one block; they are on the disk when this returns.
@@ -104,18 +87,15 @@ class SweepWriter:
         in C order, otherwise KeyError or ValueError is raised. A trajectory may have any number
         of samples. Variables that this file leaves out are ignored.
         """
-        assert self._journal is not None
-        number = self._numbers[_corners(block)]
-        arrays = self._checked(self._journal.schema, block, results)
+        number, arrays = self._numbers[_corners(block)], self._checked(block, results)
         samples = max((a.shape[-1] for name, a in arrays.items() if _sampled(name)), default=0)
-        with _failure(self._user_path, "written"):
+        with _failure(self._path, "written"):
             self._journal.append(number, arrays, samples, self._seconds())
 
     def dataset(self) -> xr.Dataset:
         """Return the sweep as far as it is written, as `open_sweep` does."""
         from sweeps.store.partial import open_journal
 
-        assert self._journal is not None
         return open_journal(Journal(self._journal.path, verify=False))
 
     def finish(
@@ -129,41 +109,35 @@ class SweepWriter:
         `points` has further points of the only axis: by its values, the results of one point. They
         also replace those of a value that is there already.
         """
-        journal = self._journal
-        if journal is None:
-            return
-        schema = journal.schema.with_samples(journal.samples)
+        schema = self._schema.with_samples(self._journal.samples)
         if points is not None:
             schema = schema.with_points(np.array(list(points)))
-        journal.refuse_loss()
-        with _failure(self._user_path, "completed"), replacing(self._path) as new:
+        self._journal.refuse_loss()
+        with _failure(self._path, "completed"), replacing(self._path) as new:
             parts = partial(self._parts, points=points or {})
             write_file(new, schema, parts, self._seconds, compressed=compressed)
             self._refuse_other_file()
         with suppress(PermissionError):  # on Windows, where somebody reads it
-            journal.remove()
-        self._journal = None
+            self._journal.remove()
 
     def _parts(
         self, name: str, points: Mapping[float, Mapping[str, np.ndarray]]
     ) -> Iterator[tuple[Block, np.ndarray]]:
         """Yield the boxes of a variable in the complete file, with their results."""
-        assert self._journal is not None
-        journal = self._journal
-        if not points:
-            for number in range(len(journal.schema.blocks)):
-                entry = journal.entries[number]
-                yield journal.box(entry, name), journal.read(entry, name)
-            return
-        (axis,) = journal.schema.axes.values()
-        further, at = np.array(list(points)), 0
-        for number, (cut,) in enumerate(journal.schema.blocks):
+        journal, further, at = self._journal, np.array(list(points)), 0
+        for number, block in enumerate(self._schema.blocks):
+            entry = journal.entries[number]
+            part = journal.read(entry, name)
+            if not points:
+                yield journal.box(entry, name), part
+                continue
+            ((cut,), (axis,)) = block, self._schema.axes.values()
             low = axis[cut.start] if cut.start else -math.inf
             high = axis[cut.stop] if cut.stop < len(axis) else math.inf
             inside = further[(further >= low) & (further < high)]
             values = np.union1d(axis[cut], inside)
-            nearest = np.minimum(np.searchsorted(axis[cut], values), cut.stop - cut.start - 1)
-            merged = journal.read(journal.entries[number], name)[nearest]
+            nearest = np.minimum(np.searchsorted(axis[cut], values), len(part) - 1)
+            merged = part[nearest]
             for i in np.flatnonzero(np.isin(values, inside)):
                 merged[i] = points[float(values[i])][name]
             yield (slice(at, at + len(values)),), merged
@@ -174,24 +148,22 @@ class SweepWriter:
         now = identity(self._path)
         if now is not None and now != self._before:
             raise Failed(
-                f"{self._user_path} was written by another program while the sweep was computed, "
+                f"{self._path} was written by another program while the sweep was computed, "
                 "and is left alone; move it, and go on"
             )
 
     def _seconds(self) -> float:
         return self._spent + time.monotonic() - self._began
 
-    def _checked(
-        self, schema: Schema, block: Block, results: Mapping[str, np.ndarray]
-    ) -> dict[str, np.ndarray]:
+    def _checked(self, block: Block, results: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Give the arrays of shape (points, ...) the shape (box..., ...)."""
         unknown = sorted(set(results) - set(VARIABLES))
         if unknown:
             raise ValueError(f"the store has no variable {', '.join(unknown)}")
         arrays = {}
-        for name in schema.variables:
+        for name in self._schema.variables:
             shape = np.shape(results[name])
-            record = shape[-1:] if _sampled(name) else schema.shape_of(name, ())
+            record = shape[-1:] if _sampled(name) else self._schema.shape_of(name, ())
             expected = (block_points(block), *record)
             if shape != expected:
                 raise ValueError(f"{name} has the shape {shape} instead of {expected}")

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.regimes import changes, labels
 from sweeps.errors import ConfigError
-from sweeps.store import VARIABLES, sweep_writer
+from sweeps.store import VARIABLES, only_writer, sweep_writer
 from vibroimpact.status import Status
 
 
@@ -57,7 +57,12 @@ def fill(path, schema, results, blocks=None, compressed=False, **options):
 
     Returns how many blocks were damaged.
     """
-    with sweep_writer(path, schema, **options) as store:
+    with (
+        only_writer(Path(path), **options),
+        sweep_writer(path, schema, resume=options.get("resume", False)) as store,
+    ):
+        if store is None:
+            return 0
         for block in store.pending()[:blocks]:
             store.write(block, results(block))
         if not store.pending():

@@ -17,9 +17,9 @@ import pytest
 import sweeps
 from commands import accepted, call
 from sweeps.errors import StoreError
-from sweeps.store import check_output, only_writer, open_sweep, sweep_writer
+from sweeps.store import check_output, check_room, only_writer, open_sweep
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
-from written_files import fill_blocks, schema
+from written_files import fill_blocks
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
@@ -42,7 +42,7 @@ def test_an_existing_sweep_is_kept_unless_told(blocks):
     (name,) = (path.name for path in Path().iterdir() if path.name.startswith("out"))
     before = Path(name).read_bytes()
     message = rf"{name} exists; give resume=True to go on with it, overwrite=True to replace"
-    with pytest.raises(StoreError, match=message), sweep_writer("out.h5", schema()):
+    with pytest.raises(StoreError, match=message), only_writer(Path("out.h5")):
         pass
     assert Path(name).read_bytes() == before
     fill_blocks("out.h5", overwrite=True)
@@ -142,14 +142,14 @@ def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
     part = Path("old.h5.part").stat().st_size
     monkeypatch.setattr("shutil.disk_usage", lambda _: types.SimpleNamespace(free=100_000))
     with pytest.raises(StoreError, match=r"takes about 50 MB .* only 100 kB left; record less, or"):
-        check_output("out.h5", size=50_000_000)
+        check_room(Path("out.h5"), 50_000_000)
     # What is there makes no room, but a journal that is resumed has a part of it.
     with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
-        check_output("old.h5", overwrite=True, size=100_001)
-    check_output("old.h5", overwrite=True, size=100_000)
-    check_output("old.h5", resume=True, size=100_000 + part)
+        check_room(Path("old.h5"), 100_001)
+    check_room(Path("old.h5"), 100_000)
+    check_room(Path("old.h5"), 100_000 + part, resume=True)
     with pytest.raises(StoreError, match="only 100 kB left"):
-        check_output("old.h5", resume=True, size=100_001 + part)
+        check_room(Path("old.h5"), 100_001 + part, resume=True)
 
 
 # What is not read
