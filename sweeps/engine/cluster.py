@@ -18,7 +18,7 @@ import math
 import threading
 import time
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from copy import copy
@@ -31,7 +31,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
 from sweeps.engine.executors import completed
 from sweeps.errors import Failed, Refused, SweepError
-from sweeps.grid import Block
+from sweeps.grid import Block, block_points
 from sweeps.interrupts import raised_at_once
 from vibroimpact import __version__
 from vibroimpact.jit import NUMERICS
@@ -91,9 +91,12 @@ class Cluster:
         return {"least": min(least, size), "blocks": _BLOCKS_PER_CORE * self.cores}
 
     def computed(
-        self, config: SweepConfig, blocks: Iterable[Block], advance: object = None
+        self,
+        config: SweepConfig,
+        blocks: Iterable[Block],
+        advance: Callable[[int], object] = lambda points: None,
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield every block with its results, as they come in; `advance` is for `Local` alone.
+        """Yield every block with its results, as they come in, of which `advance` is told.
 
         Close the generator if you leave it early. What a lost worker had is computed again. Raises
         Failed if the scheduler is lost or a block cannot be computed.
@@ -111,7 +114,9 @@ class Cluster:
 
             try:
                 for block, future in completed(submit, blocks, self._most):
-                    yield block, self._result(future)
+                    results = self._result(future)
+                    advance(block_points(block))
+                    yield block, results
             finally:
                 with suppress(Exception):  # where the scheduler is gone
                     executor.shutdown(wait=False)

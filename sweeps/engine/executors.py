@@ -75,17 +75,13 @@ class LocalExecutor(ThreadPoolExecutor):
         super().shutdown(wait, cancel_futures=cancel_futures)
 
 
-def waited(future: Future[T]) -> T:
-    """Wait for a result, and look up for signals meanwhile."""
-    while not wait([future], _WAIT).done:
-        check()
-    return future.result()
-
-
 def in_thread(function: Callable[..., T], *arguments: Any) -> T:
     """Call a function in another thread, and look up for signals meanwhile."""
     with LocalExecutor() as executor:
-        return waited(executor.submit(function, *arguments))
+        future = executor.submit(function, *arguments)
+        while not wait([future], _WAIT).done:
+            check()
+        return future.result()
 
 
 def completed(

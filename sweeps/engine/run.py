@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, numerics
 from sweeps.engine.estimate import block_size, estimate
-from sweeps.engine.executors import Local, LocalExecutor, computer_for, in_thread, waited
+from sweeps.engine.executors import Local, computer_for, in_thread
 from sweeps.engine.reports import plan
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
@@ -107,13 +107,12 @@ def run_sweep(
                 return path
             if writer.damaged:
                 console.print(f"blocks that were damaged, and are computed again: {writer.damaged}")
-            display = _Display(config, writer, console, computer)
-            computed = computer.computed(config, writer.pending(), display.computed)
-            with display.bar, closing(computed):
-                for block, results in computed:
-                    check()
-                    writer.write(block, results)
-                    display.written(block)
+            pending = writer.pending()
+            with _progress(config, pending, computer, console) as advance:
+                with closing(computer.computed(config, pending, advance)) as computed:
+                    for block, results in computed:
+                        check()
+                        writer.write(block, results)
             points = None
             if config.refine is not None:
                 points = _refined(config, writer, threads, console)
@@ -127,15 +126,19 @@ def _refined(
     """Return further points of a sweep, where its classes change."""
     from sweeps.engine.refine import Refinement  # with xarray, which takes long to import
 
-    assert config.refine is not None
+    refine = config.refine
+    assert refine is not None
     with console.status("refining") as status, writer.dataset() as line:
-        with LocalExecutor() as executor:
-            refinement = waited(executor.submit(Refinement, config, line, threads))
-            levels = iter(refinement)
-            while level := waited(executor.submit(next, levels, 0)):
+
+        def refined() -> Refinement:
+            refinement = Refinement(config, line, threads)
+            for level in refinement:
                 changes = f"{len(refinement.intervals):,} changes of class"
-                status.update(f"refining: level {level} of {config.refine.levels}, {changes}")
-    added = len(set(refinement.points).difference(config.grid.axes[config.refine.axis].tolist()))
+                status.update(f"refining: level {level} of {refine.levels}, {changes}")
+            return refinement
+
+        refinement = in_thread(refined)
+    added = len(set(refinement.points).difference(config.grid.axes[refine.axis].tolist()))
     text = f"refined: {added:,} points added beside the changes of class"
     if refinement.left_out:
         text += f"; {refinement.left_out:,} changes were too many to follow further"
@@ -160,50 +163,32 @@ def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
     return Schema.of(grid, grid.blocks(size, whole), spec, attributes)
 
 
-class _Display:
-    """A progress line on stderr: points done, forcing periods per second, time left."""
+@contextmanager
+def _progress(
+    config: SweepConfig, pending: Iterable[Block], computer: Local | Cluster, console: Console
+) -> Iterator[Callable[[int], None]]:
+    """Show points done, forcing periods per second and time left; yield what counts points."""
+    periods = config.record.transient + config.record.periods
+    scaled = ", one f computed and the others scaled" if config.spec.scaled else ""
+    name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
+    with Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("points  {task.fields[speed]}"),
+        TimeRemainingColumn(),
+        console=console,
+        disable=console.quiet,
+    ) as bar:
+        there = config.size - sum(map(block_points, pending))
+        described = name + computer.described()
+        task = bar.add_task(described, total=config.size, completed=there, speed="")
 
-    def __init__(
-        self, config: SweepConfig, writer: SweepWriter, console: Console, computer: Local | Cluster
-    ) -> None:
-        self._periods = config.record.transient + config.record.periods
-        self._there = config.size - sum(map(block_points, writer.pending()))
-        scaled = ", one f computed and the others scaled" if config.spec.scaled else ""
-        self._name = printable(config.name) + scaled
-        self._computer = computer
-        self._began = time.monotonic()
-        # Points counted in two threads, the first ahead of the second.
-        self._computed = self._written = 0
-        self.bar = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("points  {task.fields[speed]}"),
-            TimeRemainingColumn(),
-            console=console,
-            disable=console.quiet,
-        )
-        self._task = self.bar.add_task(
-            self._name + computer.described(), total=config.size, completed=self._there, speed=""
-        )
+        def advance(points: int) -> None:
+            nonlocal computed
+            computed += points
+            speed = computed * periods / (time.monotonic() - began)
+            described = name + computer.described()
+            bar.update(task, advance=points, description=described, speed=f"{speed:,.0f} periods/s")
 
-    def computed(self, points: int) -> None:
-        """Count points of a block in work."""
-        self._computed += points
-        self._show()
-
-    def written(self, block: Block) -> None:
-        """Count the points of a finished block."""
-        self._written += block_points(block)
-        self._show()
-
-    def _show(self) -> None:
-        """Show the points that are done, and the periods per second."""
-        points = max(self._computed, self._written)
-        speed = points * self._periods / (time.monotonic() - self._began)
-        self.bar.update(
-            self._task,
-            completed=self._there + points,
-            description=self._name + self._computer.described(),
-            speed=f"{speed:,.0f} periods/s",
-        )
+        yield advance
