@@ -12,7 +12,6 @@ import psutil
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
 from sweeps.errors import StoreError
-from sweeps.grid import Grid
 from sweeps.store import bytes_per_point, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
@@ -134,16 +133,13 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     # No more than a block holds: few points take nearly as long as a full set of lanes.
     count = min(2 * _lanes(config) * (threads or ALL_THREADS), _side_by_side(config))
     # Of few lanes, several calls: one point need not be like the others.
-    calls = [
-        _random_points(config.grid, count, seed)
-        for seed in range(-(-_LEAST_TRIED // count) if config.follow else 1)
-    ]
-    size = config.size
+    number, size = -(-_LEAST_TRIED // count) if config.follow else 1, config.size
+    tried = config.grid.spread(number * count)
+    calls = np.array_split(tried, min(number, tried.size))
     if config.spec.scaled:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(config.grid.axes.get("f", "1"))
     compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be
-    tried = sum(points.size for points in calls)
     whole = config.record.transient + config.record.periods
     total = 1
     while True:
@@ -153,7 +149,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
             compute(trial, points, threads)
         elapsed = time.perf_counter() - began
         if elapsed > _TRIAL or total == whole:
-            return elapsed * whole / total * size / tried
+            return elapsed * whole / total * size / sum(map(len, calls))
         total = min(2 * total, whole)
 
 
@@ -178,9 +174,3 @@ def _shortened(config: SweepConfig, total: int) -> SweepConfig:
         "impacts": min(record.impacts, 8 * periods),
     }
     return config.with_record(**shorter)
-
-
-def _random_points(grid: Grid, count: int, seed: int) -> np.ndarray:
-    """Return points of a grid, the same in every call with that seed."""
-    random = np.random.default_rng(seed)
-    return grid.numbered(random.integers(grid.size, size=min(count, grid.size)))
