@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import Csv, check_csv, check_threads, say
+from sweeps.cli.options import Csv, check_threads, say
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,7 +29,6 @@ def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
     from sweeps.plotting.saving import check_picture
 
     check_picture(output)
-    check_csv(csv)
     yield
     for path in (output, csv):
         if path is not None:
@@ -50,7 +49,10 @@ def accuracy_speed(
     csv: Csv = None,
     quick: Quick = False,
     threads: Annotated[
-        int, typer.Option(metavar="N", help="Threads of the kernel; the peers have one.")
+        int,
+        typer.Option(
+            metavar="N", callback=check_threads, help="Threads of the kernel; the peers have one."
+        ),
     ] = 1,
 ) -> None:
     """Chart the accuracy of every method against its speed."""
@@ -64,7 +66,6 @@ def accuracy_speed(
     from sweeps.engine.configurations import read_config
     from sweeps.plotting.saving import draw
 
-    check_threads(threads)
     with _files(output, csv):
         plan = QUICK if quick else FULL
         if config is not None:

@@ -6,6 +6,7 @@ import io
 import math
 import os
 import re
+import shlex
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -23,8 +24,36 @@ if TYPE_CHECKING:
 
     from sweeps.analysis.selection import Selection
 
+
+def check_threads(threads: int | None) -> int | None:
+    """Return a number of threads; refuse one that numba does not have."""
+    if threads is not None:
+        import numba
+
+        cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+        if not 1 <= threads <= cores:
+            raise Refused(
+                f"--threads {threads} is not allowed; expected: an integer from 1 to {cores}"
+            )
+    return threads
+
+
+def _check_csv(path: Path | None) -> Path | None:
+    """Return the path of a table; refuse one that is no .csv file, or cannot be written."""
+    if path is not None:
+        from sweeps.store.replacing import check_target
+
+        if path.suffix != ".csv":
+            raise Refused(f"--csv {path} is not allowed; expected: a .csv file")
+        check_target(path, "table")
+    return path
+
+
 Threads = Annotated[
-    int | None, typer.Option(metavar="N", help="Threads to use; all cores if not given.")
+    int | None,
+    typer.Option(
+        metavar="N", callback=check_threads, help="Threads to use; all cores if not given."
+    ),
 ]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Compute only what is missing in the output.")
@@ -50,7 +79,10 @@ At = Annotated[
     ),
 ]
 Csv = Annotated[
-    Path | None, typer.Option("--csv", metavar="FILE", help="Write the table to a .csv file, too.")
+    Path | None,
+    typer.Option(
+        "--csv", metavar="FILE", callback=_check_csv, help="Write the table to a .csv file, too."
+    ),
 ]
 
 _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
@@ -72,17 +104,6 @@ def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
             raise Refused(f"--most {most} is not allowed; expected: an integer >= 1")
         chosen["most"] = most
     return chosen
-
-
-def check_csv(path: Path | None) -> None:
-    """Refuse a file that is no .csv file, or cannot be written."""
-    from sweeps.store.replacing import check_target
-
-    if path is None:
-        return
-    if path.suffix != ".csv":
-        raise Refused(f"--csv {path} is not allowed; expected: a .csv file")
-    check_target(path, "table")
 
 
 def inches(option: str, text: str | None) -> float | None:
@@ -130,13 +151,10 @@ def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
     return {"overwrite": overwrite, "resume": resume}
 
 
-def check_threads(threads: int | None) -> None:
-    """Refuse a number of threads that numba does not have."""
-    import numba
-
-    cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    if threads is not None and not 1 <= threads <= cores:
-        raise Refused(f"--threads {threads} is not allowed; expected: an integer from 1 to {cores}")
+def resuming() -> str:
+    """Return the command that goes on with what this one has begun."""
+    given = [word for word in sys.argv[1:] if word not in ("--overwrite", "--resume")]
+    return shlex.join(["vibroimpact", *given, "--resume"])
 
 
 def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Path]) -> list[Path]:

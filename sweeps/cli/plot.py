@@ -8,6 +8,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +20,6 @@ from sweeps.cli.options import (
     Csv,
     MostBranches,
     branch_options,
-    check_csv,
     inches,
     limits,
     named,
@@ -154,7 +154,6 @@ def plot(
     if kind is not None:
         check_kind(kind)
     cuts = selection_of(at)
-    check_csv(csv)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
     if not exact and (classes or most is not None):
@@ -180,12 +179,14 @@ def plot(
     }
     ending = ".png" if kind is None else f"-{kind}.png"
     figures = targets(files, output, [file.parent / f"{file.stem}{ending}" for file in files])
-    for file, figure in zip(files, figures, strict=True):  # before any is drawn
-        check_picture(figure, file)
-        open_sweep(file).close()
-    for file, figure in zip(files, figures, strict=True):
-        with open_sweep(file, verify=False) as dataset, named(file):
-            draw(dataset, figure, kind, cuts, page, csv, **options)
+    with ExitStack() as stack:
+        datasets = []
+        for file, figure in zip(files, figures, strict=True):  # before any is drawn
+            check_picture(figure, file)
+            datasets.append(stack.enter_context(open_sweep(file)))
+        for file, figure, dataset in zip(files, figures, datasets, strict=True):
+            with named(file):
+                draw(dataset, figure, kind, cuts, page, csv, **options)
 
 
 def draw(

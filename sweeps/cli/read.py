@@ -18,7 +18,6 @@ from sweeps.cli.options import (
     MostBranches,
     SweepFile,
     branch_options,
-    check_csv,
     named,
     on_axes,
     say,
@@ -44,7 +43,6 @@ def attractors(
     from sweeps.store import open_sweep
 
     cuts = selection_of(at)
-    check_csv(csv)
     with open_sweep(file) as dataset, named(file):
         seen, here = on_axes(dataset, cuts)
         shown = cut(dataset, here)
@@ -75,7 +73,6 @@ def integrity(
     from sweeps.store import open_sweep
 
     cuts = selection_of(at)
-    check_csv(csv)
     with open_sweep(file) as dataset, named(file):
         seen, here = on_axes(dataset, cuts)
         shown = cut(dataset, here)
@@ -125,7 +122,6 @@ def info(
     ):
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
-    check_csv(csv)
     cuts = selection_of(at)
     with open_sweep(file) as dataset, named(file):
         if bifurcations:

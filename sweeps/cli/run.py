@@ -6,7 +6,7 @@ As in ``main.py``, what a command needs is imported inside it.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,9 +17,9 @@ from sweeps.cli.options import (
     Overwrite,
     Resume,
     Threads,
-    check_threads,
     existing_output,
     named,
+    resuming,
     say,
     targets,
 )
@@ -87,7 +87,6 @@ def run(
     from sweeps.store import check_output
 
     existing = existing_output(resume, overwrite)
-    check_threads(threads)
     _check_cluster(dask, threads)
     sweeps = []
     for config in configs:
@@ -105,9 +104,8 @@ def run(
             ]
             say("\n\n".join(texts))
             return
-        for i, (sweep, path) in enumerate(zip(sweeps, paths, strict=True)):
-            command = _command(configs[i:], output, overrides or (), threads, dask, quiet)
-            run_and_report(sweep, path, command, quiet, threads=threads, client=client, **existing)
+        for sweep, path in zip(sweeps, paths, strict=True):
+            run_and_report(sweep, path, quiet, threads=threads, client=client, **existing)
     if not quiet:
         say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
 
@@ -156,10 +154,8 @@ def _plan(
     return plan(sweep, path, cost)
 
 
-def run_and_report(
-    sweep: SweepConfig, path: Path, command: str, quiet: bool, **options: Any
-) -> None:
-    """Run a sweep and print its summary; on failure, name the `command` that resumes the run."""
+def run_and_report(sweep: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
+    """Run a sweep and print its summary; on failure, name the command that resumes the run."""
     from sweeps.engine import reports
 
     old = reports.identities(path) if options["overwrite"] else (None, None)
@@ -170,27 +166,9 @@ def run_and_report(
         path = run_sweep(sweep, path, progress=not quiet, **options)
         summary = reports.summary(path)
     except (Cancelled, KeyboardInterrupt):
-        raise Failed(f"interrupted; {reports.kept(path, command, old)}") from None
+        raise Failed(f"interrupted; {reports.kept(path, resuming(), old)}") from None
     except (Failed, OSError, MemoryError) as error:
         reason = str(error) or type(error).__name__
-        raise Failed(f"the run failed: {reason}; {reports.kept(path, command, old)}") from error
+        raise Failed(f"the run failed: {reason}; {reports.kept(path, resuming(), old)}") from error
     if not quiet:
         say(summary)
-
-
-def _command(
-    configs: Sequence[Path],
-    output: Path | None,
-    overrides: Sequence[str],
-    threads: int | None,
-    dask: str | None,
-    quiet: bool,
-) -> str:
-    """Return the command that resumes a run."""
-    command = ["vibroimpact", "run", *map(str, configs)]
-    command += ["-o", str(output)] if output else []
-    command += [part for override in overrides for part in ("--set", override)]
-    command += ["--threads", str(threads)] if threads else []
-    command += ["--dask", dask] if dask else []
-    command += ["--quiet"] if quiet else []
-    return shlex.join([*command, "--resume"])

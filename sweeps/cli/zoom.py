@@ -6,7 +6,6 @@ As in ``main.py``, what a command needs is imported inside it.
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +16,6 @@ from sweeps.cli.options import (
     Resume,
     SweepFile,
     Threads,
-    check_threads,
     existing_output,
     interval,
 )
@@ -63,7 +61,6 @@ def zoom(
     from sweeps.store import check_output, open_sweep
 
     existing = existing_output(resume, overwrite)
-    check_threads(threads)
     limits = dict(map(_piece, pieces))
     drawn = [name for name in limits if name in COORDINATES]
     if len(drawn) > 1 or len(drawn) == len(pieces) or len(limits) < len(pieces):
@@ -80,8 +77,7 @@ def zoom(
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
-    command = shlex.join(["vibroimpact", "zoom", str(file), *pieces, "-o", str(path), "--resume"])
-    run_and_report(sweep, path, command, quiet=False, threads=threads, **existing)
+    run_and_report(sweep, path, quiet=False, threads=threads, **existing)
     with open_sweep(path, verify=False) as dataset, raised_at_once():
         draw(dataset, figure, None, {}, page, **coordinate)
 

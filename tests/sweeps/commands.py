@@ -1,6 +1,8 @@
 """The command line as tests call it, in this process; also on a cluster of this machine."""
 
+import sys
 from pathlib import Path
+from unittest.mock import patch
 
 import xarray as xr
 from typer.testing import CliRunner
@@ -25,7 +27,9 @@ record: {transient: 3, periods: 4, impacts: 2}
 
 def call(*arguments):
     """Run a command and return its result; it ends as a command, not with a traceback."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    words = [str(argument) for argument in arguments]
+    with patch.object(sys, "argv", ["vibroimpact", *words]):
+        result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, SystemExit | type(None)), result.exception
     return result
 

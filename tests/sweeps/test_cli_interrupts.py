@@ -50,9 +50,12 @@ def test_an_interrupted_run_says_what_is_kept(monkeypatch):
 
     monkeypatch.setattr(SweepWriter, "write", write_one)
     monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
-    result = call("run", "sweep.yaml", "--quiet")
-    assert result.exit_code == 1
-    assert "interrupted; 2 of 10 points kept in small.h5.part; to go on: " in result.stderr
+    for option, done in (("--overwrite", 2), ("--resume", 4)):
+        result = call("run", option, "sweep.yaml", "--quiet", "--set", "name=a b")
+        assert result.exit_code == 1
+        assert f"interrupted; {done} of 10 points kept in a b.h5.part; " in result.stderr
+        command = "vibroimpact run sweep.yaml --quiet --set 'name=a b' --resume"
+        assert result.stderr.endswith(f"; to go on: {command}\n")
 
 
 @pytest.mark.parametrize("command", ["info", "plot", "run", "schema", "zoom"])
