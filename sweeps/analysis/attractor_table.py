@@ -13,7 +13,7 @@ import xarray as xr
 
 from sweeps.analysis import tables
 from sweeps.analysis.grouping import SETS, STARTS, GridIndex, records
-from sweeps.analysis.regimes import Regime
+from sweeps.analysis.regimes import UNSETTLED, Regime
 from sweeps.analysis.rig import rig_of
 from sweeps.analysis.selection import Selection, config_of, listed, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
@@ -23,8 +23,6 @@ from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.oscillator import PARAMETERS
 
-#: Kinds of motion that are listed but are not attractors.
-_UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 #: Up to this number, all impact speeds are written out; beyond it, the slowest and the fastest.
 _MOST_SPEEDS = 4
 
@@ -36,8 +34,8 @@ class Row(NamedTuple):
     ----------
     parameters : mapping of str to float
         Of the parameter point; of a rig, its own.
-    number, m, q, motion, fraction
-        As in the dataset of `sweeps.analysis.attractors.attractors`.
+    number, m, q, regime, fraction
+        As in the dataset of `sweeps.attractors`, where the regime is ``motion``.
     speeds : ndarray, shape (q,)
         Before each impact of a repetition, increasing [length/time]; empty where not recorded.
     point : int
@@ -46,7 +44,7 @@ class Row(NamedTuple):
 
     parameters: Mapping[str, float]
     number: int
-    motion: Regime
+    regime: Regime
     m: int
     q: int
     fraction: float
@@ -55,15 +53,15 @@ class Row(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The class m/q, or the kind of motion."""
-        if self.motion in _UNSETTLED:
+        """The class m/q, or the regime."""
+        if self.regime in UNSETTLED:
             return "unsettled"
-        return f"{self.m}/{self.q}" if self.m else self.motion.name.lower()
+        return f"{self.m}/{self.q}" if self.m else self.regime.name.lower()
 
     @property
     def shown_number(self) -> str:
         """The number, or a dash for what is no attractor."""
-        return "-" if self.motion in _UNSETTLED else str(self.number)
+        return "-" if self.regime in UNSETTLED else str(self.number)
 
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -151,7 +149,7 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
             f"{100.0 * followed:.1f} % of the starts had not settled in their record "
             "and were followed on"
         )
-    unsettled = result["fraction"].where(result["motion"].isin(_UNSETTLED)).sum("coexisting")
+    unsettled = result["fraction"].where(result["motion"].isin(UNSETTLED)).sum("coexisting")
     if unsettled.any():
         share = 100.0 * float(unsettled.mean())
         lines.append(f"{share:.1f} % of the starts have not settled: on which attractor, is open")
@@ -210,5 +208,5 @@ def write_csv(path: Path, attractors: Sequence[Row]) -> None:
 def _numbers(row: Row) -> list[object]:
     """Write a row with all digits."""
     speeds = " ".join(map(repr, row.speeds.tolist()))
-    motion = row.motion.name.lower()
+    motion = row.regime.name.lower()
     return [*row.parameters.values(), row.number, motion, row.m, row.q, row.fraction, speeds]

@@ -1,7 +1,7 @@
 """The distinct attractors of a sweep: which exist at a point, and which starts reach each.
 
 A parameter point is a point of the grid without its starts, or a set of parameters in a table. Each
-start there is on one of its attractors, according to its kind of motion
+start there is on one of its attractors, according to its regime
 (`sweeps.analysis.regimes`):
 
 - periodic motions are the same attractor if they have the same number m of forcing periods and
@@ -35,8 +35,8 @@ from sweeps.analysis.settle import EXTENSIONS, Outcomes
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.errors import Refused
 
-#: Motions that count as an attractor; whether the others stay as they are is not known.
-COUNTED_MOTIONS = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
+#: Regimes that count as an attractor; whether the others stay as they are is not known.
+COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 
 
 def attractors(
@@ -64,7 +64,7 @@ def attractors(
         sets of a table; the most
         frequent periodic one has 0, and those that are not periodic have the last.
         ``followed``, in the same shape: whether the motion had not settled in its record.
-        ``attractors`` (parameters...): how many of ``COUNTED_MOTIONS`` were found, a lower bound.
+        ``attractors`` (parameters...): how many of ``COUNTED`` were found, a lower bound.
         And for each of a point's, in the dimension ``coexisting`` from the most frequent on, -1 or
         NaN where there are no more: ``number``; ``fraction`` of the starts with a result;
         ``motion``, a `sweeps.analysis.regimes.Regime`; ``m`` forcing periods and ``q`` impacts per
@@ -90,17 +90,17 @@ def attractors(
     ends.follow_on(groups.last, extensions)
     groups.add_cycles(ends.cycles)
     groups.join()
-    heads, of_point = _members(points, ends.motion, groups.representative)
-    motion, parameter = ends.motion[heads], points.parameter[heads]
+    heads, of_point = _members(points, ends.regime, groups.representative)
+    regime, parameter = ends.regime[heads], points.parameter[heads]
     members = np.bincount(of_point[of_point >= 0], minlength=len(heads))
     fraction = members / np.bincount(parameter, members, points.count)[parameter]
-    m, number = _tracked(dataset, points, motion, heads, fraction, groups)
+    m, number = _tracked(dataset, points, regime, heads, fraction, groups)
     shown = _settled_members(of_point, heads, ends)
     x, v = groups.last[shown].T
     columns: dict[str, tuple[np.ndarray, str]] = {
         "number": (number, "number of the attractor"),
         "fraction": (fraction, "fraction of the starts"),
-        "motion": (motion, "kind of motion"),
+        "motion": (regime, "kind of motion"),
         "m": (m, "forcing periods per repetition, 0: not periodic"),
         "q": (_impacts(of_point, m, ends), "impacts per repetition, 0: not periodic"),
         "settled": (~ends.followed[shown], "whether its record shows it"),
@@ -119,8 +119,8 @@ def attractors(
         shaped = grid.reshape(*points.shape, -1)
         data[name] = ((*points.parameters, "coexisting"), shaped, {"long_name": meaning})
     data["motion"][2]["flag_values"] = np.array(list(Regime))
-    data["motion"][2]["flag_meanings"] = " ".join(motion.name.lower() for motion in Regime)
-    counted = np.bincount(parameter[np.isin(motion, COUNTED_MOTIONS)], minlength=points.count)
+    data["motion"][2]["flag_meanings"] = " ".join(regime.name.lower() for regime in Regime)
+    counted = np.bincount(parameter[np.isin(regime, COUNTED)], minlength=points.count)
     for name, array, meaning in (
         ("attractor", np.append(number, -1)[of_point], "number of the attractor, -1: none"),
         ("followed", ends.followed, "whether the motion was followed on, since it had not settled"),
@@ -133,16 +133,16 @@ def attractors(
 
 
 def _members(
-    points: GridIndex, motion: np.ndarray, representative: np.ndarray
+    points: GridIndex, regime: np.ndarray, representative: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a point on each attractor, and the attractor of each point, -1 for none.
 
-    The `representative` points are those of the periodic motions; the others of a kind are one.
+    The `representative` points are those of the periodic motions; the others of a regime are one.
     """
     representative = representative.copy()
-    others = np.flatnonzero((representative < 0) & (motion > Regime.FAILED))
-    kinds = points.parameter[others] * len(Regime) + motion[others]
-    _, first, inverse = np.unique(kinds, return_index=True, return_inverse=True)
+    others = np.flatnonzero((representative < 0) & (regime > Regime.FAILED))
+    groups = points.parameter[others] * len(Regime) + regime[others]
+    _, first, inverse = np.unique(groups, return_index=True, return_inverse=True)
     representative[others] = others[first][inverse]
     heads = np.unique(representative[representative >= 0])
     return heads, np.where(representative < 0, -1, np.searchsorted(heads, representative))
@@ -161,13 +161,13 @@ def _settled_members(of_point: np.ndarray, heads: np.ndarray, ends: Outcomes) ->
 def _tracked(
     dataset: xr.Dataset,
     points: GridIndex,
-    motion: np.ndarray,
+    regime: np.ndarray,
     heads: np.ndarray,
     fraction: np.ndarray,
     groups: Groups,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return m and the number of each attractor: the periodic by their share, the rest last."""
-    periodic = np.flatnonzero(motion == Regime.PERIODIC)
+    periodic = np.flatnonzero(regime == Regime.PERIODIC)
     periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
     at = heads[periodic]
     links = None
@@ -183,8 +183,8 @@ def _tracked(
     shares = np.bincount(chain, fraction[periodic])
     number = np.empty(len(heads), np.int64)
     number[periodic] = np.argsort(np.argsort(-shares, kind="stable"))[chain]
-    others = np.flatnonzero(motion != Regime.PERIODIC)
-    number[others] = len(shares) + np.unique(motion[others], return_inverse=True)[1]
+    others = np.flatnonzero(regime != Regime.PERIODIC)
+    number[others] = len(shares) + np.unique(regime[others], return_inverse=True)[1]
     return groups.m[heads], number
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
+from sweeps.analysis.attractors import COUNTED, attractors
 from sweeps.analysis.grouping import points_of
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import config_of, listed, swept_axes
@@ -74,7 +74,7 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     x, v = starts["x0"].values, starts["v0"].values
     grid = (-1, found.sizes["coexisting"])
     number, m = (found[name].values.reshape(grid) for name in ("number", "m"))
-    at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED_MOTIONS))
+    at = np.nonzero(np.isin(found["motion"].values.reshape(grid), COUNTED))
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
     points = points_of(dataset.isel(x0=0, v0=0))[at[0]]
     points["x0"], points["v0"] = state
@@ -149,9 +149,9 @@ def table_of(found: xr.Dataset) -> pd.DataFrame:
     axes = [str(name) for name in found["attractors"].dims]
     frame = found.drop_dims(["x0", "v0"]).to_dataframe(dim_order=[*axes, "coexisting"])
     frame = frame[frame["integrity_factor"].notna()].reset_index()
-    motions = frame["motion"].map(lambda motion: Regime(motion).name.lower())
+    regimes = frame["motion"].map(lambda regime: Regime(regime).name.lower())
     m, q = (frame[name].astype(str) for name in "mq")
-    frame["class"] = motions.where(frame["m"] == 0, m + "/" + q)
+    frame["class"] = regimes.where(frame["m"] == 0, m + "/" + q)
     added = [name for name in found if name in _MEANING or str(name).startswith("knock_")]
     return frame[[*axes, "number", "class", "fraction", *added]]
 

@@ -103,7 +103,7 @@ class _Motions:
         self.orbits: dict[int, PeriodicOrbit] = {}
         names = ("number", "motion", "m", "section_x", "section_v")
         columns = [found[name].values.tolist() for name in names]
-        self._of_motion = dict(zip(columns[1], columns[0], strict=True))
+        self._of_regime = dict(zip(columns[1], columns[0], strict=True))
         for number, _, m, x, v in zip(*columns, strict=True):
             if m > 0:
                 with suppress(OrbitError):  # as for too many periods: what ends there is unknown
@@ -122,7 +122,7 @@ class _Motions:
             results, sections = follow(self._config, points[left], _RECORD, **options)
             last = sections[:, -1]
             certified[left] &= results["status"] == Status.CERTIFIED
-            number[left[results["rest_fraction"] > 0.0]] = self._of_motion.get(Regime.REST, -1)
+            number[left[results["rest_fraction"] > 0.0]] = self._of_regime.get(Regime.REST, -1)
             for one, orbit in self.orbits.items():
                 cycle = orbit.sections(phase)
                 size = _NEARNESS * np.abs((cycle - [o.clearance, 0.0]) / [1.0, o.omega]).max()
@@ -133,7 +133,7 @@ class _Motions:
             left = left[(number[left] < 0) & np.isfinite(last[:, 0])]
             if not left.size:
                 break
-        number[left] = self._of_motion.get(Regime.CHAOTIC, -1)  # only time tells
+        number[left] = self._of_regime.get(Regime.CHAOTIC, -1)  # only time tells
         return number, certified
 
     def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:

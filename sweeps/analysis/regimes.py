@@ -34,7 +34,7 @@ from vibroimpact.status import Status
 
 
 class Regime(IntEnum):
-    """The kind of motion at one parameter point."""
+    """What a record shows of a motion."""
 
     PENDING = 0
     FAILED = 1
@@ -44,6 +44,10 @@ class Regime(IntEnum):
     CHAOTIC = 5
     NEUTRAL = 6
     UNDECIDED = 7
+
+
+#: Regimes in which the record does not show the attractor.
+UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 
 
 def has_result(status: np.ndarray) -> np.ndarray:
@@ -59,10 +63,10 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
         name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset
     }
     omega = parameter_at_points(dataset, "omega").reshape(dataset["status"].shape)
-    return kinds(results, omega, dataset.sizes["section"])
+    return regimes_of(results, omega, dataset.sizes["section"])
 
 
-def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
+def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
     """Return the `Regime` that results of a record of so many periods show, in any shape (...).
 
     The results are ``status``, ``rest_fraction``, ``period`` and, where it is recorded,
@@ -82,7 +86,7 @@ def kinds(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) ->
         rules += [(growth > limit, Regime.CHAOTIC), (growth >= -limit, Regime.NEUTRAL)]
     return np.select(
         [condition for condition, _ in rules],
-        [int(motion) for _, motion in rules],
+        [int(regime) for _, regime in rules],
         int(Regime.UNDECIDED),
     )
 
@@ -94,23 +98,23 @@ def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> lis
     return sorted((int(m), int(q)) for m, q in frequent)
 
 
-#: Kinds of motion that have a class. Of the others it is not known where the motion ends.
+#: Regimes that have a class. Of the others it is not known where the motion ends.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
 _WORDS = {Regime.UNBOUNDED: "unbounded", Regime.REST: "rest", Regime.CHAOTIC: "chaos"}
 
 
 class Label(NamedTuple):
-    """The class of a motion: its kind, and m forcing periods and q impacts where these are known.
+    """The class of a motion: its regime, and m forcing periods and q impacts where these are known.
 
     They are those of a periodic motion, and of one with rest at R = 0, where no chatter is cut off.
     """
 
-    motion: Regime
+    regime: Regime
     m: int = 0
     q: int = 0
 
     def __str__(self) -> str:
-        words = [_WORDS.get(self.motion, ""), f"{self.m}/{self.q}" if self.m else ""]
+        words = [_WORDS.get(self.regime, ""), f"{self.m}/{self.q}" if self.m else ""]
         return " ".join(filter(None, words))
 
 
@@ -141,9 +145,9 @@ class Change:
         ``flip``: m and q double; ``rest``, ``chaos`` and ``unbounded``: that begins or ends;
         ``unknown``: anything else.
         """
-        ends = {self.before.motion, self.after.motion}
-        for motion, word in _WORDS.items():
-            if motion in ends and len(ends) == 2:
+        ends = {self.before.regime, self.after.regime}
+        for regime, word in _WORDS.items():
+            if regime in ends and len(ends) == 2:
                 return word
         (m, q), longer = sorted((self.before[1:], self.after[1:]))
         return "flip" if ends == {Regime.PERIODIC} and longer == (2 * m, 2 * q) else "unknown"
@@ -151,14 +155,14 @@ class Change:
 
 def labels(line: xr.Dataset) -> list[Label | None]:
     """Return the class at every point of a line with ``period``; None where it is not known."""
-    motions = classify(line)
-    counted = motions == Regime.PERIODIC
+    regimes = classify(line)
+    counted = regimes == Regime.PERIODIC
     if not parameter_at_points(line, "R").any():
-        counted |= motions == Regime.REST
+        counted |= regimes == Regime.REST
     m, q = (np.where(counted, line[name].values, 0) for name in ("period", "period_impacts"))
     return [
-        Label(Regime(kind), *mq) if kind in _CLASSIFIED else None
-        for kind, *mq in zip(motions.tolist(), m.tolist(), q.tolist(), strict=True)
+        Label(Regime(regime), *mq) if regime in _CLASSIFIED else None
+        for regime, *mq in zip(regimes.tolist(), m.tolist(), q.tolist(), strict=True)
     ]
 
 

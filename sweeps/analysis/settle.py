@@ -29,7 +29,7 @@ import xarray as xr
 
 from sweeps.analysis.grouping import GridIndex
 from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
-from sweeps.analysis.regimes import Regime, classify, kinds
+from sweeps.analysis.regimes import UNSETTLED, Regime, classify, regimes_of
 from sweeps.analysis.selection import config_of, oscillator_of
 from sweeps.config.sweep import SweepConfig
 from vibroimpact import integrate
@@ -45,8 +45,6 @@ _RECORD = 2 * LONGEST_PERIOD
 MOST_FOLLOWED = 300_000_000
 #: After this many motions of a parameter point lead to no orbit, no more are tried.
 _MOST_FAILURES = 5
-#: Motions that show no attractor.
-_UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 #: Points that are followed in one call.
 _PART = 4_000
 
@@ -69,7 +67,7 @@ class Outcomes:
 
     Attributes
     ----------
-    motion, period, impacts : ndarray of int, shape (n,)
+    regime, period, impacts : ndarray of int, shape (n,)
         The `Regime` at each point, and m and q of a periodic motion, otherwise 0.
     followed : ndarray of bool, shape (n,)
         Whether the motion was followed on: then these values come from the longer run, not from
@@ -81,12 +79,12 @@ class Outcomes:
     def __init__(self, dataset: xr.Dataset, points: GridIndex) -> None:
         self._points, self._config = points, config_of(dataset)
         self._exact = self._config.method.impact == "exact"
-        self.motion = classify(dataset).ravel()
+        self.regime = classify(dataset).ravel()
         names = "period", "period_impacts", "rest_fraction", "chatters"
         m, q, share, chatters = (dataset[name].values.ravel() for name in names)
-        periodic = self.motion == Regime.PERIODIC
+        periodic = self.regime == Regime.PERIODIC
         self.period, self.impacts = np.where(periodic, m, 0), np.where(periodic, q, 0)
-        self.followed = np.zeros(self.motion.size, bool)
+        self.followed = np.zeros(self.regime.size, bool)
         self.cycles: dict[int, np.ndarray] = {}
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
         self._length = first - 1 + dataset.sizes["section"]
@@ -100,19 +98,19 @@ class Outcomes:
         """
         self._last = last.copy()
         left, chaos_ends = MOST_FOLLOWED, np.zeros(self._points.count, bool)
-        before = np.zeros(self.motion.size, bool)
+        before = np.zeros(self.regime.size, bool)
         for extension in range(1, extensions + 1):
             length = (4**extension - 4 ** (extension - 1)) * self._length
             chaotic = self._chaotic()
-            once = (self.motion == Regime.REST) & (self._rests == 1)
+            once = (self.regime == Regime.REST) & (self._rests == 1)
             open_chaos = chaotic & (chaos_ends[self._points.parameter] | ~before)
-            at = np.flatnonzero(np.isin(self.motion, _UNSETTLED) | once | open_chaos)
+            at = np.flatnonzero(np.isin(self.regime, UNSETTLED) | once | open_chaos)
             left -= length * at.size
             if not at.size or left < 0:
                 break
             for part in np.array_split(at, -(-at.size // _PART)):
                 self._follow(part, length)
-            settled = ~self._chaotic() & ~np.isin(self.motion, _UNSETTLED)
+            settled = ~self._chaotic() & ~np.isin(self.regime, UNSETTLED)
             chaos_ends, before = self._at_points(chaotic & settled), chaotic
         if extensions:
             self._conclude(chaos_ends)
@@ -123,16 +121,16 @@ class Outcomes:
 
     def _chaotic(self) -> np.ndarray:
         """Return which motions are chaotic, or rest where a rest leads to chaos."""
-        chaotic = self.motion == Regime.CHAOTIC
+        chaotic = self.regime == Regime.CHAOTIC
         leads_to_chaos = self._at_points(chaotic & (self._rests > 0))
-        return chaotic | ((self.motion == Regime.REST) & leads_to_chaos[self._points.parameter])
+        return chaotic | ((self.regime == Regime.REST) & leads_to_chaos[self._points.parameter])
 
     def _conclude(self, chaos_ends: np.ndarray) -> None:
         """Give the chaotic motions of a parameter point one kind."""
         parameter, chaotic = self._points.parameter, self._chaotic()
         rests_again = self._at_points(chaotic & (self._rests > 1))[parameter]
-        self.motion[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
-        self.motion[chaotic & chaos_ends[parameter]] = Regime.UNDECIDED
+        self.regime[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
+        self.regime[chaotic & chaos_ends[parameter]] = Regime.UNDECIDED
 
     def _record(
         self, at: np.ndarray, periods: int, lyapunov: bool = False
@@ -157,18 +155,18 @@ class Outcomes:
         x, v = np.moveaxis(sections, 2, 0)
         period, impacts = period_class(x, v, results["impacts_per_period"])
         results = growth | results | {"period": period, "rest_fraction": share}
-        motion = kinds(
+        regime = regimes_of(
             results, self._points.oscillators["omega"][self._points.parameter[at]], grown
         )
         self.followed[at] = True
-        self.motion[at] = motion
-        self.period[at] = np.where(motion == Regime.PERIODIC, period, 0)
-        self.impacts[at] = np.where(motion == Regime.PERIODIC, impacts, 0)
-        beside_chaos = self._at_points(self.motion == Regime.CHAOTIC)
-        slow = np.isin(motion, _UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
+        self.regime[at] = regime
+        self.period[at] = np.where(regime == Regime.PERIODIC, period, 0)
+        self.impacts[at] = np.where(regime == Regime.PERIODIC, impacts, 0)
+        beside_chaos = self._at_points(self.regime == Regime.CHAOTIC)
+        slow = np.isin(regime, UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
         failures: Counter[int] = Counter()
         for k, (i, record) in enumerate(zip(at.tolist(), sections, strict=True)):
-            if motion[k] == Regime.PERIODIC:
+            if regime[k] == Regime.PERIODIC:
                 self.cycles[i] = record[-period[k] :].copy()
             elif self._exact and slow[k]:
                 self._store_orbit(i, record, failures)
@@ -188,7 +186,7 @@ class Outcomes:
                 return
             class_and_cycle = orbit.m, orbit.q, orbit.sections(self._config.record.phase)
             orbits.append(class_and_cycle)
-        self.motion[i] = Regime.PERIODIC
+        self.regime[i] = Regime.PERIODIC
         m, q, cycle = class_and_cycle
         self.period[i], self.impacts[i] = m, q
         self.cycles[i] = cycle

@@ -87,7 +87,7 @@ class Classifier:
     def _classify(self, point: ClassifiedPoint) -> ClassifiedPoint:
         """Return a point with the class behind its record, and with the record of its orbit."""
         shown = point.label
-        if shown is not None and shown.motion is not Regime.PERIODIC:
+        if shown is not None and shown.regime is not Regime.PERIODIC:
             return point
         record = np.stack([point.results["poincare_x"], point.results["poincare_v"]], axis=1)
         if not np.isfinite(record).all():

@@ -14,7 +14,7 @@ from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Div, Range1d, Span
 
 from sweeps.analysis.attractor_table import Row, rows
-from sweeps.analysis.attractors import COUNTED_MOTIONS, attractors
+from sweeps.analysis.attractors import COUNTED, attractors
 from sweeps.analysis.integrity import measures_of
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import dataset_of
@@ -136,10 +136,10 @@ class Filling:
         if self._basins:
             cells = [attractor_cells(row, self._reached == i) for row, i in self._ranked()]
             if self._done == self._order.size:
-                motions = [row.motion for row, _ in self._ranked()]
+                regimes = [row.regime for row, _ in self._ranked()]
                 cells = [
-                    self._with_disc(cell, discs) if motion in COUNTED_MOTIONS else cell
-                    for cell, motion in zip(cells, motions, strict=True)
+                    self._with_disc(cell, discs) if regime in COUNTED else cell
+                    for cell, regime in zip(cells, regimes, strict=True)
                 ]
         else:
             cells = period_cells(dataset_of(self.config, self.config.grid.axes, self._kept))
@@ -168,7 +168,7 @@ class Filling:
         """Return the attractors with their shares, the greatest first, and the places they had."""
         counts = np.bincount(self._reached + 1, minlength=len(self._found) + 1)[1:]
         order = np.argsort(-counts, kind="stable").tolist()
-        numbered = sorted(order, key=lambda i: self._found[i].motion is not Regime.PERIODIC)
+        numbered = sorted(order, key=lambda i: self._found[i].regime is not Regime.PERIODIC)
         return [
             (
                 self._found[i]._replace(

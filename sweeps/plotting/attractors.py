@@ -145,8 +145,8 @@ def _draw_rows(
     abscissa = np.array([row.parameters[axis] for row in table])
     series: dict[tuple[bool, int, str], list[int]] = {}
     for i, row in enumerate(table):
-        periodic = row.motion is Regime.PERIODIC
-        rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.motion)
+        periodic = row.regime is Regime.PERIODIC
+        rank = min(row.number, len(ATTRACTORS)) if periodic else int(row.regime)
         series.setdefault((not periodic, rank, colour_of(row)), []).append(i)
     for (scattered, _, colour), places in sorted(series.items()):
         y = values[places]
@@ -160,17 +160,17 @@ def _draw_rows(
 
 
 def colour_of(row: Row) -> str:
-    """Return the colour of an attractor, or of its kind of motion."""
-    if row.motion is not Regime.PERIODIC:
-        return REGIMES[row.motion][1]
+    """Return the colour of an attractor, or of its regime."""
+    if row.regime is not Regime.PERIODIC:
+        return REGIMES[row.regime][1]
     return ATTRACTORS[row.number] if row.number < len(ATTRACTORS) else OTHER_ATTRACTORS
 
 
 def class_names(attractor: Sequence[Row]) -> str:
-    """Name the classes, or the kind of motion, of one attractor over several parameter points."""
-    motion = attractor[0].motion
-    if motion is not Regime.PERIODIC:
-        return REGIMES[motion][0]
+    """Name the classes, or the regime, of one attractor over several parameter points."""
+    regime = attractor[0].regime
+    if regime is not Regime.PERIODIC:
+        return REGIMES[regime][0]
     return classes(attractor) + ("" if any(row.q for row in attractor) else ", no impact")
 
 

@@ -74,23 +74,23 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
 
 
 def period_cells(cut: xr.Dataset) -> list[Cells]:
-    """Return the points of each kind of motion; the most frequent classes have a colour each."""
+    """Return the points of each regime; the most frequent classes have a colour each."""
     check_diagnostic(cut, "period")
-    motion, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
-    periodic = motion == Regime.PERIODIC
-    kinds = []
+    regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
+    periodic = regimes == Regime.PERIODIC
+    cells = []
     frequent = frequent_periods(m[periodic], q[periodic], len(PERIODIC))
     for (periods, impacts), colour in class_colours(frequent).items():
         where = periodic & (m == periods) & (q == impacts)
         text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
-        kinds.append(Cells(text, colour, where))
+        cells.append(Cells(text, colour, where))
         periodic = periodic & ~where
-    kinds.append(Cells("other m/q", OTHER_PERIODIC, periodic))
-    for kind, (text, colour) in REGIMES.items():
-        if kind is Regime.UNDECIDED and "lyapunov" not in cut:
+    cells.append(Cells("other m/q", OTHER_PERIODIC, periodic))
+    for regime, (text, colour) in REGIMES.items():
+        if regime is Regime.UNDECIDED and "lyapunov" not in cut:
             text = "no repetition found"
-        kinds.append(Cells(text, colour, motion == kind))
-    return kinds
+        cells.append(Cells(text, colour, regimes == regime))
+    return cells
 
 
 def status_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
@@ -210,27 +210,27 @@ def parameter_map(
     return canvas.finish(panel, page, cut, handles, CLASSES_TITLE if quantity == "period" else None)
 
 
-def draw_cells(panel: Axes, cut: xr.Dataset, kinds: Iterable[Cells]) -> list[Artist]:
-    """Draw the cells of each kind and of the points that failed, and the axes.
+def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Artist]:
+    """Draw cells and those of the points that failed, and label the axes.
 
     The ``status`` of the cut has the ordinate and the abscissa as dimensions, both increasing.
-    Returns a patch for each kind that there is, with its label.
+    Returns a patch for each label that there is.
     """
     y, x = _axes_of(cut)
     label_axis(panel.xaxis, x)
     label_axis(panel.yaxis, y)
     status = cut["status"].values
-    kinds = [kind for kind in (*kinds, *failed_cells(status)) if kind.where.any()]
+    cells = [cell for cell in (*cells, *failed_cells(status)) if cell.where.any()]
     index = np.full(status.shape, -1)
-    for number, kind in enumerate(kinds):
-        index[kind.where] = number
-    if kinds:
-        colours = ListedColormap([kind.colour for kind in kinds])
-        norm = Normalize(-0.5, len(kinds) - 0.5)
+    for number, cell in enumerate(cells):
+        index[cell.where] = number
+    if cells:
+        colours = ListedColormap([cell.colour for cell in cells])
+        norm = Normalize(-0.5, len(cells) - 0.5)
         _draw_mesh(panel, cut, np.ma.masked_equal(index, -1), norm, colours)
     handles: list[Artist] = [
-        Patch(facecolor=kind.colour, edgecolor="black", linewidth=0.4, label=kind.label)
-        for kind in kinds
+        Patch(facecolor=cell.colour, edgecolor="black", linewidth=0.4, label=cell.label)
+        for cell in cells
     ]
     pending = np.count_nonzero(status == Status.PENDING)
     if pending:

@@ -28,7 +28,7 @@ OTHER_PERIODIC = "#D3E4B4"
 #: The classes m/q that have these colours in every picture; others have what is left there.
 _NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
 REST = VERMILION
-#: Of the other kinds of motion: their label and their colour.
+#: Of the other regimes: their label and their colour.
 REGIMES = {
     Regime.REST: ("with rest", REST),
     Regime.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
