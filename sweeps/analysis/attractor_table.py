@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from operator import attrgetter
-from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis import tables
 from sweeps.analysis.grouping import SETS, STARTS, GridIndex, records
 from sweeps.analysis.regimes import UNSETTLED, Regime
 from sweeps.analysis.rig import rig_of
@@ -22,6 +20,9 @@ from sweeps.errors import Refused
 from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.oscillator import PARAMETERS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Up to this number, all impact speeds are written out; beyond it, the slowest and the fastest.
 _MOST_SPEEDS = 4
@@ -134,10 +135,17 @@ def shown_speeds(row: Row) -> str:
     return joint.join(f"{speed:.4g}" for speed in speeds)
 
 
-def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
-    """Write the attractors of `rows` as a table: of one parameter point, or over the sweep."""
-    write = _over_parameters if result["attractors"].ndim else _at_point
-    lines = write(dataset, result)
+def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]) -> str:
+    """Write `rows` as a table: those of one parameter point, or over the sweep."""
+    if result["attractors"].ndim:
+        lines = _over_parameters(dataset, result, attractors)
+    else:
+        head = ["attractor", "class", "speeds before the impacts", "fraction of the starts"]
+        body = [
+            [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
+            for row in attractors
+        ]
+        lines = [table([head, *body])]
     missing = int((result["attractor"] < 0).sum())
     if missing:
         lines.append(
@@ -156,23 +164,15 @@ def describe(dataset: xr.Dataset, result: xr.Dataset) -> str:
     return "\n".join(lines)
 
 
-def _at_point(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
-    """Write the attractors of one parameter point."""
-    head = ["attractor", "class", "speeds before the impacts", "fraction of the starts"]
-    body = [
-        [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
-        for row in rows(dataset, result)
-    ]
-    return [table([head, *body])]
-
-
-def _over_parameters(dataset: xr.Dataset, result: xr.Dataset) -> list[str]:
+def _over_parameters(
+    dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]
+) -> list[str]:
     """Write each attractor once, with where it is found and by how many starts."""
     counted, rig = result["attractors"], rig_of(dataset)
     axes = [si_name(name, rig) for name in parameter_axes(dataset)]
     head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
     number = attrgetter("number")
-    by_number = groupby(sorted(rows(dataset, result), key=number), number)
+    by_number = groupby(sorted(attractors, key=number), number)
     lines = [table([head, *(_summary(list(appearances), axes) for _, appearances in by_number)])]
     starts, where = result["attractor"].size, "in all"
     if SETS not in counted.dims:
@@ -198,15 +198,15 @@ def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
     return [number, classes(appearances), *ranges, f"{len(appearances):,}", f"{mean:.4f}"]
 
 
-def write_csv(path: Path, attractors: Sequence[Row]) -> None:
-    """Write every row to a file, with the impact speeds separated by spaces."""
+def table_of(attractors: Sequence[Row]) -> pd.DataFrame:
+    """Return every row of `rows` for a CSV file, the impact speeds separated by spaces."""
+    import pandas as pd
+
     axes = list(attractors[0].parameters) if attractors else []
     columns = [*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"]
-    tables.write_csv(path, map(_numbers, attractors), columns)
-
-
-def _numbers(row: Row) -> list[object]:
-    """Write a row with all digits."""
-    speeds = " ".join(map(repr, row.speeds.tolist()))
-    motion = row.regime.name.lower()
-    return [*row.parameters.values(), row.number, motion, row.m, row.q, row.fraction, speeds]
+    body = []
+    for row in attractors:
+        speeds = " ".join(map(repr, row.speeds.tolist()))
+        own = [row.number, row.regime.name.lower(), row.m, row.q, row.fraction, speeds]
+        body.append([*row.parameters.values(), *own])
+    return pd.DataFrame(body, columns=columns)

@@ -86,7 +86,7 @@ def attractors(
             )
     points = GridIndex.of(dataset)
     groups, ends = Groups(points, tolerance), Outcomes(dataset, points)
-    groups.add_records(dataset, ends.period)
+    groups.add_records(dataset, ends.m)
     ends.follow_on(groups.last, extensions)
     groups.add_cycles(ends.cycles)
     groups.join()
@@ -192,7 +192,7 @@ def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:
     """Return the impacts per repetition that most points on an attractor have."""
     on = np.flatnonzero(of_point >= 0)
     attractor = of_point[on]
-    counted = np.rint(ends.impacts[on] * m[attractor] / np.maximum(ends.period[on], 1))
+    counted = np.rint(ends.q[on] * m[attractor] / np.maximum(ends.m[on], 1))
     base = int(counted.max(initial=0.0)) + 1
     pairs, times = np.unique(attractor * base + counted.astype(np.int64), return_counts=True)
     most = np.zeros(len(m), np.int64)

@@ -12,13 +12,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import fields
 from itertools import pairwise, product, starmap
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis import tables
 from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branches
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.regimes import Change, cascades, changes, labels
@@ -280,10 +278,10 @@ def describe_branches(
     return "\n".join(lines if rows else lines[:2])
 
 
-def write_csv(path: Path, axis: str, found: pd.DataFrame) -> None:
-    """Write every bifurcation, with all digits."""
+def table_of(axis: str, found: pd.DataFrame) -> pd.DataFrame:
+    """Return bifurcations with the columns of a CSV file."""
     names = {
         "low": f"{axis}_low", "high": f"{axis}_high", "before": "before", "after": "after",
         "kind": "kind", "value": axis, "between": "unknown_between",
     }  # fmt: skip
-    tables.write_csv(path, found[[*_others(found), *names]].rename(columns=names))
+    return found[[*_others(found), *names]].rename(columns=names)

@@ -208,7 +208,7 @@ def _as_dataset(
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
         "range": [found.low, found.high],
     }  # fmt: skip
-    return dataset_of(items, "branch", (found.parameter,), data, about)
+    return numbered_dataset(items, "branch", (found.parameter,), data, about)
 
 
 def _smooth(found: BranchSet, phase: float) -> list[Branch]:
@@ -238,7 +238,7 @@ def _orbits(item: Branch) -> Iterator[PeriodicOrbit]:
         yield PeriodicOrbit(item.oscillator_at(value), item.m, *impacts)
 
 
-def dataset_of(
+def numbered_dataset(
     found: Sequence[Branch],
     noun: str,
     axes: Sequence[str],

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, dataset_of
+from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, numbered_dataset
 from sweeps.analysis.selection import Selection, check_diagnostic, chosen_axes, listed, select
 from sweeps.errors import Refused
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
@@ -171,7 +171,7 @@ class _Search:
             "explained": explained,
             "summary": summary(found, changes, explained, reasons),
         }
-        return dataset_of(found, "curve", self._axes, data, about)
+        return numbered_dataset(found, "curve", self._axes, data, about)
 
     def _tongues(self) -> Iterator[tuple[np.ndarray, int]]:
         """Yield the middle of every large tongue where it is widest along an axis, and the axis."""

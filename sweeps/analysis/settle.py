@@ -67,8 +67,9 @@ class Outcomes:
 
     Attributes
     ----------
-    regime, period, impacts : ndarray of int, shape (n,)
-        The `Regime` at each point, and m and q of a periodic motion, otherwise 0.
+    regime, m, q : ndarray of int, shape (n,)
+        The `Regime` at each point, and forcing periods and impacts per repetition of a periodic
+        motion, otherwise 0.
     followed : ndarray of bool, shape (n,)
         Whether the motion was followed on: then these values come from the longer run, not from
         its record.
@@ -83,7 +84,7 @@ class Outcomes:
         names = "period", "period_impacts", "rest_fraction", "chatters"
         m, q, share, chatters = (dataset[name].values.ravel() for name in names)
         periodic = self.regime == Regime.PERIODIC
-        self.period, self.impacts = np.where(periodic, m, 0), np.where(periodic, q, 0)
+        self.m, self.q = np.where(periodic, m, 0), np.where(periodic, q, 0)
         self.followed = np.zeros(self.regime.size, bool)
         self.cycles: dict[int, np.ndarray] = {}
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
@@ -160,8 +161,8 @@ class Outcomes:
         )
         self.followed[at] = True
         self.regime[at] = regime
-        self.period[at] = np.where(regime == Regime.PERIODIC, period, 0)
-        self.impacts[at] = np.where(regime == Regime.PERIODIC, impacts, 0)
+        self.m[at] = np.where(regime == Regime.PERIODIC, period, 0)
+        self.q[at] = np.where(regime == Regime.PERIODIC, impacts, 0)
         beside_chaos = self._at_points(self.regime == Regime.CHAOTIC)
         slow = np.isin(regime, UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
         failures: Counter[int] = Counter()
@@ -188,7 +189,7 @@ class Outcomes:
             orbits.append(class_and_cycle)
         self.regime[i] = Regime.PERIODIC
         m, q, cycle = class_and_cycle
-        self.period[i], self.impacts[i] = m, q
+        self.m[i], self.q[i] = m, q
         self.cycles[i] = cycle
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -24,14 +23,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def write_csv(
-    path: Path, rows: pd.DataFrame | Iterable[Sequence[object]], columns: Any = None
-) -> None:
+def write_csv(path: Path, frame: pd.DataFrame) -> None:
     """Write a table to a CSV file with all digits, whole or not at all."""
-    import pandas as pd
-
     with writing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
-        frame = pd.DataFrame(rows, columns=columns)
         frame.to_csv(file, index=False, float_format=float.__repr__, lineterminator="\n")
 
 

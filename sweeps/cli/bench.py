@@ -91,6 +91,8 @@ def stability(
     output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
 ) -> None:
     """Show how long a step may be, and where each method fails."""
+    import pandas as pd
+
     from sweeps.analysis.tables import write_csv
     from sweeps.bench import failures, stability
     from sweeps.plotting.saving import draw
@@ -102,7 +104,7 @@ def stability(
         draw(output, stability.picture, quick)
         if csv is not None:
             rows = [*stability.rows(limits), *failures.rows(figures)]
-            write_csv(csv, rows, failures.COLUMNS)
+            write_csv(csv, pd.DataFrame(rows, columns=failures.COLUMNS))
 
 
 @app.command()

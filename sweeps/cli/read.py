@@ -38,8 +38,9 @@ def attractors(
     csv: Csv = None,
 ) -> None:
     """Show the attractors that the starts of a sweep find, and how many starts find each."""
-    from sweeps.analysis.attractor_table import cut, describe, rows, write_csv
+    from sweeps.analysis.attractor_table import cut, describe, rows, table_of
     from sweeps.analysis.attractors import attractors
+    from sweeps.analysis.tables import write_csv
     from sweeps.store import open_sweep
 
     cuts = selection_of(at)
@@ -47,10 +48,11 @@ def attractors(
         seen, here = on_axes(dataset, cuts)
         shown = cut(dataset, here)
         result = attractors(shown)
+        table = rows(shown, result)
         say_moved(cuts, seen, "shown")
-        say(describe(shown, result))
+        say(describe(shown, result, table))
         if csv is not None:
-            write_csv(csv, rows(shown, result))
+            write_csv(csv, table_of(table))
             say(csv)
 
 
@@ -154,6 +156,7 @@ def _show_bifurcations(
     """Show the bifurcations along an axis, and write them to a CSV file."""
     from sweeps.analysis import bifurcations
     from sweeps.analysis.rig import model_axes
+    from sweeps.analysis.tables import write_csv
 
     seen, here = on_axes(dataset, cuts)
     own = next(iter(model_axes(dataset, [axis] if axis else [])), None)
@@ -169,7 +172,7 @@ def _show_bifurcations(
     if text := bifurcations.describe_branches(dataset, axis, here, **chosen):
         say(text)
     if csv is not None:
-        bifurcations.write_csv(csv, along, items)
+        write_csv(csv, bifurcations.table_of(along, items))
         say(csv)
 
 

@@ -21,7 +21,7 @@ from sweeps.analysis.selection import Selection, chosen_axes, config_of, listed,
 from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import CLASSES_TITLE, as_variable, label_axis
 from sweeps.plotting.lines import choose_coordinate, refuse_empty
 from sweeps.plotting.maps import Cells, draw_cells
@@ -29,7 +29,7 @@ from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, REGIMES
 from sweeps.text import shown_count
 
 
-@picture
+@styled
 def basins(
     dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
@@ -75,7 +75,7 @@ def attractor_cells(row: Row, where: np.ndarray) -> Cells:
     return Cells(_describe(row), colour_of(row), where)
 
 
-@picture
+@styled
 def attractor_diagram(
     dataset: xr.Dataset,
     *,

@@ -127,14 +127,14 @@ Refused
     If the file does not have what is asked for, or there is nothing to draw."""
 
 
-def picture(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """Let a function draw a figure of its own in the style of the pictures; complete its docstring.
 
     Its first parameter is the dataset.
     """
 
     @functools.wraps(draw)
-    def _styled(*arguments: Any, **options: Any) -> Figure:
+    def _in_style(*arguments: Any, **options: Any) -> Figure:
         """Draw in the style, unless the panel is one of another figure."""
         style = user_style() if options.get("ax") is None else {}
         with mpl.rc_context(style), warnings.catch_warnings():
@@ -144,8 +144,8 @@ def picture(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     text, _, own = (inspect.getdoc(draw) or "").partition("\n\nParameters\n----------")
     head = "Parameters\n----------\ndataset : Dataset\n    From `sweeps.open_sweep`."
-    _styled.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}"
-    return _styled
+    _in_style.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}"
+    return _in_style
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:

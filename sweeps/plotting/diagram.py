@@ -26,7 +26,7 @@ from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.exact import draw_branches, name_parts
 from sweeps.plotting.labels import as_variable, label, label_axis
 from sweeps.plotting.lines import (
@@ -64,7 +64,7 @@ _DIRECTION_RAMPS = [
 ]
 
 
-@picture
+@styled
 def bifurcation(
     dataset: xr.Dataset,
     *,

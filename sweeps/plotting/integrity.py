@@ -21,7 +21,7 @@ from sweeps.analysis.selection import Selection, config_of, oscillator_of, selec
 from sweeps.config.rig import si_name
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import basin_cells, class_names, colour_of, mark_attractors
-from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import CLASSES_TITLE, label_axis, mathtext
 from sweeps.plotting.maps import draw_cells
 
@@ -33,7 +33,7 @@ _MEASURES = (
 )
 
 
-@picture
+@styled
 def integrity(
     dataset: xr.Dataset,
     *,

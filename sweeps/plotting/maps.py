@@ -21,7 +21,7 @@ from sweeps.analysis.rig import in_si
 from sweeps.analysis.selection import Selection, check_diagnostic, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.exact import draw_curves
 from sweeps.plotting.labels import (
     CLASSES_TITLE,
@@ -164,7 +164,7 @@ QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
 }
 
 
-@picture
+@styled
 def parameter_map(
     dataset: xr.Dataset,
     *,

@@ -18,7 +18,7 @@ from sweeps.analysis.trajectories import (
     recorded_motion,
 )
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import as_variable, label_axis, mathtext
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 
@@ -28,7 +28,7 @@ PERIODS = 4
 _NARROW = 4.5
 
 
-@picture
+@styled
 def section(
     dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
@@ -46,7 +46,7 @@ def section(
     return canvas.finish(panel, page, point)
 
 
-@picture
+@styled
 def impacts(
     dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
@@ -64,7 +64,7 @@ def impacts(
     return canvas.finish(panel, page, point)
 
 
-@picture
+@styled
 def trajectory(
     dataset: xr.Dataset,
     *,

@@ -18,7 +18,7 @@ from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting import canvas
-from sweeps.plotting.canvas import PAGE, Page, picture
+from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import CLASSES_TITLE, label, label_axis
 from sweeps.plotting.lines import scalars
 from sweeps.plotting.maps import period_cells, status_map
@@ -29,7 +29,7 @@ from sweeps.text import nearest, suggestion
 _NARROWEST = 2.3
 
 
-@picture
+@styled
 def table_panels(
     dataset: xr.Dataset,
     *,
