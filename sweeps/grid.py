@@ -36,7 +36,7 @@ def as_table(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     return table
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # of arrays; a `SweepConfig` is compared without it
 class Grid:
     """The Cartesian product of the swept axes.
 

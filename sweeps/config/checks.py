@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sweeps.config.groups import FollowConfig, MethodConfig, OscillatorConfig, RecordConfig
+from sweeps.config.groups import OscillatorConfig
+from sweeps.config.rig import si_name, si_values
 from sweeps.config.values import MisplacedError, as_array, extremes
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import MOST_STEPS
 from vibroimpact.step.stability import least_stable_steps
+
+if TYPE_CHECKING:
+    from sweeps.config.sweep import SweepConfig
 
 # Values of h looked at together: a long axis costs time, no memory.
 _CHUNK = 1 << 16
@@ -77,44 +81,39 @@ def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     )
 
 
-def refuse_refinement(
-    axis: str,
-    axes: Mapping[str, np.ndarray],
-    method: MethodConfig,
-    record: RecordConfig,
-    follow: FollowConfig | None,
-) -> None:
+def refuse_refinement(sweep: SweepConfig, axis: str) -> None:
     """Refuse to refine a sweep that cannot be refined along an axis."""
-    if list(axes) != [axis]:
+    name, axes = si_name(axis, sweep.rig), si_values(sweep.grid.axes, sweep.rig)
+    if list(axes) != [name]:
         swept = ", ".join(axes) or "none"
         raise MisplacedError(
             ("refine", "axis"),
-            f"{axis} must be the only swept axis, but these are swept: {swept}; expected: one "
+            f"{name} must be the only swept axis, but these are swept: {swept}; expected: one "
             "axis, and its name here",
         )
-    if len(axes[axis]) < 2 or not (np.diff(axes[axis]) > 0.0).all():
+    if len(axes[name]) < 2 or not (np.diff(axes[name]) > 0.0).all():
         raise MisplacedError(
             ("refine", "axis"),
-            f"{axis} cannot be refined; expected: two or more values of it, in increasing order",
+            f"{name} cannot be refined; expected: two or more values of it, in increasing order",
         )
-    if method.impact != "exact":
+    if sweep.method.impact != "exact":
         raise MisplacedError(
             ("refine",),
             f"the orbits beside a change are found with the impact rule exact, not "
-            f"{method.impact}; expected: method.impact: exact, or no refine",
+            f"{sweep.method.impact}; expected: method.impact: exact, or no refine",
         )
-    if "period" not in record.diagnostics:
+    if "period" not in sweep.record.diagnostics:
         raise MisplacedError(
             ("refine",),
             "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
             "[period, lyapunov], or no refine",
         )
-    if record.trajectory:
+    if sweep.record.trajectory:
         raise MisplacedError(
             ("record", "trajectory"),
             "is not kept where points are added; expected: false, or no refine",
         )
-    if follow is not None and follow.direction == "both":
+    if sweep.follow is not None and sweep.follow.direction == "both":
         raise MisplacedError(
             ("follow", "direction"),
             "both directions cannot be refined at once; expected: up or down, or no refine",

@@ -52,11 +52,6 @@ def choice(meaning: str, table: Collection[str], default: str) -> Any:
     return Field(default, description=text, json_schema_extra={"enum": [*table]})
 
 
-def _parameter(name: str) -> Any:
-    """Return the field of a parameter of ``PARAMETERS``."""
-    return parameter_field(PARAMETERS[name])
-
-
 def parameter_field(parameter: Parameter) -> Any:
     """Return the field of a parameter, with its bounds for editors."""
     unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
@@ -106,19 +101,19 @@ class ParameterConfig(Group):
 class OscillatorConfig(ParameterConfig):
     """The parameters of the oscillator."""
 
-    h: Values = _parameter("h")
-    R: Values = _parameter("R")
-    omega: Values = _parameter("omega")
-    f: Values = _parameter("f")
-    p: Values = _parameter("p")
-    clearance: Values = _parameter("clearance")
+    h: Values = parameter_field(PARAMETERS["h"])
+    R: Values = parameter_field(PARAMETERS["R"])
+    omega: Values = parameter_field(PARAMETERS["omega"])
+    f: Values = parameter_field(PARAMETERS["f"])
+    p: Values = parameter_field(PARAMETERS["p"])
+    clearance: Values = parameter_field(PARAMETERS["clearance"])
 
 
 class StartConfig(ParameterConfig):
     """The state at time 0."""
 
-    x0: Values = _parameter("x0")
-    v0: Values = _parameter("v0")
+    x0: Values = parameter_field(PARAMETERS["x0"])
+    v0: Values = parameter_field(PARAMETERS["v0"])
 
 
 class MethodConfig(Group):
@@ -141,20 +136,6 @@ class MethodConfig(Group):
         description="compute although the step is too long for the integrator to be stable: "
         "true or false",
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_accuracy(cls, given: object) -> object:
-        """Refuse the key of an earlier version, by which the program chose the method."""
-        if isinstance(given, dict) and "accuracy" in given:
-            raise MisplacedError(
-                ("method", "accuracy"),
-                "is not a key any more, because exact impacts, the default, cost less than every "
-                "other method at every error below 1e-2; expected: no accuracy, or an integrator, "
-                "an impact rule and steps_per_period, which `vibroimpact bench accuracy-speed "
-                "CONFIG` compares",
-            )
-        return given
 
     @model_validator(mode="after")
     def _exact_with_exact(self) -> Self:

@@ -28,7 +28,7 @@ from sweeps.config.groups import (
     key_list,
 )
 from sweeps.config.points import with_columns
-from sweeps.config.rig import RigConfig, checked_units, si_name, si_values, with_rig
+from sweeps.config.rig import RigConfig, checked_units, si_name, with_rig
 from sweeps.config.values import (
     Group,
     Key,
@@ -54,9 +54,10 @@ _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
 
 
-def _group(meaning: str, group: type[Group], **default: Any) -> Any:
-    """Return the field of a group of keys."""
-    return Field(description=f"{meaning}: {key_list(group)}", **default)
+def _group(meaning: str, group: type[Group]) -> Any:
+    """Return the field of a group of keys that all have a default."""
+    text = f"{meaning}: {key_list(group)}"
+    return Field(default_factory=group, validate_default=True, description=text)
 
 
 class SweepConfig(Group):
@@ -78,20 +79,12 @@ class SweepConfig(Group):
         None,
         description=f"a rig in SI units, in place of the oscillator: {key_list(RigConfig)}",
     )
-    oscillator: OscillatorConfig = _group("parameters of eq. (1)", OscillatorConfig)
-    start: StartConfig = _group(
-        "state at time 0",
-        StartConfig,
-        default_factory=StartConfig,
-        validate_default=True,
+    oscillator: OscillatorConfig = Field(
+        description=f"parameters of eq. (1): {key_list(OscillatorConfig)}"
     )
-    method: MethodConfig = _group(
-        "how to compute",
-        MethodConfig,
-        default_factory=MethodConfig,
-        validate_default=True,
-    )
-    record: RecordConfig = _group("what to keep", RecordConfig, default_factory=RecordConfig)
+    start: StartConfig = _group("state at time 0", StartConfig)
+    method: MethodConfig = _group("how to compute", MethodConfig)
+    record: RecordConfig = _group("what to keep", RecordConfig)
     follow: Annotated[FollowConfig | None, BeforeValidator(null)] = Field(
         None,
         description="start each point along an axis from its neighbour's final state: "
@@ -106,8 +99,6 @@ class SweepConfig(Group):
         "names of the units, for axes and attributes, by which no number is converted; with a rig "
         "m, s and kg",
         UnitsConfig,
-        default_factory=UnitsConfig,
-        validate_default=True,
     )
     output: Path = Field(
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
@@ -177,7 +168,7 @@ class SweepConfig(Group):
     @field_validator("method")
     @classmethod
     def _enough_steps(cls, method: MethodConfig, info: ValidationInfo) -> MethodConfig:
-        """Refuse too few steps per period."""
+        """Refuse too few steps per period; choose them where none are given."""
         oscillator, steps = info.data.get("oscillator"), method.steps_per_period
         if oscillator is None:
             return method
@@ -194,14 +185,14 @@ class SweepConfig(Group):
             )
         if not method.allow_unstable:
             refuse_unstable(method.integrator, steps or needed, points)
-        return method
+        return method.model_copy(update={"steps_per_period": steps or needed})
 
     @field_validator("record")
     @classmethod
     def _can_be_recorded(cls, record: RecordConfig, info: ValidationInfo) -> RecordConfig:
         """Refuse exponents without exact impacts, and too many samples."""
-        oscillator, method = info.data.get("oscillator"), info.data.get("method")
-        if oscillator is None or method is None:
+        method = info.data.get("method")
+        if method is None or info.data.get("oscillator") is None:
             return record
         if "lyapunov" in record.diagnostics and method.impact != "exact":
             raise MisplacedError(
@@ -211,7 +202,7 @@ class SweepConfig(Group):
             )
         samples = 0
         if record.trajectory:
-            samples = record.periods * _steps(oscillator, method) // record.trajectory.every + 1
+            samples = record.periods * method.steps_per_period // record.trajectory.every + 1
         if samples > _MOST_SAMPLES:
             raise MisplacedError(
                 ("record", "trajectory"),
@@ -255,8 +246,7 @@ class SweepConfig(Group):
     @model_validator(mode="after")
     def _can_be_refined(self) -> Self:
         if self.refine is not None:
-            axis, axes = si_name(self.refine.axis, self.rig), si_values(self.grid.axes, self.rig)
-            refuse_refinement(axis, axes, self.method, self.record, self.follow)
+            refuse_refinement(self, self.refine.axis)
         return self
 
     def with_record(self, **changes: int) -> Self:
@@ -266,10 +256,12 @@ class SweepConfig(Group):
         made._order = self._order
         return made
 
-    @cached_property
+    @property
     def steps(self) -> int:
         """Steps per forcing period, the same all over the grid."""
-        return _steps(self.oscillator, self.method)
+        steps = self.method.steps_per_period
+        assert steps is not None  # they were chosen where none were given
+        return steps
 
     @property
     def integration(self) -> dict[str, Any]:
@@ -343,19 +335,10 @@ class SweepConfig(Group):
             del plain["units"]["mass"]
         if self.units == UnitsConfig():
             del plain["units"]
-        plain["method"]["steps_per_period"] = self.steps
         options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
         text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
         # If a terminal would obey a character, the text is escaped; YAML reads both forms alike.
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
-
-
-def _steps(oscillator: OscillatorConfig, method: MethodConfig) -> int:
-    """Return the steps per period that are given, or that the method needs all over the grid."""
-    if method.steps_per_period is not None:
-        return method.steps_per_period
-    points = worst_points(oscillator, method.integrator)
-    return default_steps(points, method.impact, method.integrator)
 
 
 def _plain(value: Any) -> Any:

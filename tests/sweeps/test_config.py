@@ -60,7 +60,8 @@ def test_the_defaults_are_the_documented_ones():
     assert (config.name, config.output) == ("sweep", Path("sweep.h5"))
     for group in ("start", "method", "record"):
         given = getattr(example, group)
-        assert getattr(config, group).model_dump() == given.model_dump()
+        chosen = {"steps_per_period"}  # for the oscillator, where none are given
+        assert getattr(config, group).model_dump(exclude=chosen) == given.model_dump(exclude=chosen)
     assert config.grid.axes == {}
     for name, parameter in PARAMETERS.items():
         if parameter.default is not None:
