@@ -143,15 +143,11 @@ def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return what a sweep takes, or refuse it if it takes too much."""
-    from sweeps.engine.estimate import estimate
-    from sweeps.engine.executors import computer_for, in_thread
+    from sweeps.engine.estimate import expected
+    from sweeps.engine.executors import computer_for
     from sweeps.engine.reports import plan
-    from sweeps.store import check_room
 
-    computer = computer_for(client, threads)
-    cost = in_thread(estimate, sweep, computer.threads, computer.cores)
-    check_room(path, cost.disk, resume=resume)
-    return plan(sweep, path, cost)
+    return plan(sweep, path, expected(sweep, path, computer_for(client, threads), resume))
 
 
 def run_and_report(sweep: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:

@@ -159,9 +159,11 @@ def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any
     }
 
 
-def checked_units(units: UnitsConfig, rig: RigConfig | None) -> UnitsConfig:
+def checked_units(units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
     """Return the names of the units; refuse others than those of a rig, and mass without one."""
-    si = UnitsConfig(length="m", time="s", mass="kg")
+    if "rig" not in info.data:  # refused already
+        return units
+    rig, si = info.data["rig"], UnitsConfig(length="m", time="s", mass="kg")
     for name, unit in units.items():
         if rig is not None and unit not in (getattr(si, name), name):
             problem = f"{unit} is not the unit of a rig; expected: {getattr(si, name)}"

@@ -12,7 +12,14 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 import yaml
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from sweeps.config.checks import refuse_refinement, refuse_unstable, worst_points
 from sweeps.config.groups import (
@@ -95,7 +102,7 @@ class SweepConfig(Group):
         description="put further points where the class of the motion changes: "
         f"{key_list(RefineConfig)}, or null",
     )
-    units: UnitsConfig = _group(
+    units: Annotated[UnitsConfig, AfterValidator(checked_units)] = _group(
         "names of the units, for axes and attributes, by which no number is converted; with a rig "
         "m, s and kg",
         UnitsConfig,
@@ -109,18 +116,12 @@ class SweepConfig(Group):
 
     @model_validator(mode="before")
     @classmethod
-    def _output_from_name(cls, data: Any) -> Any:
-        """Name the output after the sweep if no output is given."""
-        if isinstance(data, dict) and "name" in data and "output" not in data:
-            return {**data, "output": f"{data['name']}.h5"}
-        return data
-
-    @model_validator(mode="before")
-    @classmethod
-    def _with_columns(cls, data: Any) -> Any:
-        """Give the parameters that are columns of a table to their groups; refuse other axes."""
+    def _completed(cls, data: Any) -> Any:
+        """Name the output after the sweep, and give the parameters of a rig and a table."""
         if not isinstance(data, dict):
             return data
+        if "name" in data and "output" not in data:
+            data = {**data, "output": f"{data['name']}.h5"}
         data = data if null(data.get("rig")) is None else with_rig(data)
         return with_columns(data) if isinstance(data.get("points"), np.ndarray) else data
 
@@ -236,12 +237,6 @@ class SweepConfig(Group):
                 + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
             )
         return follow
-
-    @field_validator("units")
-    @classmethod
-    def _are_those_of_the_rig(cls, units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
-        """Name the units of a rig; refuse others, and a unit of mass where there is none."""
-        return checked_units(units, info.data["rig"]) if "rig" in info.data else units
 
     @model_validator(mode="after")
     def _can_be_refined(self) -> Self:

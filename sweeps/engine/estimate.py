@@ -5,17 +5,23 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import psutil
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
+from sweeps.engine.executors import Local, in_thread
 from sweeps.errors import StoreError
-from sweeps.store import bytes_per_point, widths_of
+from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.run import lanes_per_batch
+
+if TYPE_CHECKING:
+    from sweeps.engine.cluster import Cluster
 
 #: Results of one block in memory, more only for full lanes [bytes].
 _BLOCK_MEMORY = 64 * 2**20
@@ -51,6 +57,13 @@ class Estimate:
     file: int
     disk: int
     memory: int
+
+
+def expected(config: SweepConfig, path: Path, computer: Local | Cluster, resume: bool) -> Estimate:
+    """Return what a sweep takes; refuse it where there is too little memory or disk."""
+    cost = in_thread(estimate, config, computer.threads, computer.cores)
+    check_room(path, cost.disk, resume=resume)
+    return cost
 
 
 def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Estimate:

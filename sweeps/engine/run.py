@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, numerics
-from sweeps.engine.estimate import block_size, estimate
+from sweeps.engine.estimate import block_size, expected
 from sweeps.engine.executors import Local, computer_for, in_thread
 from sweeps.engine.reports import plan
 from sweeps.grid import Block, block_points
@@ -24,7 +24,6 @@ from sweeps.interrupts import check, raised_by_check
 from sweeps.store import (
     Schema,
     SweepWriter,
-    check_room,
     only_writer,
     sweep_writer,
 )
@@ -98,8 +97,7 @@ def run_sweep(
     with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles, and keeps it for the next)"):
-            cost = in_thread(estimate, config, computer.threads, computer.cores)
-        check_room(path, cost.disk, resume=resume)
+            cost = expected(config, path, computer, resume)
         console.print(printable(plan(config, path, cost)))
         schema = _schema(config, computer.block_limits(cost.seconds, config.grid.size))
         with sweep_writer(path, schema, resume=resume) as writer:

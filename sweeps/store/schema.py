@@ -116,16 +116,6 @@ class Schema:
         """Number of values along each axis."""
         return tuple(len(values) for values in self.axes.values())
 
-    @property
-    def units(self) -> dict[str, str]:
-        """What the units of length and time are called."""
-        return {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
-
-    @property
-    def refined(self) -> bool:
-        """Whether points were added to the grid."""
-        return ADDED in self.attributes
-
     def dimensions(self, name: str) -> tuple[str, ...]:
         """Return the names of the dimensions of a variable."""
         dimension = VARIABLES[name].dimension
@@ -136,6 +126,11 @@ class Schema:
         dimension = VARIABLES[name].dimension
         width = (len(self.records[dimension]),) if dimension else ()
         return (self.shape if box is None else box) + width
+
+    def shown_unit(self, unit: str) -> str:
+        """Return a unit as it is called in this sweep."""
+        called = {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
+        return in_units(unit, called)
 
     def with_points(self, values: np.ndarray) -> Self:
         """Return the same with further values of its only axis, counted in an attribute."""
@@ -180,7 +175,7 @@ def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> No
         variable = VARIABLES[name]
         storage = _storage(schema, name, compressed)
         dataset = file.create_dataset(name, schema.shape_of(name), variable.dtype, **storage)
-        unit = in_units(variable.unit, schema.units)
+        unit = schema.shown_unit(variable.unit)
         _label(dataset, (variable.long_name, unit, variable.symbol))
         for index, dimension in enumerate(schema.dimensions(name)):
             dataset.dims[index].attach_scale(file[dimension])
@@ -230,7 +225,7 @@ def _about_parameter(name: str, schema: Schema) -> tuple[str, str, str]:
     if name not in PARAMETERS:  # a further column of a table
         return name, "1", ""
     about = PARAMETERS[name]
-    return about.meaning, in_units(about.unit, schema.units), about.symbol
+    return about.meaning, schema.shown_unit(about.unit), about.symbol
 
 
 def _add_scale(file: h5py.File, name: str, values: np.ndarray, about: tuple[str, str, str]) -> None:

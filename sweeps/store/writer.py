@@ -19,7 +19,7 @@ from sweeps.store.file import schema_of, write_file
 from sweeps.store.journal import Journal, create
 from sweeps.store.paths import identity, journal_path, reason
 from sweeps.store.replacing import followed, remove_leftovers, replacing
-from sweeps.store.schema import Schema
+from sweeps.store.schema import ADDED, Schema
 from sweeps.store.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ def _has_grid(old: Schema, new: Schema) -> bool:
     if list(old.axes) != list(new.axes):
         return False
     pairs = [(old.axes[axis], new.axes[axis]) for axis in new.axes]
-    if old.refined:
+    if ADDED in old.attributes:  # refined
         return all(np.isin(values, stored).all() for stored, values in pairs)
     return all(_same(stored, values) for stored, values in pairs)
 
