@@ -16,7 +16,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sweeps.errors import Refused
 from sweeps.plotting.labels import mathtext, status_name
@@ -82,6 +84,22 @@ class Picture(Figure):
         width, height = mpl.rcParams["figure.figsize"]
         size = (page.width or width, stretch * height)
         super().__init__(figsize=size, layout="constrained")
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw, with room for the tick labels that panels of the final width have.
+
+        The layout is for the ticks of narrower or wider panels, and may never settle.
+        """
+        if (engine := self.get_layout_engine()) is not None:
+            engine.execute(self)
+            boxes = [
+                panel.xaxis.get_tightbbox(renderer, for_layout_only=True) for panel in self.axes
+            ]
+            beyond = max((box.x1 for box in boxes if box), default=0.0) - self.bbox.x1
+            if beyond > 0.0 and isinstance(engine, ConstrainedLayoutEngine):
+                room = beyond / self.bbox.width + engine.get()["w_pad"] / self.get_figwidth()
+                engine.set(rect=(0.0, 0.0, 1.0 - room, 1.0))
+        super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         """Draw the figure for Jupyter."""

@@ -18,6 +18,7 @@ from sweep_files import run_in
 from sweeps import branches, open_sweep, plotting
 from sweeps.errors import Refused
 from sweeps.plotting import Page
+from sweeps.plotting.saving import save
 from sweeps.plotting.style import user_style
 from vibroimpact import Oscillator, one_impact_orbit
 
@@ -119,6 +120,17 @@ def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, opti
         wide = min(a.x1, b.x1) - max(a.x0, b.x0)
         high = min(a.y1, b.y1) - max(a.y0, b.y0)
         assert wide <= 1.0 or high <= 1.0, (one, other)
+
+
+@pytest.mark.slow
+def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path):
+    """Panels of another width have other ticks, of which the last is at the end of the axis."""
+    values = np.linspace(2.0, 12.0, dataset.sizes["omega"])
+    dataset = dataset.assign_coords(omega=("omega", values, dataset["omega"].attrs))
+    for width in np.arange(2.6, 3.8, 0.2):
+        figure = plotting.bifurcation(dataset, page=Page(width=width, title=""))
+        save(figure, tmp_path / "page.png")
+        assert (imread(tmp_path / "page.png")[:, [0, -1], :3] > 0.9).all(), width
 
 
 @pytest.mark.slow
