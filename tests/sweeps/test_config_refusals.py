@@ -87,6 +87,13 @@ def test_refused_settings(line, key, given, allowed):
     assert f"{key} = {given}" in message and allowed in message
 
 
+@pytest.mark.parametrize("method", ["{accuracy: 1e-4}", "{accuracy: null, impact: plain}"])
+def test_an_accuracy_in_place_of_a_method(method):
+    message = refusal(oscillator() + f"method: {method}\n")
+    assert message.startswith("sweep.yaml, line 2: method.accuracy: is not a key any more")
+    assert message.count("\n") == 0 and "vibroimpact bench accuracy-speed CONFIG" in message
+
+
 def test_unknown_key():
     message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  omga: 1\n  omega: 1\n  f: 1\n")
     assert "line 4: unknown key oscillator.omga (did you mean omega?)" in message
