@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from sweeps.bench.scenes import METHODS
 from sweeps.text import table
@@ -49,29 +51,6 @@ PROCEDURES: Mapping[str, Callable[[Oscillator, int, int], Trajectory | PaperRun]
 
 
 @dataclass(frozen=True)
-class Case:
-    """What was measured of one of the paper's cases.
-
-    Attributes
-    ----------
-    oscillator : Oscillator
-    deepest, impacts : dict of str to float and to int
-        Deepest penetration and number of impacts in ``PERIODS`` forcing periods at the paper's
-        step, by procedure; `impacts` also of the ``exact`` motion.
-    errors : dict of str to ndarray, shape (steps,)
-        By procedure; inf where an impact was lost for good.
-    orders : dict of str to float
-        Fitted to the three smallest steps.
-    """
-
-    oscillator: Oscillator
-    deepest: dict[str, float]
-    impacts: dict[str, int]
-    errors: dict[str, np.ndarray]
-    orders: dict[str, float]
-
-
-@dataclass(frozen=True)
 class Measured:
     """All that was measured.
 
@@ -79,7 +58,11 @@ class Measured:
     ----------
     ladder : sequence of int
         Steps per period of the errors.
-    cases : dict of str to Case
+    cases : DataFrame
+        By case and procedure: ``deepest``, the deepest penetration, and ``impacts``, the number of
+        impacts in ``PERIODS`` forcing periods at the paper's step; ``errors``, inf where an impact
+        was lost for good; and their ``order``, fitted to the three smallest steps. Also the
+        ``impacts`` of the ``exact`` motion.
     chatter : Trajectory
         The exact motion of ``CHATTER`` over its first period.
     stalls : dict of int to PaperRun
@@ -90,7 +73,7 @@ class Measured:
     """
 
     ladder: Sequence[int]
-    cases: dict[str, Case]
+    cases: pd.DataFrame
     chatter: Trajectory
     stalls: dict[int, PaperRun]
     resolved: dict[tuple[str, str], tuple[float, float]]
@@ -118,25 +101,28 @@ def measure(
     """
     return Measured(
         ladder=ladder,
-        cases={name: _case(oscillator, ladder, spread) for name, oscillator in CASES.items()},
+        cases=_cases(ladder, spread),
         chatter=simulate(CHATTER, 1),
         stalls={steps: paper_procedure(CHATTER, 1, steps) for steps in stalling},
         resolved=_resolved(),
     )
 
 
-def _case(oscillator: Oscillator, ladder: Sequence[int], spread: int) -> Case:
-    runs = {name: run(oscillator, PERIODS, STEPS) for name, run in PROCEDURES.items()}
-    exact = simulate(oscillator, PERIODS)
-    errors = {name: _errors(name, oscillator, ladder, spread, exact) for name in PROCEDURES}
-    impacts = {name: len(run.impact_t) for name, run in (runs | {"exact": exact}).items()}
-    return Case(
-        oscillator=oscillator,
-        deepest={name: run.max_penetration for name, run in runs.items()},
-        impacts=impacts,
-        errors=errors,
-        orders={name: _order(ladder[-3:], error[-3:]) for name, error in errors.items()},
-    )
+def _cases(ladder: Sequence[int], spread: int) -> pd.DataFrame:
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for case, oscillator in CASES.items():
+        exact = simulate(oscillator, PERIODS)
+        for name, run in PROCEDURES.items():
+            motion = run(oscillator, PERIODS, STEPS)
+            errors = _errors(name, oscillator, ladder, spread, exact)
+            rows[case, name] = {
+                "deepest": motion.max_penetration,
+                "impacts": len(motion.impact_t),
+                "errors": errors,
+                "order": _order(ladder[-3:], errors[-3:]),
+            }
+        rows[case, "exact"] = {"impacts": len(exact.impact_t)}
+    return pd.DataFrame.from_dict(rows, orient="index")
 
 
 def _errors(
@@ -181,14 +167,12 @@ def tables(measured: Measured) -> str:
     names = list(PROCEDURES)
     scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"
     parts = {
-        f"Deepest penetration {at}": _by_case(
-            measured, names, lambda case, name: f"{case.deepest[name]:.2g}"
-        ),
+        f"Deepest penetration {at}": _by_case(measured, names, lambda row: f"{row.deepest:.2g}"),
         f"Impacts in {PERIODS} periods {at}": _by_case(
-            measured, [*names, "exact"], lambda case, name: f"{case.impacts[name]}"
+            measured, [*names, "exact"], lambda row: f"{row.impacts}"
         ),
         f"Order, from the times and speeds of the first {FIRST} impacts": _by_case(
-            measured, names, lambda case, name: f"{case.orders[name]:.2f}"
+            measured, names, lambda row: f"{row.order:.2f}"
         ),
         f"Where the procedure stalls, to the letter: {scene}": [
             ["steps per period", "stall at t", f"before the rest at t = {end:.5f}"],
@@ -213,9 +197,9 @@ def tables(measured: Measured) -> str:
 
 
 def _by_case(
-    measured: Measured, columns: Sequence[str], cell: Callable[[Case, str], str]
+    measured: Measured, columns: Sequence[str], cell: Callable[[pd.Series], str]
 ) -> list[list[str]]:
-    rows = [[name, *(cell(case, key) for key in columns)] for name, case in measured.cases.items()]
+    rows = [[case, *(cell(measured.cases.loc[(case, name)]) for name in columns)] for case in CASES]
     return [["case", *columns], *rows]
 
 

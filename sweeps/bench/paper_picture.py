@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -33,7 +34,8 @@ def picture(measured: paper.Measured) -> Figure:
     rows = figure.add_gridspec(2, 1, height_ratios=(3.0, 1.3))
     panels = rows[0].subgridspec(3, 2).subplots(squeeze=False)
     below = rows[1].subgridspec(1, 2, width_ratios=(1.0, 1.1)).subplots(squeeze=False)
-    for row, (name, case) in zip(panels, measured.cases.items(), strict=True):
+    for row, name in zip(panels, paper.CASES, strict=True):
+        case = measured.cases.loc[name]
         _draw_stop(row[0], name, case)
         _draw_errors(row[1], measured.ladder, case)
     for panel in panels[:2].ravel():
@@ -52,19 +54,19 @@ def picture(measured: paper.Measured) -> Figure:
     return figure
 
 
-def _draw_stop(panel: Axes, name: str, case: paper.Case) -> None:
+def _draw_stop(panel: Axes, name: str, case: pd.DataFrame) -> None:
     """Draw the displacement near the stop, in the first period."""
     draw_stop(panel.axhline, 0.0, label=False)
-    fine = simulate(case.oscillator, 2, steps_per_period=1000)
+    osc = paper.CASES[name]
+    fine = simulate(osc, 2, steps_per_period=1000)
     panel.plot(fine.t, fine.x, color="black", linewidth=0.8)
     for key in ("without", "with"):
         _, colour, marker = _LOOKS[key]
-        run = paper.PROCEDURES[key](case.oscillator, 2, paper.STEPS)
+        run = paper.PROCEDURES[key](osc, 2, paper.STEPS)
         panel.plot(run.t, run.x, color=colour, linewidth=0.9, marker=marker, markersize=2.2)
     panel.set_xlim(_TIMES)
     panel.set_ylim(_DISPLACEMENTS)
     panel.set_ylabel("displacement\n$x$ [length]")
-    osc = case.oscillator
     panel.set_title(f"{name}\n$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$")
     words = (
         f"deepest {case.deepest['without']:.3f}, with it {case.deepest['with']:g}\n"
@@ -74,13 +76,15 @@ def _draw_stop(panel: Axes, name: str, case: paper.Case) -> None:
     panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize=7.5)
 
 
-def _draw_errors(panel: Axes, ladder: Sequence[int], case: paper.Case) -> None:
+def _draw_errors(panel: Axes, ladder: Sequence[int], case: pd.DataFrame) -> None:
     """Draw the error over the steps per period, with the order that it falls with."""
-    for line, (key, errors) in enumerate(case.errors.items()):
+    for line, key in enumerate(paper.PROCEDURES):
         _, colour, marker = _LOOKS[key]
-        panel.loglog(ladder, errors, color=colour, marker=marker, markersize=3.5, linewidth=1.0)
+        panel.loglog(
+            ladder, case.errors[key], color=colour, marker=marker, markersize=3.5, linewidth=1.0
+        )
         panel.text(
-            0.04, 0.26 - 0.11 * line, f"order {case.orders[key]:.1f}", color=colour,
+            0.04, 0.26 - 0.11 * line, f"order {case.order[key]:.1f}", color=colour,
             transform=panel.transAxes,
         )  # fmt: skip
     panel.set_ylim(1e-6, 10.0)

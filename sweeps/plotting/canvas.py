@@ -171,6 +171,19 @@ def new_panel(ax: Axes | None, page: Page) -> Axes:
     return Picture(page).add_subplot() if ax is None else ax
 
 
+def stacked_panels(page: Page, heights: Sequence[float], shared: int) -> list[Axes]:
+    """Return panels of a new figure, one below the other, in shares of its usual height.
+
+    The first ones, so many, share their abscissa, and the last of these shows it.
+    """
+    figure = Picture(page, sum(heights))
+    panels = figure.subplots(len(heights), height_ratios=heights, squeeze=False)[:, 0]
+    for panel in panels[: max(0, shared - 1)]:
+        panel.sharex(panels[shared - 1])
+        panel.tick_params(labelbottom=False)
+    return list(panels)
+
+
 def figure_of(panel: Axes) -> Figure:
     """Return the figure of a panel; that of the page where the panel is in a part of it."""
     figure = panel.get_figure(root=True)

@@ -93,13 +93,16 @@ def bifurcation(
     """
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
     _check(dataset, axis, exact, below)
+    if ax is not None and below:
+        raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
     line, axis = in_si(line), si_name(axis, rig_of(dataset))
     exact = None if exact is None else in_si(exact, dataset)
     values, ways = line[axis].values, split_directions(line)
     low, high = value_range(ways, coordinate)
     if low > high:
         refuse_empty(line, coordinate)
-    panel, *lower = _new_panels(ax, page, len(below))
+    heights = [1.0] + [_LOWER] * len(below)
+    panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
     label_axis(panel.xaxis, line[axis])
     label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
     computed = int(has_result(line["status"].values).sum())
@@ -149,21 +152,6 @@ def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequ
             )
         if list(below).count(name) > 1:
             raise Refused(f"{name} is asked for twice below the diagram")
-
-
-def _new_panels(ax: Axes | None, page: Page, below: int) -> list[Axes]:
-    """Return panels below each other that share their abscissa; refuse `ax` for several."""
-    if ax is not None:
-        if below:
-            raise Refused(
-                "panels below a diagram need a figure of their own: leave out ax or below"
-            )
-        return [ax]
-    heights = [1.0] + [_LOWER] * below
-    panels = canvas.Picture(page, sum(heights)).subplots(
-        len(heights), sharex=True, height_ratios=heights, squeeze=False
-    )
-    return list(panels[:, 0])
 
 
 def _draw_markers(

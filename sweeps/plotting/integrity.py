@@ -58,7 +58,10 @@ def integrity(
     table: dict[int, list[Row]] = {}
     for row in rows(line, found):
         table.setdefault(row.number, []).append(row)
-    *profile, panel = _new_panels(page, bool(along)) if ax is None else ax
+    if ax is None:
+        heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
+        ax = canvas.stacked_panels(page, heights, shared=len(heights) - 1)
+    *profile, panel = ax
     if along:
         axis = in_si(line)[si_name(along[0], rig_of(line))]
         here = float(in_si(starts)[axis.name])
@@ -79,18 +82,6 @@ def integrity(
     page.set_limits(panel)
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, line, handles, title)
-
-
-def _new_panels(page: Page, profile: bool) -> list[Axes]:
-    """Return the panels of the measures, if there is an axis for them, and that of the basins."""
-    heights = [0.35, 0.5, 0.5, 1.0] if profile else [1.0]
-    panels = canvas.Picture(page, sum(heights)).subplots(
-        len(heights), height_ratios=heights, squeeze=False
-    )[:, 0]
-    for panel in panels[:-2]:
-        panel.sharex(panels[-2])
-        panel.tick_params(labelbottom=False)
-    return list(panels)
 
 
 def _draw_profile(
