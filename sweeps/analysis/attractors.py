@@ -89,12 +89,18 @@ def attractors(
     groups.add_records(dataset, ends.m)
     ends.follow_on(groups.last, extensions)
     groups.add_cycles(ends.cycles)
-    groups.join()
+    periodic = groups.join()
     heads, of_point = _members(points, ends.regime, groups.representative)
     regime, parameter = ends.regime[heads], points.parameter[heads]
     members = np.bincount(of_point[of_point >= 0], minlength=len(heads))
     fraction = members / np.bincount(parameter, members, points.count)[parameter]
-    m, number = _tracked(dataset, points, regime, heads, fraction, groups)
+    m, number = np.zeros(len(heads), np.int64), np.empty(len(heads), np.int64)
+    own = np.searchsorted(heads, periodic.at)
+    m[own] = periodic.m
+    number[own] = _numbers(dataset, points, periodic, fraction[own], groups.last)
+    others = np.flatnonzero(regime != Regime.PERIODIC)
+    first = int(number[own].max(initial=-1)) + 1
+    number[others] = first + np.unique(regime[others], return_inverse=True)[1]
     shown = _settled_members(of_point, heads, ends)
     x, v = groups.last[shown].T
     columns: dict[str, tuple[np.ndarray, str]] = {
@@ -158,34 +164,24 @@ def _settled_members(of_point: np.ndarray, heads: np.ndarray, ends: Outcomes) ->
     return heads
 
 
-def _tracked(
+def _numbers(
     dataset: xr.Dataset,
     points: GridIndex,
-    regime: np.ndarray,
-    heads: np.ndarray,
+    periodic: PeriodicAttractors,
     fraction: np.ndarray,
-    groups: Groups,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return m and the number of each attractor: the periodic by their share, the rest last."""
-    periodic = np.flatnonzero(regime == Regime.PERIODIC)
-    periodic = periodic[np.argsort(points.parameter[heads[periodic]], kind="stable")]
-    at = heads[periodic]
+    last: np.ndarray,
+) -> np.ndarray:
+    """Return the number of each periodic attractor, by the share of the starts along the axes."""
     links = None
     shape = () if SETS in points.parameters else points.shape  # sets have no neighbours
     config = config_of(dataset)
     if shape and config.method.impact == "exact":
         axis = points.parameters[int(np.argmax(shape))]
-        states = points.at_states(at, *groups.last[at].T)
-        links = exact_links(axis, config.record.phase, states, groups.m[at])
-    m, place = groups.m[at], groups.place[at]
-    tracked = PeriodicAttractors(points.parameter[at], m, place, groups.cycles)
-    _, chain = np.unique(track(shape, tracked, links), return_inverse=True)
-    shares = np.bincount(chain, fraction[periodic])
-    number = np.empty(len(heads), np.int64)
-    number[periodic] = np.argsort(np.argsort(-shares, kind="stable"))[chain]
-    others = np.flatnonzero(regime != Regime.PERIODIC)
-    number[others] = len(shares) + np.unique(regime[others], return_inverse=True)[1]
-    return groups.m[heads], number
+        states = points.at_states(periodic.at, *last[periodic.at].T)
+        links = exact_links(axis, config.record.phase, states, periodic.m)
+    _, chain = np.unique(track(shape, periodic, links), return_inverse=True)
+    shares = np.bincount(chain, fraction)
+    return np.argsort(np.argsort(-shares, kind="stable"))[chain]
 
 
 def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:

@@ -12,6 +12,7 @@ import xarray as xr
 
 from sweeps.analysis.section_distance import Cycles, representatives, shortest_turn
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
+from sweeps.analysis.tracking import PeriodicAttractors
 from sweeps.errors import Refused
 from sweeps.grid import TABLE, Block, Grid, block_points
 from sweeps.store import DIRECTION
@@ -125,11 +126,6 @@ class Groups:
     ----------
     representative : ndarray of int, shape (n,)
         The point that represents the motion of each; -1 where the motion is not periodic.
-    m, place : ndarray of int, shape (n,)
-        After `join`, of the representatives, otherwise 0: forcing periods, and the place in the
-        `cycles` of so many periods.
-    cycles : mapping of int to Cycles
-        Those of the representatives, after `join`.
     last : ndarray, shape (n, 2)
         The last state of every record.
     """
@@ -138,8 +134,6 @@ class Groups:
         self._points, self._tolerance = points, tolerance
         self.representative = np.full(len(points.parameter), -1)
         self.last = np.empty((len(points.parameter), 2))
-        self.m, self.place = np.zeros((2, len(points.parameter)), np.int64)
-        self.cycles: dict[int, Cycles] = {}
         self._parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
 
     def add_records(self, dataset: xr.Dataset, period: np.ndarray) -> None:
@@ -167,17 +161,22 @@ class Groups:
             heads = members[heads]
             self._parts.setdefault(turn, []).append((at[heads], cycles.states[heads, -turn:]))
 
-    def join(self) -> None:
-        """Take the same motions of different parts together."""
-        final = np.arange(len(self.representative))
+    def join(self) -> PeriodicAttractors:
+        """Take the same motions of different parts together, and return the representatives."""
+        final, parameter = np.arange(len(self.representative)), self._points.parameter
+        heads_of, cycles_of = [np.empty((3, 0), np.int64)], {}
         for m, parts in self._parts.items():
             at, states = (np.concatenate(column) for column in zip(*parts, strict=True))
-            cycles = Cycles(states, self._points.oscillators["R"][self._points.parameter[at]])
+            cycles = Cycles(states, self._points.oscillators["R"][parameter[at]])
             heads = self._represent(at, cycles, final)
-            self.m[at[heads]], self.place[at[heads]] = m, np.arange(len(heads))
-            self.cycles[m] = cycles[heads]
+            heads_of.append(np.stack([at[heads], np.full(len(heads), m), np.arange(len(heads))]))
+            cycles_of[m] = cycles[heads]
         found = self.representative >= 0
         self.representative[found] = final[self.representative[found]]
+        at, m, place = np.concatenate(heads_of, axis=1)
+        order = np.lexsort((at, parameter[at]))
+        at = at[order]
+        return PeriodicAttractors(at, parameter[at], m[order], place[order], cycles_of)
 
     def _represent(self, at: np.ndarray, cycles: Cycles, representative: np.ndarray) -> np.ndarray:
         """Enter the representatives of the points `at`, and return their places in `at`."""

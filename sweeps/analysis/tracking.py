@@ -52,8 +52,10 @@ class PeriodicAttractors:
 
     Attributes
     ----------
+    at : ndarray of int, shape (n,)
+        The number of the point that stands for the attractor.
     point : ndarray of int, shape (n,)
-        The number of the parameter point, increasing.
+        The number of its parameter point, increasing.
     m : ndarray of int, shape (n,)
         Forcing periods.
     place : ndarray of int, shape (n,)
@@ -61,6 +63,7 @@ class PeriodicAttractors:
     cycles : mapping of int to Cycles
     """
 
+    at: np.ndarray
     point: np.ndarray
     m: np.ndarray
     place: np.ndarray
