@@ -93,8 +93,8 @@ def period_cells(cut: xr.Dataset) -> list[Cells]:
     return cells
 
 
-def status_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour what became of the points."""
+def status_cells(cut: xr.Dataset) -> list[Cells]:
+    """Return the points with a result, by outcome."""
     status = cut["status"].values
     return [
         Cells(status_name(outcome), colour, status == outcome)
@@ -160,7 +160,7 @@ QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
     "impulse": partial(log_map, name="impulse"),
     "energy_lost": partial(log_map, name="energy_lost"),
     "max_penetration": partial(log_map, name="max_penetration", zero="none"),
-    "status": status_map,
+    "status": lambda panel, cut: status_cells(cut),
 }
 
 

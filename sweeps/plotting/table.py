@@ -21,7 +21,7 @@ from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import CLASSES_TITLE, label, label_axis
 from sweeps.plotting.lines import scalars
-from sweeps.plotting.maps import period_cells, status_map
+from sweeps.plotting.maps import period_cells, status_cells
 from sweeps.store import columns_of
 from sweeps.text import nearest, suggestion
 
@@ -68,11 +68,11 @@ def table_panels(
         panels = grid.ravel()
     else:
         panels = np.array([ax])
-    kinds = period_cells(dataset) if "period" in dataset else status_map(panels[0], dataset)
-    kinds = [kind for kind in kinds if kind.where.any()]
+    cells = period_cells(dataset) if "period" in dataset else status_cells(dataset)
+    cells = [cell for cell in cells if cell.where.any()]
     dataset = in_si(dataset)
     status = dataset["status"].values
-    colours = np.select([kind.where for kind in kinds], [kind.colour for kind in kinds], "none")
+    colours = np.select([cell.where for cell in cells], [cell.colour for cell in cells], "none")
     size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 4.0))
     rig = rig_of(dataset)
     for panel, name in zip(panels, abscissas, strict=False):
@@ -88,7 +88,7 @@ def table_panels(
     for unused in panels[len(abscissas) :]:
         unused.remove()
     page.set_limits(panels[0])
-    handles = [Patch(facecolor=kind.colour, label=kind.label) for kind in kinds]
+    handles = [Patch(facecolor=cell.colour, label=cell.label) for cell in cells]
     handles += panels[0].get_legend_handles_labels()[0]
     title = CLASSES_TITLE if "period" in dataset else None
     return canvas.finish(panels[0], page, dataset, handles, title)
