@@ -87,7 +87,6 @@ def run(
     from sweeps.store import check_output
 
     existing = existing_output(resume, overwrite)
-    _check_cluster(dask, threads)
     sweeps = []
     for config in configs:
         check()
@@ -96,7 +95,7 @@ def run(
     for path in paths:
         check()
         check_output(path, **existing)
-    with _client(dask, quiet) as client:
+    with _client(dask, threads, quiet) as client:
         if dry_run:
             texts = [
                 _plan(sweep, path, threads, client, resume)
@@ -110,11 +109,13 @@ def run(
         say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
 
 
-def _check_cluster(address: str | None, threads: int | None) -> None:
-    """Refuse a malformed address, and a number of threads beside an address."""
+@contextmanager
+def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[Client | None]:
+    """Yield a client of the cluster at an address, if one is given; say where its dashboard is."""
     if address is None:
+        yield None
         return
-    from sweeps.engine.client import check_address
+    from sweeps.engine.client import check_address, connected, dashboard
 
     with named(f"--dask {address}"):
         check_address(address)
@@ -123,16 +124,6 @@ def _check_cluster(address: str | None, threads: int | None) -> None:
             f"--threads {threads} is not allowed with --dask, whose workers use the threads that "
             "they were started with; for N processes of this machine give --dask local:N"
         )
-
-
-@contextmanager
-def _client(address: str | None, quiet: bool) -> Iterator[Client | None]:
-    """Yield a client of the cluster at an address, and say where its dashboard is."""
-    if address is None:
-        yield None
-        return
-    from sweeps.engine.client import connected, dashboard
-
     with connected(address) as client:
         if not quiet:
             say(dashboard(client), error=True)

@@ -52,12 +52,12 @@ def check_address(address: str) -> None:
 def connected(address: str) -> Iterator[Client]:
     """Yield a client of the cluster at an address, and disable all logging meanwhile.
 
-    The address is ``tcp://host:port`` of a scheduler; ``tls://host:port`` of one that asks for
-    certificates, which Dask's own configuration names; or ``local:N``, which starts N processes
-    with a thread each on this machine, which no other user can reach, and ends them. Raises Refused
-    if it is no such address, Dask is not installed, or no scheduler takes this process in.
+    The address, which `check_address` has accepted, is ``tcp://host:port`` of a scheduler;
+    ``tls://host:port`` of one that asks for certificates, which Dask's own configuration names; or
+    ``local:N``, which starts N processes with a thread each on this machine, which no other user
+    can reach, and ends them. Raises Refused if Dask is not installed, or no scheduler takes this
+    process in.
     """
-    check_address(address)
     try:
         import distributed
     except ImportError:

@@ -146,10 +146,13 @@ def check_file(path: Path, *, verify: bool = True) -> None:
     """Refuse what is not the complete file of a sweep, or is damaged.
 
     Without `verify`, only what is not the data of a variable is compared with its checksums.
-    Raises StoreError, which names the damaged variables, or FileNotFoundError.
+    Raises StoreError, which names the damaged variables.
     """
-    with open_regular(path) as file:
-        rows = _rows(file)
+    try:
+        with open_regular(path) as file:
+            rows = _rows(file)
+    except FileNotFoundError:
+        raise StoreError(f"{path} does not exist") from None
     found = content(path) if rows is None else Content.SWEEP
     if found is Content.JOURNAL:
         output = str(path).removesuffix(".part")
@@ -225,8 +228,6 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
                 return open_journal(Journal(journal_path(path), verify=verify))
         check_file(path, verify=verify)
         return xr.open_dataset(path, engine="h5netcdf")
-    except FileNotFoundError:
-        raise StoreError(f"{path} does not exist") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
@@ -240,10 +241,7 @@ def schema_of(path: Path) -> Schema:
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
     """Read variables with one value for each point of a complete file, and the duration [s]."""
-    try:
-        check_file(path, verify=False)
-    except FileNotFoundError:
-        raise StoreError(f"{path} does not exist") from None
+    check_file(path, verify=False)
     with h5py.File(path, "r") as file:
         return {name: file[name][()] for name in names}, float(file.attrs["duration"])
 

@@ -185,8 +185,9 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
     leaves is a file that nobody has locked, and the next writer takes it over. Readers need none.
     Raises StoreError if another process has it, if there can be no such file, or as `check_output`.
     """
+    check_target(path, "output")
+    real = path.resolve()
     try:
-        real = path.resolve()
         name = real.with_name(f"{real.name}.lock")
         users = os.path.lexists(name) and not _lock_text(name)  # an empty file, perhaps the user's
         lock = FileLock(name)
@@ -202,11 +203,7 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
             f"{path} is being written by process {holder}; wait for it, stop it with Ctrl-C or "
             "kill, or give another output"
         ) from None
-    except FileNotFoundError:
-        raise StoreError(
-            f"the folder {path.parent} of the output {path.name} does not exist"
-        ) from None
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+    except OSError as error:
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
     by_itself = isinstance(lock, SoftFileLock)  # it writes and removes the file
     try:
