@@ -143,8 +143,10 @@ def _available_memory() -> int:
 
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return how long a sweep will take, from trials of few points and ever more periods."""
-    # No more than a block holds: few points take nearly as long as a full set of lanes.
-    count = min(2 * _lanes(config) * (threads or ALL_THREADS), _side_by_side(config))
+    # No more than a block has side by side: few take nearly as long as a full set of lanes.
+    chains = min(block_size(config), config.grid.size) // _chain(config)
+    beside = chains * max(1, len(config.directions))
+    count = min(2 * _lanes(config) * (threads or ALL_THREADS), beside)
     # Of few lanes, several calls: one point need not be like the others.
     number, size = -(-_LEAST_TRIED // count) if config.follow else 1, config.size
     tried = config.grid.spread(number * count)
@@ -169,12 +171,6 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
 def _lanes(config: SweepConfig) -> int:
     """Return how many points a single thread computes side by side."""
     return lanes_per_batch(config.grid.size // _chain(config), 1)
-
-
-def _side_by_side(config: SweepConfig) -> int:
-    """Return the points of a block that are computed side by side."""
-    points = min(block_size(config), config.grid.size)
-    return points // _chain(config) * max(1, len(config.directions))
 
 
 def _shortened(config: SweepConfig, total: int) -> SweepConfig:
