@@ -39,6 +39,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
     An axis that was a list is a range with equal distances; one with logarithmic spacing keeps it.
+    Where exact impacts need more steps beyond the ends of the sweep, there are as many.
     Raises Refused if an axis is not swept, or the sweep would be refused over that piece.
     """
     if config.points is not None:
@@ -55,4 +56,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
         group = data[parameters if name in data[parameters] else "start"]
         spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
         group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
+    if config.method.impact == "exact":  # whose steps need only be enough over the piece
+        enough = load_config({**data, "method": {**data["method"], "steps_per_period": None}})
+        data["method"]["steps_per_period"] = max(config.steps, enough.steps)
     return load_config(data)

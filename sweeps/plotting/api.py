@@ -25,6 +25,7 @@ from sweeps.plotting.saving import check_picture, description, save
 from sweeps.plotting.style import user_style
 from sweeps.plotting.table import table_panels
 from sweeps.store import DIRECTION
+from sweeps.text import nearest, suggestion
 
 
 class Kind(NamedTuple):
@@ -120,7 +121,8 @@ def plot(
 def check_kind(kind: str) -> None:
     """Refuse what is no name of a kind of picture."""
     if kind not in KINDS:
-        raise Refused(f"there is no picture {kind!r}; choose one of {listed(KINDS)}")
+        meant = suggestion(nearest(kind, KINDS))
+        raise Refused(f"there is no picture {kind!r}{meant}; choose one of {listed(KINDS)}")
 
 
 def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: Any) -> str:

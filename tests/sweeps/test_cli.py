@@ -13,6 +13,7 @@ import xarray as xr
 
 import sweeps
 from commands import SMALL, accepted, call, refused
+from sweeps.analysis.selection import config_of
 from sweeps.config.loading import load_config
 from sweeps.engine import executors
 from sweeps.engine.run import block_size
@@ -148,6 +149,15 @@ def test_zoom_computes_and_draws_a_piece(ran):
 )
 def test_a_zoom_that_cannot_be(ran, pieces, reason):
     assert reason in refused("zoom", "small.h5", *pieces)
+
+
+@pytest.mark.slow
+def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(ran):
+    accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
+    with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
+        assert (beyond["status"] == Status.CERTIFIED).all()
+        needed, had = (config_of(dataset).steps for dataset in (beyond, small))
+    assert needed > had
 
 
 @pytest.mark.slow

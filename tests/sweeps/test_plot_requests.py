@@ -130,6 +130,7 @@ def without_impacts(shared_sweep):
         ({"output": "missing/a.png"}, r"the folder .*missing of the picture a\.png does not exist"),
         ({"output": "folder.png"}, r"folder\.png is a directory"),
         ({"kind": ""}, "no picture ''; choose one of"),
+        ({"kind": "bifurcaton"}, "no picture 'bifurcaton' .did you mean bifurcation.*choose"),
         ({"axes": [""]}, "'' is not a swept axis"),
         ({"coordinate": ""}, "no '' to draw; choose from: poincare_x"),
         (
