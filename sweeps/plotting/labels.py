@@ -39,11 +39,16 @@ def label(variable: xr.DataArray) -> str:
 
     Only spaces between words are spaces, since matplotlib breaks long labels there.
     """
-    units = variable.attrs["units"]
-    named = units not in ("1", "rad") and not re.search("length|time", units)
-    unit = f" [{units.replace('^2', '$^2$')}]" if named else ""
+    unit = f" [{named}]" if (named := _named_unit(variable)) else ""
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
     return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + unit
+
+
+def _named_unit(variable: xr.DataArray) -> str:
+    """Return the unit of a variable if it was given a name."""
+    unit: str = variable.attrs["units"]
+    named = unit not in ("1", "rad") and not re.search("length|time", unit)
+    return unit.replace("^2", "$^2$") if named else ""
 
 
 def mathtext(value: float) -> str:
@@ -62,14 +67,17 @@ def status_name(outcome: Status) -> str:
 def title(drawn: xr.Dataset, record: str | None = None) -> str:
     """Write name, parameters that are not at their defaults, and record of what a picture shows.
 
+    Parameters have their units where these were given names, as those of a rig.
     By default the record is the phase if it is not 0, the transient and the periods.
     """
     config = config_of(drawn)
     drawn, rig = in_si(drawn), config.rig
-    mass = [] if rig is None else [f"$m={mathtext(rig.mass)}$"]
+    mass = [] if rig is None else [f"$m={mathtext(rig.mass)}${_JOINT}kg"]
     values = {name: drawn[si_name(name, rig)] for name in PARAMETERS}
     parts = mass + [
-        f"${about(name, rig).symbol}={mathtext(float(value))}$"
+        _JOINT.join(
+            [f"${about(name, rig).symbol}={mathtext(float(value))}$", *_named_unit(value).split()]
+        )
         for name, value in values.items()
         if not value.dims and float(value) != about(name, rig).default
     ]

@@ -207,8 +207,9 @@ def test_a_diagram_of_a_rig_is_in_hertz(joint):
     assert hits.sum() > 5
     drawn = below.lines[0].get_ydata()[hits]
     assert drawn == pytest.approx(MASS * (1.0 + R) * speed[hits], rel=1e-9)
-    title = figure.get_suptitle()
-    assert "$m=0.5$, $c=4$, $R=0.7$, $F=8$, $k=8000$, $\\sigma=0.0005$" in title
+    title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+    rig = "$m=0.5$ kg, $c=4$ N s/m, $R=0.7$, $F=8$ N, $k=8000$ N/m, $\\sigma=0.0005$ m, "
+    assert rig in title
     assert "omega" not in title
 
 
