@@ -122,6 +122,7 @@ class MotionPanel:
             panel.line(x, y, source=self.line, color=BLUE, line_width=1.2)
             panel.scatter(x, y, source=self.impacts, color=ORANGE, size=5)
             panel.add_layout(stop)
+            panel.xaxis.ticker.desired_num_ticks = 4  # more collide where the page is narrow
             self._panels.append(panel)
         closing = Button(label="close (Esc)", width=90, height=24, margin=(0, 8, 0, 0))
         closing.on_click(close)

@@ -56,9 +56,11 @@ window.addEventListener("keydown", (event) => {
   if (KEYS.includes(event.key)) { event.preventDefault(); to.value = `${++number} ${event.key}`; }
 });
 """.replace("KEYS", str([*_MOVES, "Home", "Escape"]))
-#: A word is there before the scripts, which the browser reads for a second.
+#: A word is there before the scripts, which the browser reads for a second. Without an icon a
+#: browser asks for one, again whenever the address changes, and Tornado logs each refusal.
 _TEMPLATE = """
 {% extends "BASE" %}
+{% block preamble %}<link rel="icon" href="data:,">{% endblock %}
 {% block js_resources %}{% endblock %}
 {% block contents %}<p id="opening">vibroimpact explore is opening …</p>
 {{ bokeh_js }}{{ super() }}{% endblock %}

@@ -72,6 +72,17 @@ def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_net
     assert window.tab.get_by_text("million periods/s").is_visible()
 
 
+def test_nothing_is_logged_while_the_address_changes(browser, explorer, caplog):
+    """In a notebook every refused request would be printed below the cell."""
+    window = Window(browser, explorer)
+    for delta in (-100.0, -100.0):
+        before = window.page.view.xlim
+        window.wheel(delta)
+        window.settle(lambda before=before: window.page.view.xlim != before)
+    window.tab.close()
+    assert [record.message for record in caplog.records if record.name == "tornado.access"] == []
+
+
 def test_wheel_pan_box_back_forward_and_reset(window):
     page = window.page
     home = page.view
