@@ -287,7 +287,7 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
     if missing := [f"{m}/{q}" for m, q in found.classes if (m, q) not in classes]:
         lines.append(f"no orbit of {listed(missing)} is found")
     if found.given_up:
-        counted = [f"{count} {reason}" for reason, count in sorted(found.given_up.items())]
+        counted = [f"{reason} ({count})" for reason, count in sorted(found.given_up.items())]
         lines.append(f"not followed: {'; '.join(counted)}")
     return lines
 

@@ -95,9 +95,10 @@ def _check_names(names: list[str]) -> None:
     """Refuse names that no file can have, that are nearly a parameter's, or of no parameter."""
     missing = [name for name in PARAMETERS if name not in names]
     if len(missing) == len(PARAMETERS):
+        problem = f"no column of {shortened(', '.join(names))} is a parameter"
         raise ValueError(
-            f"no column of {shortened(', '.join(names)) or 'none'} is a parameter; expected: a "
-            f"header with one of {', '.join(PARAMETERS)}, and commas between the columns"
+            f"{problem if names else 'the table is empty'}; expected: a header with one of "
+            f"{', '.join(PARAMETERS)}, and commas between the columns"
         )
     for name in names:
         word = nearest(name, missing, least=0.8) if name not in PARAMETERS else None
