@@ -172,6 +172,7 @@ class Explorer:
         self._loop.start()
         server.stop(wait=False)
         self._loop.run_sync(http.close_all_connections)
+        self._loop.close(all_fds=True)  # also those of the open pages, which are none of http's
 
     def _handle_failure(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Take no connection for a while where there are no descriptors left; log all else."""
