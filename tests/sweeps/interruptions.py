@@ -119,11 +119,13 @@ class Forks:
         self._process.wait(PATIENCE)
         self._process.stdout.close()
 
-    def start(self, *arguments: str, folder: Path | None = None, stopped: bool = False) -> int:
+    def start(
+        self, *arguments: str, folder: Path | None = None, stopped: bool = False, stdout: str = ""
+    ) -> int:
         """Start a command; return the number of its process."""
         request = {
             "folder": str(folder or self.folder),
-            "streams": self._streams,
+            "streams": [stdout or self._streams[0], self._streams[1]],
             "arguments": arguments,
             "stopped": stopped,
         }

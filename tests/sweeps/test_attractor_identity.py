@@ -182,8 +182,8 @@ def test_identities_on_a_sweep_over_omega(computed_starts):
 @pytest.mark.slow
 def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     dataset = computed_starts(
-        "oscillator={h: 0.02, R: {start: 0.5, stop: 0.95, num: 24}, f: 1.0, "
-        "omega: {start: 0.5, stop: 3.5, num: 40}}",
+        "oscillator={h: 0.02, R: {start: 0.5, stop: 0.95, num: 10}, f: 1.0, "
+        "omega: {start: 0.5, stop: 3.5, num: 25}}",
         "start={x0: [-1.6, 0.0], v0: [-1.0, 0.0]}",
         "record.periods=64",
     )
@@ -194,7 +194,7 @@ def test_no_two_attractors_of_a_point_have_one_number(computed_starts):
     assert found["attractors"].max() >= 2
     periodic = found["motion"] == Regime.PERIODIC
     shared = np.unique(names[periodic.values.reshape(names.shape)], return_counts=True)[1]
-    assert shared.max() > 100  # names are shared in both directions
+    assert shared.max() > 30  # names are shared in both directions
     turned = attractors(dataset.transpose("omega", "R", ...))
     assert partition(turned["attractor"].transpose(*found["attractor"].dims)) == partition(
         found["attractor"]

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import yaml
 from typer.testing import CliRunner
 
 from commands import accepted, call, refused
-from sweep_files import load, refusal
+from sweep_files import load, refusal, run_in
 from sweeps import open_sweep, plotting, run_sweep
 from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
@@ -164,11 +165,14 @@ def graze():
     return math.sqrt((b + math.sqrt(b * b - 4.0 * MASS**2 * c)) / (2.0 * MASS**2)) / (2.0 * math.pi)
 
 
+@pytest.fixture(scope="module")
+def joint_run(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("joint"), JOINT, name="joint.h5")
+
+
 @pytest.fixture
-def joint():
-    Path("joint.yaml").write_text(JOINT)
-    accepted("run", "joint.yaml", "--quiet")
-    return Path("joint.h5")
+def joint(folder, joint_run):
+    return Path(shutil.copy(joint_run, "joint.h5"))
 
 
 def rows_of(path):

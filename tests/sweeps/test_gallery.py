@@ -13,7 +13,7 @@ import sweeps
 from sweeps import attractors, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime, classify
-from sweeps.plotting import plot
+from sweeps.plotting import Page, plot
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.oscillator import POINT
 
@@ -34,7 +34,7 @@ def scene(tmp_path):
             load_config(CONFIGS / f"{name}.yaml", overrides), path, progress=False, overwrite=True
         )
         with open_sweep(path) as dataset:
-            plot(dataset, tmp_path / f"{name}.png")
+            plot(dataset, tmp_path / f"{name}.png", page=Page(dpi=60))
             return dataset.load()
 
     return run

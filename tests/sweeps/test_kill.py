@@ -236,19 +236,10 @@ def test_an_ignored_interrupt_stays_ignored():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "sweep.yaml", "--dry-run"]])
-def test_a_full_standard_output_is_one_line(arguments):
-    with open("/dev/full", "w") as full:
-        process = subprocess.run(
-            [sys.executable, "-m", "sweeps.cli", *arguments],
-            env=environment(),
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=120,
-        )
-    assert process.returncode == 1
+def test_a_full_standard_output_is_one_line(forks, arguments):
+    forks.start(*arguments, stdout="/dev/full")
     expected = "vibroimpact: error: the standard output cannot be written: No space left on device"
-    assert process.stderr == expected + "\n"
+    assert forks.ended() == (1, expected + "\n")
 
 
 def test_a_run_that_is_complete_is_not_interrupted_any_more(monkeypatch):

@@ -171,12 +171,9 @@ def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("sweep", "source", "old", "new"),
     [
-        ("plain", "vibroimpact/oscillator.py", 'indexing="ij"', 'indexing="xy"'),
-        ("scaled", "vibroimpact/points/scaling.py", "values *=", "values *= 2 *"),
         ("followed", "vibroimpact/points/following.py", "rising[::-1]", "rising"),
         ("refined", "sweeps/engine/refine.py", "0.5 * (low + high)", "0.4 * low + 0.6 * high"),
         # What is passed on is named as it is.
-        ("plain", "sweeps/config/sweep.py", "transient=record.transient", "transient=9"),
         ("scaled", "sweeps/config/sweep.py", "follow is None and scales", "False and scales"),
     ],
 )

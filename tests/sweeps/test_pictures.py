@@ -135,11 +135,12 @@ def test_no_tick_label_is_cut_at_any_width(dataset, tmp_path):
 
 @pytest.mark.slow
 def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen_is_said(draw):
-    default = draw("-o", "default.png")
+    small = ("--dpi", "60")
+    default = draw("-o", "default.png", *small)
     assert (default.stdout, default.stderr) == ("default.png\n", "")
-    draw("-o", "map.png", "--kind", "map")
+    draw("-o", "map.png", "--kind", "map", *small)
     said = "R = 0.6, the first of 2: --at R=VALUE takes another\n"
-    assert draw("-o", "diagram.png", "--kind", "bifurcation").stderr == said
+    assert draw("-o", "diagram.png", "--kind", "bifurcation", *small).stderr == said
     default, shown, other = (imread(f"{name}.png") for name in ("default", "map", "diagram"))
     assert np.array_equal(default, shown) and default.shape != other.shape
     for choice, told in (
@@ -147,7 +148,7 @@ def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen
         (["--at", "R=0.8"], ""),
         (["--coordinate", "poincare_v"], said),
     ):
-        drawn = draw(*choice)
+        drawn = draw(*choice, *small)
         assert (drawn.exit_code, drawn.stderr) == (0, told)
         assert imread("map.png").shape != shown.shape
     assert draw("--kind", "section").stderr.count("the first of") == 2

@@ -278,8 +278,7 @@ def test_the_picture_of_a_table_has_a_panel_for_each_column_that_varies():
         assert_array_equal(panel.collections[0].get_offsets()[:, 0], dataset["impulse"])
         with pytest.raises(Refused, match="point cannot be fixed here"):
             plotting.table_panels(dataset, at={"point": 3.0})
-        for ending in ("png", "svg", "pdf"):
-            plotting.plot(dataset, f"out.{ending}")
+        plotting.plot(dataset, "out.svg")
 
 
 @pytest.mark.parametrize("omega", [(1.3,), (1.3, 1.5)])

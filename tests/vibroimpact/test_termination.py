@@ -44,8 +44,8 @@ for R in (0.8, 0.5):
 
 @pytest.mark.slow
 def test_every_step_ends():
-    """20,000 steps with every rule, from random bits and from valid points at their bounds."""
-    in_time(FUZZ, 1, 20_000, seconds=300)
+    """5,000 steps with every rule, from random bits and from valid points at their bounds."""
+    in_time(FUZZ, 1, 5_000, seconds=300)
 
 
 @pytest.mark.campaign
@@ -59,8 +59,8 @@ def test_a_million_steps_end():
 
 @pytest.mark.slow
 def test_every_call_ends_as_it_is_documented():
-    """200 calls of the public functions; see ``hostile_calls.py``."""
-    in_time(HOSTILE, 1, 200, seconds=300)
+    """50 calls of the public functions; see ``hostile_calls.py``."""
+    in_time(HOSTILE, 1, 50, seconds=300)
 
 
 @pytest.mark.campaign
