@@ -17,6 +17,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -84,6 +85,7 @@ class Picture(Figure):
         width, height = mpl.rcParams["figure.figsize"]
         size = (page.width or width, stretch * height)
         super().__init__(figsize=size, layout="constrained")
+        FigureCanvasAgg(self)  # which measures all texts with one renderer
 
     def draw(self, renderer: RendererBase) -> None:
         """Draw, with room for the tick labels that panels of the final width have.

@@ -64,6 +64,7 @@ def on_write(monkeypatch, number, action):
         ["record.trajectory={every: 10}", "compression=gzip"],
         ["oscillator.f=[1, 2, 3]"],  # which scales
         ["oscillator.omega=2.5"],  # a single point
+        ["oscillator={h: 0.05, f: 1.0}", "points={R: [0.8, 0.5, 0.7], omega: [2.4, 3.1, 2.6]}"],
         ["follow={axis: omega, direction: both}", "oscillator.R=[0.5, 0.8]"],
         [
             "follow={axis: omega, direction: down}",

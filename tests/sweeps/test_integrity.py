@@ -90,13 +90,13 @@ def test_the_measures_of_each_attractor_along_an_axis(two):
 
 
 def impacts_per_period(two, phase, x, velocities):
-    """Return the impacts per period of motions from x at a phase, after 4,000 periods."""
+    """Return the impacts per period of motions from x at a phase, after 1,000 periods."""
     points = np.zeros(len(velocities), POINT)
     for name in ("h", "R", "f", "p", "clearance"):
         points[name] = two[name]
     points["omega"], points["x0"], points["v0"] = 2.6, x, velocities
     options = {"phase": phase % (2.0 * np.pi), "at_section": True}
-    return integrate(points, transient=4000, periods=4, **options)["impacts_per_period"]
+    return integrate(points, transient=1000, periods=4, **options)["impacts_per_period"]
 
 
 @pytest.mark.slow
@@ -112,7 +112,7 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two):
         assert 0.0 < (harmful - harmless) / harmful <= 1e-9
         both = impacts_per_period(two, phase, x, v + np.array([harmless, harmful]))
         assert both.tolist() == [home[k], home[1 - k]]
-        smaller = np.linspace(-1.0, 1.0, 4001) * abs(harmless)
+        smaller = np.linspace(-1.0, 1.0, 2001) * abs(harmless)
         assert (impacts_per_period(two, phase, x, v + smaller) == home[k]).all()
         start = found["section_x"].values[k], found["section_v"].values[k]
         for x, v, phase in motion(two, *start):
@@ -134,10 +134,10 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
         found = knocks(starts).isel(coexisting=0)
     assert found["knock_fractal"]
     orbit = periodic_orbit(osc, found["section_x"].item(), found["section_v"].item(), 1)
-    points = np.repeat(osc.at(0.0), 1000)
+    points = np.repeat(osc.at(0.0), 500)
     for phase in (5.1326, 5.1572, 5.1817, 5.2063, 5.2308):
         points["x0"], v = orbit.sections(phase)[0]
-        points["v0"] = v + found["knock_harmful"].item() * np.linspace(0.98, 0.998, 1000)
+        points["v0"] = v + found["knock_harmful"].item() * np.linspace(0.98, 0.998, 500)
         run = integrate(points, phase=phase, at_section=True, transient=1000, periods=1)
         assert np.abs(run["poincare_v"] - v).max() < 1e-6
 
@@ -193,7 +193,7 @@ def test_other_requests_are_refused(two):
 
 
 @pytest.mark.slow
-def test_the_command_and_the_picture(two):
+def test_the_command(two):
     file = two.encoding["source"]
     lines = accepted("integrity", file, "--weight", 2).splitlines()
     assert [line.split()[:3] for line in lines[1:3]] == [["2.6", "0", "1/0"], ["2.6", "1", "2/1"]]
@@ -201,8 +201,6 @@ def test_the_command_and_the_picture(two):
     text = accepted("integrity", file, "--at", "omega=2.6", "--csv", "a.csv")
     assert "to 1" in text and "to 0" in text
     assert len(Path("a.csv").read_text().splitlines()) == 3
-    plot(two, "a.svg", "integrity", {"omega": 2.7})
-    assert "least knock, 2/1" in Path("a.svg").read_text()
 
 
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):

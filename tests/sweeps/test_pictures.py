@@ -86,7 +86,7 @@ def hidden_ticks(figure):
 
 NARROW = [
     ("map.h5", "bifurcation", {"below": ("lyapunov", "impacts_per_period")}),
-    ("map.h5", "bifurcation", {"exact": True, "coordinate": "impact_phase"}),
+    ("map.h5", "bifurcation", {"exact": [(1, 1), (2, 1)], "coordinate": "impact_phase"}),
     ("map.h5", "map", {}),
     ("map.h5", "map", {"quantity": "lyapunov"}),
     ("map.h5", "section", {"at": {"omega": 2.8}}),
@@ -103,11 +103,13 @@ NARROW = [
 def test_on_a_column_nothing_collides_and_all_is_legible(files, file, kind, options):
     with open_sweep(files / file) as dataset:
         if "exact" in options:
-            options = {**options, "exact": branches(dataset)}
+            options = {**options, "exact": branches(dataset, classes=options["exact"])}
         figure = plotting.KINDS[kind].draw(dataset, page=Page(width=3.4), **options)
     assert figure.get_figwidth() == pytest.approx(3.4)
     texts = visible_texts(figure)
     assert len(texts) > 8
+    if kind == "integrity":
+        assert any("least knock, 2/1" in text.get_text() for text, _ in texts)
     page = figure.bbox
     for text, box in texts:
         size = text.get_fontsize() * (

@@ -105,17 +105,6 @@ def test_a_table_goes_on_where_it_was_stopped(monkeypatch):
         xr.testing.assert_equal(out.load(), whole.load())
 
 
-@pytest.mark.cluster
-@pytest.mark.slow
-def test_a_cluster_computes_the_same_bits_of_a_table(client):
-    columns, _ = shuffled(GRIDS["plain"])
-    run_sweep({"points": columns, **yaml.safe_load(f"{FIXED}\n{RECORD}")}, "here.h5")
-    config = load_config({"points": columns, **yaml.safe_load(f"{FIXED}\n{RECORD}")})
-    run_sweep(config, "there.h5", client=client)
-    with open_sweep("here.h5") as here, open_sweep("there.h5") as there:
-        xr.testing.assert_equal(here.load(), there.load())
-
-
 def test_every_form_of_a_table_is_the_same_sweep():
     """A file, columns of YAML, arrays, a DataFrame, a structured array; and the file of a sweep."""
     import pandas as pd

@@ -258,7 +258,7 @@ def test_what_happens_at_a_graze_is_resolved(tmp_path):
     path = refined(
         tmp_path,
         "oscillator={h: 0.1, R: 0.5, omega: {start: 1.0, stop: 1.2, num: 9}, f: 1.0}",
-        "refine.levels=30",
+        "refine.levels=16",
     )
     graze = 1.11292970401963
     first, *_, last = found(path)

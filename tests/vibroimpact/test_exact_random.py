@@ -50,7 +50,8 @@ def test_random_points_end_decided():
 
 
 @pytest.mark.parametrize(
-    "every", [pytest.param(80, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)]
+    "every",
+    [pytest.param(240, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.campaign)],
 )
 def test_random_points_are_those_of_the_slow_solver(every):
     """2000 points, or 25 of them: sections, impacts and rests to 1e-9.
@@ -133,7 +134,7 @@ def test_every_touch_deeper_than_rounding_is_found(h, omega, x0):
         free = Oscillator(h=h, R=0.8, omega=omega, f=1.0)
         top, height, a = first_top(free, x0, guess_top(free, x0))
         scale = max(1.0, abs(float(height)), abs(x0))
-        for exponent in np.arange(2.0, 13.01, 0.5):
+        for exponent in np.arange(2.0, 13.01):
             for sign in (1, -1):
                 stop = float(height - sign * mp.mpf(10) ** -mp.mpf(exponent) * scale)
                 osc = Oscillator(h=h, R=0.8, omega=omega, f=1.0, clearance=stop)
@@ -229,7 +230,7 @@ def test_the_tail_of_a_chatter_is_the_sum_of_its_flights(R, h, omega, clearance,
     osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
     pt = osc.at(min(0.0, clearance))[0]
     taken = 0
-    for v in 10.0 ** np.arange(-9.0, -2.0, 0.5):
+    for v in 10.0 ** np.arange(-9.0, -2.0):
         tail, status = time_to_rest(v, theta, math.sin(theta), math.cos(theta), math.inf, pt)
         assert status == Status.CERTIFIED
         if tail < math.inf:
@@ -237,7 +238,7 @@ def test_the_tail_of_a_chatter_is_the_sum_of_its_flights(R, h, omega, clearance,
             assert abs(tail - true) <= 5e-10 * true
             assert abs(tail - true) <= 2e-15 * min(1.0, 1.0 / omega)
             taken += 1
-    assert taken >= 4
+    assert taken >= 2
     s, c = math.sin(theta), math.cos(theta)
     assert time_to_rest(0.0, theta, s, c, 1.0, pt)[0] == 0.0
     assert time_to_rest(1e-9, theta - math.pi, -s, -c, 1.0, pt)[0] == math.inf

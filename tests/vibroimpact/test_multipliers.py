@@ -80,10 +80,10 @@ def in_order(multipliers):
 
 
 @pytest.mark.slow
-def test_the_multipliers_of_50_orbits_are_those_of_the_section_map():
+def test_the_multipliers_of_25_orbits_are_those_of_the_section_map():
     """Stable and unstable; the slowest impact has a speed of 7e-5 of that of the fastest."""
     seen = []
-    for row in ATTRACTORS:
+    for row in ATTRACTORS[::2]:
         for orbit in orbits_of(*row):
             osc, multipliers = orbit.oscillator, in_order(orbit.multipliers)
             seen.append(orbit.stable)
@@ -100,4 +100,4 @@ def test_the_multipliers_of_50_orbits_are_those_of_the_section_map():
                     assert abs(mu / expected - 1) < 1e-10
             c0, _, c2 = orbit.characteristic
             assert c0 / c2 == pytest.approx(float(product), abs=1e-14)
-    assert len(seen) >= 50 and seen.count(False) >= 20
+    assert len(seen) >= 25 and seen.count(False) >= 10
