@@ -1,5 +1,6 @@
 """Runs of a followed sweep: blocks, threads, files, memory."""
 
+import itertools
 import threading
 import time
 from pathlib import Path
@@ -19,6 +20,7 @@ from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.estimate import block_size, estimate
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
+from sweeps.interrupts import thread_flag
 from vibroimpact import Status
 
 # Blocks, threads, files
@@ -108,11 +110,15 @@ def test_the_points_of_a_long_block_are_told_as_they_come():
 @pytest.mark.slow
 def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     begun = threading.Semaphore(0)
+    numbers = itertools.count(1)
 
     def computing(config, block, threads, advance):
         def told(points):
             begun.release()
-            time.sleep(0.2)
+            if next(numbers) >= 6:  # until the run is left
+                deadline = time.monotonic() + 300
+                while not thread_flag()[0] and time.monotonic() < deadline:
+                    time.sleep(0.01)
 
         return compute_block(config, block, threads, told)
 

@@ -8,7 +8,6 @@ from sweeps.errors import Refused
 from sweeps.plotting import plot
 from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.maps import QUANTITIES, parameter_map
-from sweeps.plotting.saving import FORMATS
 from sweeps.store import VARIABLES, SweepWriter
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
@@ -155,13 +154,6 @@ def test_every_quantity_draws_failed_and_missing_points(quantity):
     assert np.count_nonzero(found == found[1, 1]) == 1
     assert sum(colour is None for colour in found.ravel()) == 1
     figure.draw_without_rendering()
-
-
-def test_a_map_is_written_in_every_format(tmp_path):
-    dataset = hand_made(status={(0, 0): Status.PENDING, (1, 1): Status.UNRESOLVED})
-    for quantity, ending in zip(("period", "lyapunov", "impulse"), FORMATS, strict=True):
-        plot(dataset, tmp_path / f"a.{ending}", quantity=quantity)
-        assert (tmp_path / f"a.{ending}").stat().st_size > 5000
 
 
 def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():

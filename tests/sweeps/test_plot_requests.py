@@ -86,8 +86,6 @@ def over_starts(shared_sweep):
     [
         *((kind, "svg", b"<?xml") for kind in sorted({*KINDS} - {"table"})),
         ("map", "pdf", b"%PDF"),
-        ("bifurcation", "pdf", b"%PDF"),
-        ("map", "png", b"\x89PNG"),
         ("bifurcation", "PNG", b"\x89PNG"),
     ],
 )
