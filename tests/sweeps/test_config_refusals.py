@@ -159,12 +159,11 @@ def test_a_key_under_another_name_is_not_reported_missing_as_well():
     assert message.count("\n") == 3 and "missing" not in message
 
 
-@pytest.mark.slow
 def test_of_many_errors_the_first_are_said_and_the_number_of_all():
-    message = refusal(oscillator(h=f"[{', '.join('a' * 60_000)}]"))
+    message = refusal(oscillator(h=f"[{', '.join('a' * 6_000)}]"))
     lines = message.splitlines()
     assert "line 1: oscillator.h[7] = a is not a number" in lines[7]
-    assert lines[8].endswith("sweep.yaml: and 59,992 errors more") and len(lines) == 9
+    assert lines[8].endswith("sweep.yaml: and 5,992 errors more") and len(lines) == 9
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def later(tmp_path_factory):
     """Return branches whose impact passes the section within the range, and their file."""
     folder = tmp_path_factory.mktemp("later")
     with computed(folder, "record.phase=1.3", "oscillator.R=0.8") as dataset:
-        yield branches(dataset), dataset
+        yield branches(dataset, classes=[(1, 1), (2, 2)]), dataset
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def test_the_diagram_shows_them_solid_where_stable(exact, found, coordinate):
 def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact, found):
     """Where the points alone would leave the unstable branch out; and of a part of the axis."""
     plain = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v").axes[0]
-    half = branches(exact, "omega", {"R": 0.5})
+    half = branches(exact, "omega", {"R": 0.5}, classes=[(1, 1)])
     with_all = bifurcation(exact, at={"R": 0.5}, coordinate="impact_v", exact=half)
     low, high = with_all.axes[0].get_ylim()
     y = np.concatenate([curves(with_all, dashed)[:, 1] for dashed in (False, True)])
