@@ -90,9 +90,7 @@ def test_along_a_start_the_basin_changes(sweep):
 
 @pytest.fixture
 def grid(sweep):
-    return sweep(
-        "h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 91}"
-    )
+    return sweep("h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 91}")
 
 
 @pytest.mark.slow
