@@ -14,7 +14,7 @@ import pathlib
 import sys
 import types
 
-LIBRARIES = "filelock h5py numba pandas platformdirs.unix psutil scipy.optimize xarray"
+LIBRARIES = "filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
 #: Those that only these commands and options use, and that take long to import.
 MORE = {
     "plot": "matplotlib.pyplot",
