@@ -109,6 +109,7 @@ class MotionPanel:
         self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name=name)
         self.impacts = ColumnDataSource({"t": [], "x": [], "v": []}, name=f"{name}: impacts")
         self.text = Div(text="", sizing_mode="stretch_width", margin=(2, 4, 0, 60))
+        self.text.name = f"{name}: text"
         self._stops = [
             Span(dimension=way, location=0.0, line_dash="dashed", line_color="black")
             for way in ("width", "height")

@@ -44,7 +44,7 @@ class PixelFigure:
         self.figure = figure(
             tools="pan,wheel_zoom,box_zoom,undo,redo,reset,save", active_scroll="wheel_zoom",
             x_range=x_range or Range1d(0.0, 1.0), y_range=Range1d(0.0, 1.0), name=name,
-            sizing_mode="stretch_both", min_height=150, lod_threshold=None,
+            sizing_mode="stretch_both", min_height=120, lod_threshold=None,
         )  # fmt: skip
         self.figure.toolbar.logo = None
         #: Columns and rows of the canvas; 0 as long as the browser has not said.

@@ -314,6 +314,24 @@ def test_basins_at_the_mark_and_a_start_out_of_them(window):
     assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
 
 
+def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(browser, explorer):
+    window = Window(browser, explorer, size=(690, 400))
+    window.click(0.2, 0.5)
+    window.tab.get_by_text("basins", exact=True).click()
+    window.settle(lambda: window.page.motion_from.text.text != "")
+    legend, text = (
+        window.tab.evaluate(
+            "(name) => {const m = Bokeh.documents[0].get_model_by_name(name);"
+            "const box = Bokeh.index.find_one(m).el.getBoundingClientRect();"
+            "return [box.top, box.bottom]}",
+            name,
+        )
+        for name in ("basins legend", "motion from a start: text")
+    )
+    window.tab.close()
+    assert legend[1] <= text[0] and text[1] < 400.0
+
+
 def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_path):
     config = {
         "oscillator": {
