@@ -46,7 +46,7 @@ def label(variable: xr.DataArray) -> str:
 
 def _named_unit(variable: xr.DataArray) -> str:
     """Return the unit of a variable if it was given a name."""
-    unit: str = variable.attrs["units"]
+    unit: str = variable.attrs.get("units", "1")  # a coordinate that a user has assigned has none
     named = unit not in ("1", "rad") and not re.search("length|time", unit)
     return unit.replace("^2", "$^2$") if named else ""
 
