@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import psutil
 
 from sweeps.errors import Refused
-from sweeps.interrupts import raised_at_once
+from sweeps.interrupts import check, raised_at_once
 from sweeps.text import shortened
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ def connected(address: str) -> Iterator[Client]:
                 ) as client:
                     yield client
             return
+        _refuse_silence(address)
         with raised_at_once():  # Dask looks at no flag while it waits for an answer
-            _refuse_silence(address)
             registered = _registered(address)
         with registered as client:
             yield client
@@ -111,8 +111,16 @@ def _refuse_silence(address: str) -> None:
         async with rpc(address, timeout=2 * _PATIENCE, connection_args=arguments) as remote:
             return str((await remote.identity())["type"])
 
+    async def awaited() -> str:
+        """Wait for the answer, and look up for signals meanwhile."""
+        task = asyncio.create_task(asyncio.wait_for(kind(), _PATIENCE))
+        while not task.done():
+            await asyncio.wait({task}, timeout=0.1)
+            check()
+        return task.result()
+
     try:
-        server = asyncio.run(asyncio.wait_for(kind(), _PATIENCE))
+        server = asyncio.run(awaited())
         why = f"it is the address of a {shortened(server.lower())}"
     except TimeoutError:
         server, why = "", f"no answer in {_PATIENCE} s"

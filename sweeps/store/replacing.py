@@ -36,7 +36,7 @@ def check_target(path: Path, what: str) -> bool:
         a directory, a FIFO or a device; or is a link that another user has put there.
     """
     try:
-        target = followed(path)
+        target = _followed(path)
         if not target.parent.is_dir():
             link = "" if target is path else f", a link to {target},"
             raise StoreError(
@@ -71,7 +71,7 @@ def kind(mode: int) -> str:
     return f"{kinds.get(stat.S_IFMT(mode), 'something else')}, not a regular file,"
 
 
-def followed(path: Path) -> Path:
+def _followed(path: Path) -> Path:
     """Return the path itself or, if it is a link of this user, the path that the link leads to.
 
     Where others may write, the kernel follows no link of theirs when it opens a file. A link that
@@ -115,7 +115,7 @@ def replacing(path: Path) -> Iterator[Path]:
     that file stays as it was, and the draft is removed. A draft that a killed process has left is
     removed by the next that replaces the same file.
     """
-    target = followed(path)
+    target = _followed(path)
     remove_leftovers(target)
     name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
     new = target.with_name(name)

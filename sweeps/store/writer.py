@@ -18,7 +18,7 @@ from sweeps.grid import Block, block_points, box_shape
 from sweeps.store.file import schema_of, write_file
 from sweeps.store.journal import Journal, create
 from sweeps.store.paths import identity, journal_path, reason
-from sweeps.store.replacing import followed, remove_leftovers, replacing
+from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.schema import ADDED, Schema
 from sweeps.store.variables import VARIABLES
 
@@ -37,7 +37,8 @@ def sweep_writer(
     resumed is of another sweep or is damaged, and Failed if the journal cannot be created; then
     none is left behind, and an old one is untouched.
     """
-    path = followed(Path(path))  # once: all that follows works on this file
+    # A link is followed once: all that follows works on the file that was checked and locked.
+    path = Path(path).resolve()
     journal = journal_path(path)
     remove_leftovers(path)  # which may be large
     if resume and journal.exists() and journal.stat().st_size > 0:
