@@ -59,7 +59,7 @@ class Window:
         browser: Any,
         explorer: Explorer,
         address: str | None = None,
-        size: tuple[int, int] = (640, 400),
+        size: tuple[int, int] = (1280, 720),
     ) -> None:
         self.requests: list[str] = []
         self.problems: list[str] = []
@@ -70,12 +70,6 @@ class Window:
         self.tab.goto(address or explorer.address)
         self.page: LivePage = explorer.pages[-1]
         self.settle(lambda: self.page.shown is not None)
-
-    def go_home(self) -> None:
-        """Return to the view that the page opened with."""
-        page = self.page
-        page.document.add_next_tick_callback(lambda: page.change(lambda _: page.home))
-        self.settle(lambda: page.view == page.home)
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
         """Wait until a condition holds, nothing is computed, and the browser has the picture."""
@@ -113,14 +107,13 @@ class Window:
 
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""
-        shown, diagram, view = self.page.shown, self.page.diagram, self.page.view
+        shown, (columns, rows) = self.page.shown, self.page.diagram.size
+        view = self.page.view
         if view.tab != DIAGRAM:
             return True
-        if diagram.painted.value < diagram.sent or self.page._waiting or shown is None:
+        if self.page._waiting or shown is None or shown.pixels.shape != (rows, columns):
             return False
-        if shown.pixels.shape != diagram.size[::-1]:
-            return False
-        densest = diagram.configurations(view)[-1]
+        densest = self.page.diagram.configurations(view)[-1]
         if (shown.config, shown.view.ordinate) != (densest, view.ordinate):
             return False
         ends = self.model(

@@ -1,6 +1,9 @@
 """The live picture in a real browser: every gesture, and what the page then shows."""
 
 import re
+import signal
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from itertools import cycle
@@ -13,7 +16,7 @@ import sweeps
 from browser import Window, chromium
 from commands import accepted
 from sweeps import load_config, open_sweep
-from sweeps.explorer import diagram, picture
+from sweeps.explorer import picture
 from sweeps.explorer.diagram import numbers
 from sweeps.explorer.view import BASINS
 from vibroimpact import Oscillator, one_impact_orbit
@@ -25,14 +28,6 @@ pytestmark = pytest.mark.slow
 def browser():
     with chromium() as browser:
         yield browser
-
-
-@pytest.fixture(scope="module", autouse=True)
-def short_records():
-    """Let a picture be drawn again with four times the record, and not with 16 and 64 times."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diagram, "_RECORDS", (1, 4))
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -48,19 +43,12 @@ def explorer(tmp_path_factory):
     explorer.close()
 
 
-@pytest.fixture(scope="module")
-def opened():
-    """Return the windows that are at home, for the next test."""
-    return []
-
-
 @pytest.fixture
-def window(browser, explorer, opened):
-    window = opened.pop() if opened else Window(browser, explorer)
+def window(browser, explorer):
+    window = Window(browser, explorer)
     yield window
+    window.tab.close()
     assert window.problems == []
-    window.go_home()
-    opened.append(window)
 
 
 def expected(page):
@@ -71,30 +59,17 @@ def expected(page):
     return picture.density(values, view.ylim or picture.fitted(values), rows)
 
 
-def test_a_page_asks_nothing_of_the_network_and_its_first_zoom_can_be_undone(browser, explorer):
-    window = Window(browser, explorer)
+def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_network(
+    window, explorer
+):
     page = window.page
     assert page.view.xlim == (2.4, 3.5)
     columns, rows = page.diagram.size
     assert window.pixels().shape == (rows, columns)
-    assert columns > 280
+    assert columns > 800
     np.testing.assert_array_equal(window.pixels(), expected(page))
     assert {url.split("/")[2] for url in window.requests} == {explorer.address.split("/")[2]}
     assert window.tab.get_by_text("million periods/s").is_visible()
-    home = page.view
-    window.wheel(-400.0)
-    window.settle(lambda: page.view.ylim is not None)
-    zoomed, late = page.view, page.shown
-    window.tool("undo")
-    window.settle(lambda: page.view == home)
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-    # A picture of the zoom that comes late is not one that fits all points.
-    page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
-    window.tool("redo")
-    window.settle(lambda: page.view == zoomed)
-    np.testing.assert_array_equal(window.pixels(), expected(page))
-    window.tab.close()
-    assert window.problems == []
 
 
 def test_nothing_is_logged_while_the_address_changes(browser, explorer, caplog):
@@ -137,6 +112,22 @@ def test_wheel_pan_box_back_forward_and_reset(window):
     window.settle(lambda: page.view.xlim == pytest.approx(boxed.xlim))
     window.tool("reset")
     window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+
+
+def test_undo_and_redo_of_the_first_zoom(window):
+    page = window.page
+    home = page.view
+    window.wheel(-400.0)
+    window.settle(lambda: page.view.ylim is not None)
+    zoomed, late = page.view, page.shown
+    window.tool("undo")
+    window.settle(lambda: page.view == home)
+    np.testing.assert_array_equal(window.pixels(), expected(page))
+    # A picture of the zoom that comes late is not one that fits all points.
+    page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
+    window.tool("redo")
+    window.settle(lambda: page.view == zoomed)
     np.testing.assert_array_equal(window.pixels(), expected(page))
 
 
@@ -264,8 +255,17 @@ def test_the_address_holds_the_view(window, browser, explorer):
     again.tab.close()
 
 
-def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
-    page = window.page
+@pytest.fixture
+def small(browser, explorer):
+    """A window whose maps have few pixels."""
+    window = Window(browser, explorer, size=(560, 360))
+    yield window
+    window.tab.close()
+    assert window.problems == []
+
+
+def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(small):
+    window, page = small, small.page
     window.tab.get_by_text("map of classes").click()
     tiles, box = window.tiles("map"), window.box("map")
     assert window.tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -291,8 +291,8 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(window):
     assert page.view.values["omega"] == pytest.approx(2.4 + 1.1 / 4, abs=0.01)
 
 
-def test_basins_at_the_mark_and_a_start_out_of_them(window):
-    page = window.page
+def test_basins_at_the_mark_and_a_start_out_of_them(small):
+    window, page = small, small.page
     for name, value in (("h", 0.0), ("omega", 1.3)):  # two motions coexist
         window.model(f"{name} slider", f"{{m.value = {value}}}")
         window.settle(lambda name=name, value=value: page.view.values[name] == value)
@@ -357,11 +357,9 @@ def test_a_logarithmic_axis_is_drawn_as_one_and_the_end_is_said(browser, tmp_pat
     window.settle(lambda: page.view.axis == "R")
     window.click(0.5, 0.5)
     window.settle(lambda: page.view.values["R"] == pytest.approx(0.5, abs=0.01))
-    notice = window.tab.get_by_text("vibroimpact explore has ended")
-    assert not notice.is_visible()
-    explorer.close()
-    notice.wait_for(timeout=30_000)
     assert window.problems == []
+    explorer.close()
+    window.tab.get_by_text("vibroimpact explore has ended").wait_for()
     window.tab.close()
 
 
@@ -394,6 +392,26 @@ def test_thirty_gestures_in_a_burst_end_with_the_last(window):
     np.testing.assert_array_equal(window.pixels(), expected(page))
     assert shown[-1].diagram(9) == page.view.diagram(9)
     assert len(shown) < 60, "stale pictures were computed to their end"
+
+
+def test_a_lost_connection_and_its_end_are_said(browser, tmp_path):
+    command = [sys.executable, "-m", "sweeps.cli", "explore", "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+    try:
+        address = process.stdout.readline().strip()
+        tab = browser.new_page()
+        tab.set_default_timeout(300_000)
+        tab.goto(address)
+        tab.get_by_text("save as YAML").wait_for()
+        notice = tab.get_by_text("vibroimpact explore has ended")
+        assert not notice.is_visible()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(300) == 0
+        notice.wait_for()
+        tab.close()
+    finally:
+        process.kill()
+        process.communicate()
 
 
 # The texts of others
