@@ -55,8 +55,11 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     if error["type"] == "missing":
         return f"{where}{dotted(key)} is missing; expected: {expected}"
     if error["type"] == "extra_forbidden":
-        word = meant(str(key[-1]), group.model_fields, _keys_elsewhere())
-        return f"{where}unknown key {dotted(key)}{suggestion(word)}; expected: {key_list(group)}"
+        name = str(key[-1])
+        hint = suggestion(meant(name, group.model_fields, _keys_elsewhere()))
+        if name.isdecimal():  # {h: 0,1} is read as {h: 0, 1: }
+            hint = " (a number has a decimal point, no comma)"
+        return f"{where}unknown key {dotted(key)}{hint}; expected: {key_list(group)}"
     typed = f"{dotted(key)} = {shown(_typed(data, key, error['input']))}"
     problem = reason or _PROBLEMS.get(error["type"], "is not allowed")
     return f"{where}{typed} {problem}; expected: {expected}"

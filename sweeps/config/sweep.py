@@ -147,11 +147,11 @@ class SweepConfig(Group):
             row = int(np.argmax(pairs[0] > pairs[1]))
             x0, clearance, where = *(end[row] for end in pairs), f"row {row + 1} of points: "
         if x0 > clearance:
-            typed = "x0" in start.model_fields_set
+            typed, stop = "x0" in start.model_fields_set, si_name("clearance", info.data["rig"])
             raise MisplacedError(
                 ("start", "x0") if typed else ("oscillator", "clearance"),
-                f"{where}x0 = {shortest(x0)} lies beyond the stop at clearance = "
-                f"{shortest(clearance)}; every x0 must be <= every clearance",
+                f"{where}x0 = {shortest(x0)} lies beyond the stop at {stop} = "
+                f"{shortest(clearance)}; every x0 must be <= every {stop}",
             )
         lengths: dict[Key, int] = {
             (title, name): length(value)

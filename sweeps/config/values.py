@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 from collections.abc import Collection, Iterator
 from typing import Annotated, Any, Literal, Self
 
@@ -45,6 +46,8 @@ def plain_number(value: object) -> object:
     text = value if isinstance(value, str) else ""
     if isinstance(value, bool) or "_" in text or not text.isascii():
         raise ValueError("is not a number")
+    if re.fullmatch(r"[+-]?\d*,\d+", text):
+        raise ValueError("is not a number, which has a decimal point, no comma")
     return value
 
 

@@ -89,7 +89,8 @@ class Schema:
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         for name in columns:
             if name in (TABLE, DIRECTION, *RECORDS, *VARIABLES):
-                raise StoreError(f"the column {name} of the table has the name of a result")
+                problem = "has the name of a result; expected: another name"
+                raise StoreError(f"points: the column {name} {problem}")
         records = {name: np.arange(width) for name, width in widths_of(spec).items() if width}
         records["section"] += spec.transient + 1
         attributes = {

@@ -303,6 +303,8 @@ def test_overrides_may_add_a_group():
         ("oscillator.h=[1,", ["not valid YAML"]),
         ("oscillator.h", ["expected key=value"]),
         ("oscillator.h=", ["oscillator.h = (nothing) is not a number"]),
+        ("oscillator.h=0,1", ["oscillator.h = 0,1 is not a number", "decimal point, no comma"]),
+        ("oscillator={h: 0,1, R: 1}", ["unknown key oscillator.1 (", "decimal point, no comma"]),
         (
             "record.trajectory={ever: 2}",
             ["record.trajectory.ever (did you mean every?)"],

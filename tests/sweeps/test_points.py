@@ -226,7 +226,7 @@ def test_what_needs_an_axis_is_refused(override, part):
 
 def test_a_column_with_the_name_of_a_result_is_refused():
     write_csv({"R": [0.5], "omega": [2.0], "status": [1]})
-    with pytest.raises(StoreError, match="column status of the table has the name of a result"):
+    with pytest.raises(StoreError, match="points: the column status has the name of a result"):
         run_sweep("sweep.yaml")
 
 
