@@ -1,1 +1,1 @@
-"""One orbit, step by step: contact, flight, impact, integrators, tangent vectors, recorder."""
+"""The motion of one orbit step by step: flights, impacts, rests, and the record of them."""

@@ -1,19 +1,19 @@
-"""Rebounds that are back on the stop soon, one after the other, and the sum of a chatter.
+"""Rebounds that return to the stop soon, one after the other, and the sum of a chatter.
 
-- A rebound that is back within half a step: the root at its start is divided out of its series,
-  Halley's method finds the next one, and the Bernstein coefficients of ``propagator.py`` prove
+- A rebound that returns within half a step: its series is divided by the root at its start,
+  Halley's method finds the next root, and the Bernstein coefficients of ``propagator.py`` prove
   that no root lies between.
 - A short bounce: the reversion of its series, and one iteration of Newton's method.
 
 **Chatter.** Let a be the acceleration that presses the mass at rest, epsilon = v / a after a
-rebound at speed v, and beta = a' / a = -f omega cos(omega t) / a. Expanding one flight and one
-impact in epsilon: the flight takes 2 epsilon (1 - 2/3 (beta + h) epsilon), and the next epsilon is
-R epsilon (1 - 4/3 (beta + h) epsilon). Summed to the end, with eta = epsilon / (1 - R):
+rebound at speed v, and beta = a' / a = -f omega cos(omega t) / a. Expand one flight and one impact
+in epsilon: the flight takes 2 epsilon (1 - 2/3 (beta + h) epsilon), and the next epsilon is
+R epsilon (1 - 4/3 (beta + h) epsilon). The sum over all flights is, with eta = epsilon / (1 - R),
 
     time to rest = 2 eta - 4/3 (beta + h) eta^2 + O(eta^3).
 
-The sum replaces the flights once eta is so small that the term left out is below rounding. With
-R near 1 that takes more bounces than can be followed, and at R = 1 there is no end to them.
+The sum replaces the flights once eta is so small that the neglected term is below rounding. With
+R near 1 this takes more bounces than can be followed, and at R = 1 the bounces never end.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from vibroimpact.step.contact import pressing, time_to_release
 from vibroimpact.step.impact import all_terms, series
 from vibroimpact.step.trigonometry import sin_cos
 
-# The tail of a chatter is summed where eta times the rates of the system is below this: the
-# third-order term left out, relative to the first, is its square.
+# The tail of a chatter is summed when eta times the rates of the system is below this. The
+# neglected third-order term, relative to the first, is of the order of the square of this product.
 _SHORTEST_TAIL = 1e-5
-# Above this R a chatter takes too many bounces to follow, or does not end at all. Bounces whose
-# epsilon times the rates of the system is below ``_SHORTEST_BOUNCE`` are then taken for rest, and
-# the point is not certified: Status.SETTLED.
+# Above this R a chatter takes too many bounces to follow, or never ends. Bounces whose epsilon
+# times the rates of the system is below ``_SHORTEST_BOUNCE`` are then taken for rest, and the point
+# is not certified: Status.SETTLED.
 _ENDLESS = 0.999
 _SHORTEST_BOUNCE = 1e-3
-# A bounce is short where its length times the rates of the system is below ``_SHORT``: its series
-# is enough up to the eighth power. Below ``_SHORTEST`` the terms of the reversion are enough.
+# A bounce is short if its length times the rates of the system is below ``_SHORT``: its series up
+# to the eighth power is enough. Below ``_SHORTEST`` the terms of the reversion alone are enough.
 _SHORT, _SHORTEST = 0.03, 1e-3
 
 _CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
@@ -59,7 +59,7 @@ def rates_of(eq):
 
 @jit(inline=True)
 def is_first(w, w_i, t, bound, step):
-    """Whether the return at `t` is proved to be the first of a flight from the stop at w < 0."""
+    """Whether the return at `t` is proved to be the first of a flight from the stop with w < 0."""
     n = t / step
     n *= n
     return (w_i > 0.0) & (fma(bound, n * n, (w - w_i) * t * (1.0 / 3.0)) < 0.0)
@@ -67,9 +67,9 @@ def is_first(w, w_i, t, bound, step):
 
 @jit(refcounts=False)
 def bounce(eq, launch, bound, left, step):
-    """Return the length of a rebound that is back within half a step, and w at its end.
+    """Return the length of a rebound that returns within half a step, and w at its end.
 
-    They are -1 and 0 where they are not proved.
+    They are -1 and 0 if there is no proof.
     """
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
@@ -87,8 +87,8 @@ def bounce(eq, launch, bound, left, step):
         newton = g / d
         change = fma(newton * newton, e / d, newton)
         t -= change
-        # As shares of t, the next change would be about the cube of this one, and that of the slope
-        # its square.
+        # Relative to t, the next change would be about the cube of this one; the change of the
+        # slope would be about its square.
         if abs(change) <= 1e-6 * t:
             w_i = t * fma(-2.0 * e, change, d)
             if t < longest and is_first(w, w_i, t, bound, step):
@@ -99,7 +99,7 @@ def bounce(eq, launch, bound, left, step):
 
 @jit(refcounts=False)
 def short_bounce(eq, launch):
-    """Return the same of a short rebound, by the reversion of its series; -1 and 0 if it is not."""
+    """As ``bounce``, for a short rebound, by series reversion; -1 and 0 if it is not short."""
     w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
     rates = rates_of(eq)
     a, b = eq.of_w, eq.of_y
@@ -137,7 +137,7 @@ def short_bounce(eq, launch):
 
 @jit(inline=True)
 def wave_after(s, c, dtheta, theta):
-    """Return sine and cosine of the phase `theta`, which is `dtheta` after that of (s, c)."""
+    """Return sine and cosine of the phase `theta`, given those of theta - dtheta, `s` and `c`."""
     if dtheta >= _SHORT:
         return sin_cos(theta)
     z = dtheta * dtheta
@@ -151,9 +151,9 @@ def time_to_rest(v, theta, s, c, left, pt):
     """Return the time until the chatter after a rebound at speed `v` is complete, and the status.
 
     The chatter begins at phase `theta`, with sine `s` and cosine `c`. The time is inf if the
-    chatter is not complete within the time `left`, or its sum is not yet exact. If R is so near to
-    1 that the chatter would take very many bounces, the time is 0 once the bounces are short, and
-    the status says so.
+    chatter is not complete within the time `left`, or if its sum is not yet exact to rounding. If R
+    is so near to 1 that the chatter would take too many bounces, the time is 0 once the bounces are
+    short, and the status is ``SETTLED``.
     """
     a = pressing(s, pt)
     if not a > 0.0:
@@ -161,7 +161,7 @@ def time_to_rest(v, theta, s, c, left, pt):
     if v == 0.0:
         return 0.0, _CERTIFIED
     beta = -pt.f * pt.omega * c / a
-    # The rates of the system, a'' / a = f omega^2 sin(omega t) / a among them.
+    # The rates of the system; one of them is sqrt(|a''| / a), a'' / a = f omega^2 sin(omega t) / a.
     rates = abs(beta) + pt.h + pt.p + pt.omega * (1.0 + math.sqrt(pt.f / a))
     shortness = rates * v / a
     if pt.R > _ENDLESS and shortness < _SHORTEST_BOUNCE:
@@ -176,7 +176,7 @@ def time_to_rest(v, theta, s, c, left, pt):
 
 @jit(inline=True)
 def phase_to_rest(eq, launch, theta, left, pt):
-    """As ``time_to_rest``, as a phase; calls it only if the time may be finite."""
+    """As ``time_to_rest``, but as a phase; calls it only if the time may be finite."""
     press = fma(eq.of_sin, launch.s, eq.of_1)
     slow = -launch.w * rates_of(eq) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
     if not (slow or pt.R > _ENDLESS):

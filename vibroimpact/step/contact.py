@@ -1,8 +1,8 @@
 """The stop: contact, rest and release, and the events of one step.
 
-A mass at rest on the stop stays while a = -f sin(omega t) - p^2 clearance is not negative, and is
-released at the exact time at which a becomes negative. Where p^2 |clearance| = f with a preload, a
-becomes zero and not negative: the mass stays for ever.
+A mass at rest on the stop stays while a = -f sin(omega t) - p^2 clearance is not negative. It is
+released at the exact time at which a becomes negative. With a preload of p^2 |clearance| = f, a
+reaches zero but never becomes negative: the mass stays for ever.
 """
 
 from __future__ import annotations
@@ -16,25 +16,26 @@ from vibroimpact.jit import jit
 from vibroimpact.step.series import TERMS
 from vibroimpact.step.trigonometry import sin_cos
 
-#: More flights than this in one step are not followed.
+#: Most flights followed in one step.
 MAX_FLIGHTS = 16384
-#: A release this near in phase to the end of a step is left to the next step, because rounding
-#: decides the sign of the force. The displacement would be of the order of the cube of this phase.
+#: A release this close in phase to the end of a step is left to the next step, because rounding
+#: decides the sign of the force. The displacement is then of the order of the cube of this phase.
 RELEASE_MARGIN = 1e-12
 
-# p^2 |clearance| is known to three roundings: this share of it.
+# Relative error of p^2 |clearance|, after three roundings.
 _ROUNDING_OF_LEVEL = 4.5e-16
 
-# The events of one step: their kinds, and the columns of the buffer that holds them (time since
-# the start of the step, and the state just before). A rest has, for its speed, the sum of those of
-# the impacts that were summed up to it. A flight ends in three events at the most.
+# The kinds of events in a step, and the columns of the buffer that holds them. TIME is since
+# the start of the step; SPEED and DISPLACEMENT are those just before the event. The SPEED of a REST
+# is the sum of the speeds of the impacts that a chatter's sum replaced. A flight has at most three
+# events.
 IMPACT, REST, RELEASE = 0, 1, 2
 KIND, TIME, SPEED, DISPLACEMENT = 0, 1, 2, 3
 EVENTS_SHAPE = (3 * MAX_FLIGHTS + 3, 4)
 
 
 class Scratch(NamedTuple):
-    """Memory for one step with impacts: its events, and the coefficients of a flight."""
+    """Memory for one step with impacts: its events, and the Taylor coefficients of a flight."""
 
     events: np.ndarray
     coefficients: np.ndarray
@@ -48,7 +49,7 @@ def new_scratch():
 
 @jit
 def pressing(s, pt):
-    """Acceleration that presses a mass at rest against the stop: eq. (1) at x = clearance.
+    """Return the acceleration that presses a resting mass on the stop: eq. (1) at x = clearance.
 
     `s` is the sine of the phase.
     """
@@ -57,9 +58,9 @@ def pressing(s, pt):
 
 @jit
 def is_held(pt):
-    """Whether there is a preload that the force never overcomes, to the rounding of p^2 clearance.
+    """Whether a preload holds the mass for ever, to the rounding of p^2 clearance.
 
-    A force that overcomes it by less lifts the mass by the order of 1e-30 f / omega^2.
+    A force that exceeds the preload by less lifts the mass by only about 1e-30 f / omega^2.
     """
     preload = -pt.p * pt.p * pt.clearance
     return preload > 0.0 and preload >= pt.f * (1.0 - _ROUNDING_OF_LEVEL)
@@ -67,17 +68,18 @@ def is_held(pt):
 
 @jit
 def time_to_release(theta, pt):
-    """Return the time from phase `theta` until the force pulls; inf for never.
+    """Return the time from phase `theta` until the force pulls the mass off; inf if it never does.
 
-    It turns from pressing to pulling where sin(omega t) = -p^2 clearance / f, cos(omega t) > 0.
+    The force turns from pressing to pulling where sin(omega t) = -p^2 clearance / f and
+    cos(omega t) > 0.
     """
     if is_held(pt):
         return math.inf
     level = pt.p * pt.p * pt.clearance
     s, c = sin_cos(theta)
     a = pressing(s, pt)
-    # If the force is about to press, only rounding decides the sign of a; the release meant is the
-    # following one.
+    # If the force is about to press, only rounding decides the sign of a; the wait is then until
+    # the following release.
     begins = a > -1e-14 * pt.f and c < 0.0
     if not ((a > 0.0 or begins) and level < pt.f):
         return 0.0
@@ -90,7 +92,7 @@ def time_to_release(theta, pt):
 
 @jit
 def start(pt, s):
-    """Return the state just after the start and whether it is at rest: rule (2)-(5) on it.
+    """Return the state just after the start, by rule (2)-(5), and whether the mass rests.
 
     `s` is the sine of the phase at the start, 0 at t = 0.
     """
@@ -102,11 +104,11 @@ def start(pt, s):
 
 @jit
 def speeds_until_rest(v, wait, s, c, pt):
-    """Return the sum of the speeds before the impacts of a chatter that was summed up.
+    """Return the sum of the speeds before the impacts of a chatter that is replaced by its sum.
 
-    It begins with a rebound at speed `v`, at a phase with sine `s` and cosine `c`, and rests after
-    the time `wait`. The impulse (1 + R) times the sum is that of the pressing force, less `v`: what
-    damping and spring add is of third order in `wait`.
+    The chatter begins with a rebound at speed `v`, at a phase with sine `s` and cosine `c`, and is
+    complete after the time `wait`. The impulse at its impacts, (1 + R) times the sum, is that of
+    the pressing force less `v`. Damping and spring contribute only at third order in `wait`.
     """
     push = (pressing(s, pt) - 0.5 * pt.f * pt.omega * c * wait) * wait
     return max(push - v, 0.0) / (1.0 + pt.R)
@@ -114,7 +116,7 @@ def speeds_until_rest(v, wait, s, c, pt):
 
 @jit(inline=True)
 def log_event(events, n, kind, tau, v, x):
-    """Write row `n` of the events of a step; return the number of rows with it."""
+    """Write row `n` of the events of a step; return the new number of rows."""
     events[n, KIND] = kind
     events[n, TIME] = tau
     events[n, SPEED] = v

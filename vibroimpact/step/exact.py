@@ -1,19 +1,20 @@
 """The impact rule ``exact``: every impact on the closed-form flow, to rounding, and none missed.
 
-A step of ``propagator.py`` that its guard proves to be safe is done. Of the others nearly all have
-one impact, found and proved by ``impact.py``. What is left comes here, flight by flight:
+A step of ``propagator.py`` whose guard proves it safe needs no correction. Of the others, nearly
+all have a single impact, which ``impact.py`` finds and proves. The remaining steps come here and
+are followed flight by flight:
 
-- A flight that is proved, in halves or in quarters, to be below the stop has no impact.
-- ``chatter.py`` finds the end of a rebound that is back soon, and the sum of a chatter.
-- The polynomial of any other flight is searched for its first root, see ``series.py``.
+- A flight that is proved to stay below the stop, in two or four pieces, has no impact.
+- ``chatter.py`` finds the end of a short rebound, and the sum of a chatter.
+- For any other flight, the first root of its polynomial is searched for, see ``series.py``.
 
-**Underflow.** Without a force a mass whose stop is at the equilibrium bounces for ever, each time
-lower by the same factor. Where a flight from the stop is below the smallest normal number,
-displacement and change of displacement over the step alike, the mass is put on the stop at rest,
-y = 0 and w = 0: in free rest, since no force presses it. The point stays certified, because the
-error is below that number.
+**Underflow.** Without a force, a mass whose stop is at the equilibrium bounces for ever, lower each
+time by the same factor. When the displacement of a flight from the stop and its changes over a step
+are below the smallest normal number, the mass is put at rest on the stop, y = 0 and w = 0. This
+rest is free, since no force presses the mass. The point stays certified, because the error is
+below that number.
 
-**Overflow.** Where a flight has a coefficient that is not finite, the step ends in NaN.
+**Overflow.** If a coefficient of a flight is not finite, the step ends in NaN.
 """
 
 from __future__ import annotations
@@ -53,24 +54,25 @@ from vibroimpact.step.series import (
 )
 from vibroimpact.step.trigonometry import sin_cos
 
-#: A turning point closer to the stop than this share of what the flight covers is a near graze.
+#: A turning point closer to the stop than this share of the flight's scale is a near graze. The
+#: scale is the sum of the absolute Taylor coefficients of the flight.
 NEAR_GRAZE = 1e-9
-# Iterations for an impact that one iteration does not find to rounding.
+# Improvements of the guess for an impact that is not found to rounding after one.
 _POLISH = 4
 
 _CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
 
 
 def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Return the least steps per forcing period for which the Taylor series are exact."""
+    """Return the least steps per forcing period for which the Taylor series reach rounding."""
     return np.ceil(2.0 * np.pi * ((2.0 * h + p) / omega + 1.0) / LONGEST_STEP)
 
 
 @jit(refcounts=False)
 def is_below(flight, end, bound, pieces):
-    """Whether a flight from below the stop, or from it, is proved to stay below, in so many pieces.
+    """Whether a flight that starts on or below the stop is proved to stay below, in equal pieces.
 
-    See ``propagator.py``. At the ends of the pieces it must keep off more than a near graze does.
+    See ``propagator.py`` for the proof. A slack in the bound excludes near grazes.
     """
     width, scale = end / pieces, 0.0
     for k in range(TERMS):
@@ -91,14 +93,15 @@ def is_below(flight, end, bound, pieces):
 def next_impact(flight, end):
     """Find where a flight meets the stop before u = `end`; return m, u and turn.
 
-    m coefficients are zero: none where the flight starts off the stop, 4 where it has neither force
-    nor speed, to underflow, and stays there. u is -1 where it does not meet the stop, NaN after an
-    overflow. turn is the greatest y of the turning points on the way, -inf if there was none.
+    m is the number of leading coefficients that are zero: 0 where the flight starts off the stop,
+    and 4 where it has neither force nor speed, to underflow, and stays there. u is -1 if the flight
+    does not meet the stop, NaN after an overflow. turn is the greatest y of the turning points
+    before u, -inf if there is none.
     """
     m = 0
-    while m < 3 and flight[m] == 0.0:  # ends: m rises
+    while m < 3 and flight[m] == 0.0:  # terminates: m rises
         m += 1
-    # The first four are those of y, w, a and a' there: they determine the others.
+    # The first four coefficients are y, w, a and a' at the start; they determine all others.
     if abs(flight[m]) < SMALLEST_NORMAL:
         if abs(flight[1]) + abs(flight[2]) + abs(flight[3]) < SMALLEST_NORMAL:
             return 4, -1.0, -math.inf
@@ -110,7 +113,7 @@ def next_impact(flight, end):
 
 @jit(inline=True)
 def is_near_graze(flight, turn):
-    """Whether a turning point that is `turn` beyond the stop is near it, on the flight's scale."""
+    """Whether a turning point at y = `turn` is a near graze on the scale of the flight."""
     if turn == -math.inf:
         return False
     scale = 0.0
@@ -121,7 +124,10 @@ def is_near_graze(flight, turn):
 
 @jit(inline=True)
 def polished(eq, start, free, impact, phase, step):
-    """Look again for an impact that is not proved, most often a slow one; as ``single_impact``."""
+    """Search again, with more iterations, for an impact that is not proved; as ``single_impact``.
+
+    Most of these impacts are slow.
+    """
     if not (start[0] < 0.0 < free[0] and impact[4] < FIRST):
         return impact
     s_T, c_T = sin_cos(phase[0] + step)
@@ -135,24 +141,24 @@ def end_of_step(end, m, dtheta):
         return 0.0, 0.0
     if math.isnan(dtheta):
         return math.nan, math.nan
-    # The end of the step may lie beyond the stop by the rounding of its own map.
+    # By the rounding of the map, the end of the step may lie beyond the stop.
     return min(end[0], 0.0), end[1]
 
 
 @jit(inline=True)
 def expand_flight(eq, launch, released, step, flight):
-    """Expand a flight; one that begins with a release has neither speed nor acceleration there."""
+    """Expand a flight; after a release its speed and acceleration are zero at the start."""
     expand(eq, launch.y, launch.w, launch.s, launch.c, step, flight)
     if released:
-        flight[0] = flight[1] = flight[2] = 0.0  # to rounding
+        flight[0] = flight[1] = flight[2] = 0.0  # remove their rounding errors
 
 
 @jit(refcounts=False)
 def fly(eq, launch, released, bound, left, step, flight):
     """Follow a flight to the stop, for at most `left`; return its length, w_i, m and turn.
 
-    The length is -1 where it does not meet the stop, NaN after an overflow; m and turn are as from
-    ``next_impact``.
+    The length is -1 if the flight does not meet the stop, NaN after an overflow; m and turn are as
+    from ``next_impact``.
     """
     launched = launch.y == 0.0 and launch.w < 0.0
     if launched:
@@ -176,7 +182,7 @@ def fly(eq, launch, released, bound, left, step, flight):
 
 @jit(inline=True)
 def log_impact(events, impact, pt):
-    """Write the impact of a step that has only this one; return the number of rows."""
+    """Write the impact of a step that has only this event; return the number of rows."""
     return log_event(events, 0, IMPACT, impact[2] / pt.omega, impact[3] * pt.omega, pt.clearance)
 
 
@@ -184,22 +190,22 @@ def log_impact(events, impact, pt):
 def exact_step(eq, pt, start, free, impact, phase, step, scratch):
     """Take one step with every impact in it.
 
-    `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``, `impact` the
-    result of ``single_impact`` where it is not ``ONLY``; `phase` is that at the start, with its
-    sine and cosine. Returns y, w, resting, the number of events in `scratch`, which are in the
-    units of (x, v), the phase spent at rest, the status, and the number of near grazes.
+    `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``; `impact` is the
+    result of ``single_impact``, which is not ``ONLY``; `phase` is the phase at the start, its sine
+    and its cosine. Returns y, w, resting, the number of events in `scratch` (in the units of
+    (x, v)), the phase spent at rest, the status, and the number of near grazes.
     """
     events, flight = scratch
     (y, w, resting), (theta_0, s, c) = start, phase
     stop, per_time = pt.clearance, 1.0 / pt.omega
     passed, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
-    undisturbed = True  # no impact yet, so that `end` is the end of the step
+    undisturbed = True  # no impact yet: `end` is still the state at the end of the step
     end, bound = (free[0], free[1]), free[2]
     impact = polished(eq, (y, w), free, impact, phase, step)
     if impact[4] == ONLY:
         return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
     dtheta, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]
-    for _ in range(MAX_FLIGHTS):  # a bound that holds even where `passed` does not rise
+    for _ in range(MAX_FLIGHTS):  # limits the loop even where `passed` does not rise
         released = resting
         if resting:
             wait = pt.omega * time_to_release(theta_0 + passed, pt)
@@ -214,7 +220,7 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
         if not dtheta >= 0.0:
             dtheta, w_i, m, turn = fly(eq, Launch(y, w, s, c), released, bound, left, step, flight)
             grazes += is_near_graze(flight, turn)
-            if dtheta == 0.0 and m > 1:  # pressed against the stop
+            if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it
                 resting = True
                 n = log_event(events, n, REST, passed * per_time, 0.0, stop)
                 dtheta = -1.0
@@ -238,5 +244,5 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
             passed += wait
             resting = True
             n = log_event(events, n, REST, passed * per_time, speeds, stop)
-    n = log_event(events, n, REST, passed * per_time, 0.0, stop) - resting  # once only
+    n = log_event(events, n, REST, passed * per_time, 0.0, stop) - resting  # no second REST
     return 0.0, 0.0, True, n, rested + (step - passed), _SETTLED, grazes

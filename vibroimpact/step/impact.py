@@ -1,18 +1,19 @@
-"""A step with a single impact: found, proved to be the first and the only one, and corrected.
+"""A step with a single impact: find it, prove that it is the first and only one, and correct.
 
-Six stages without a branch, each for a column of a vector as for a single orbit; ``single_impact``
-is all of them. They hold for nearly every step that meets the stop; the other steps are left to
-``exact.py``.
+There are six stages without branches, which serve the columns of a vector and a single orbit alike;
+``single_impact`` runs all of them. They settle nearly every step that meets the stop. ``exact.py``
+takes the other steps.
 
-- The first guess of the impact is the inverse cubic interpolant of the step where it rises steeply
-  at both ends, else a parabola. The flight is expanded about the nearer end of the step, where 16
-  powers are enough, and Newton's method with two further terms of the reversed series is applied,
-  first to the terms up to t^8, then to all. The error that is left is estimated; if it is not below
+- The first guess of the impact is the inverse cubic interpolant of the step if it rises steeply at
+  both ends, else a parabola. The flight is expanded about the nearer end of the step, where 16
+  powers are enough. Newton's method with two further terms of the reversed series is applied first
+  to the terms up to t^8, then to all. The remaining error is estimated; if it is not below
   rounding, nothing is proved.
-- The flight before the impact is below the stop, and so is that after it, if the Bernstein
-  coefficients of ``propagator.py`` say so: for the first, from (y_0, w_0) to (0, w_i) in the time
-  u; for the second, from (0, -R w_i) to the end of the step in the time r.
-- The end of the step is its undisturbed end and the response to the impulse of the impact.
+- The flights before and after the impact are below the stop if the Bernstein coefficients of
+  ``propagator.py`` prove it: for the first, from (y_0, w_0) to (0, w_i) in the time u; for the
+  second, from (0, -R w_i) to the end of the step in the time r.
+- The state at the end of the step is that without impact, plus the response to the impulse of the
+  impact.
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ import numpy as np
 from vibroimpact.jit import fma, jit, select
 from vibroimpact.step.propagator import INVERSE_FACTORIALS, impulse
 
-#: What Newton's method may leave of the time of an impact, as a share of the step, and its last
-#: change, for the speed.
+#: Newton's method has converged if the estimated error of the time of impact is below ``_RESIDUAL``
+#: steps, and its last change below ``_LAST_CHANGE`` steps, so that the speed is right as well.
 _RESIDUAL, _LAST_CHANGE = 1e-17, 1e-5
 
-#: What ``single_impact`` has proved: nothing, that it has the first impact of the step, and that
-#: this is the only one.
+#: What ``single_impact`` has proved: nothing; that it found the first impact of the step; that this
+#: impact is also the only one.
 NOTHING, FIRST, ONLY = 0.0, 1.0, 2.0
 
 
 @jit(forced_inline=True)
 def series(eq, y, w, s, c):
-    """Return the coefficients of the Taylor series of y from a state, up to the 16th power.
+    """Return the coefficients of the Taylor series of y about a state, up to the 16th power.
 
     The derivatives follow from (P): y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
     """
@@ -72,7 +73,7 @@ def first_terms(k, t):
 
 @jit(forced_inline=True)
 def all_terms(k, t):
-    """As ``first_terms``, of all 17 terms."""
+    """As ``first_terms``, but with all 17 terms."""
     e, d, y = 0.0, k[16], fma(k[16], t, k[15])
     e, d, y = d, fma(d, t, y), fma(y, t, k[14])
     for i in range(13, 0, -1):
@@ -84,10 +85,10 @@ def all_terms(k, t):
 def guess(start, end, step):
     """Guess where a step from `start` to `end`, states (y, w), rises through 0.
 
-    Returns 0 where that is in the first half of the step, 1 where it is in the second, and its time
-    since the start of the step, or, negative, since its end.
+    Returns 0. if that is in the first half of the step, 1. if in the second, and the time from the
+    start of the step, or the negative time from its end.
     """
-    # The place of the root, and w at both ends, in units of the step and of the rise.
+    # The place of the root and w at both ends, in units of the step and of the rise.
     inverse = 1.0 / (end[0] - start[0])
     u, a, b = -start[0] * inverse, start[1] * inverse * step, end[1] * inverse * step
     steep = (a > 0.25) & (b > 0.25)
@@ -102,7 +103,7 @@ def guess(start, end, step):
 
 @jit(forced_inline=True)
 def expand_near(eq, start, end, waves, late):
-    """Expand a step about the end that `late` names, as ``series``."""
+    """Expand a step as ``series`` does, about its start (`late` is 0) or its end (`late` is 1)."""
     (s_0, c_0, s_T, c_T), at_end = waves, late > 0.0
     y, w = select(at_end, end[0], start[0]), select(at_end, end[1], start[1])
     return series(eq, y, w, select(at_end, s_T, s_0), select(at_end, c_T, c_0))
@@ -110,11 +111,11 @@ def expand_near(eq, start, end, waves, late):
 
 @jit(forced_inline=True)
 def newton_step(y, d, e, j, per_step):
-    """Return by how much t exceeds a root of y, and what that leaves of the excess, as a share.
+    """Return the excess of t over a root of y, and the estimated relative error of this excess.
 
-    `d`, `e`, `j` are the first three derivatives over 1!, 2!, 3!. The reversion of the Taylor
-    series is n + a n^2 + (2 a^2 - b) n^3 with n = y / d, a = e / d, b = j / d; what it leaves is
-    estimated by the terms that follow.
+    `d`, `e`, `j` are the first three derivatives over 1!, 2!, 3!. The excess follows from the
+    reversion of the Taylor series, n + a n^2 + (2 a^2 - b) n^3 with n = y / d, a = e / d,
+    b = j / d. Its error is estimated by the next terms.
     """
     inverse = 1.0 / d
     n = y * inverse
@@ -136,9 +137,9 @@ def approach(k, t, step):
 def first_impact(start, y_T, bound, guessed, k, values, step):
     """Find an impact to rounding, and prove that it is the first.
 
-    `guessed` is the improved ``guess``, `k` the series about the end that it names, `values` that
-    of all its terms there, with the slope and half the second derivative. Returns the time of the
-    impact since the start of the step, that left until the end, w_i, and ``NOTHING`` or ``FIRST``.
+    `guessed` is the improved ``guess``, `k` the series about the end of the step that it refers to,
+    `values` the result of ``all_terms`` there. Returns the time of the impact since the start of
+    the step, the time from it to the end, w_i, and ``NOTHING`` or ``FIRST``.
     """
     (y_0, w_0), (late, t), (y, d, e), per_step = start, guessed, values, 1.0 / step
     j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
@@ -160,9 +161,9 @@ def first_impact(start, y_T, bound, guessed, k, values, step):
 
 @jit(forced_inline=True)
 def rebound(eq, free, r, w_i, proved, step):
-    """Take an impact to the end of the step, and prove that there is no other.
+    """Continue from an impact to the end of the step, and prove that there is no other.
 
-    Parameters as from ``first_impact``, results as from ``single_impact``.
+    Parameters as returned by ``first_impact``, results as of ``single_impact``.
     """
     (y_T, w_T, bound), per_step = free, 1.0 / step
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
@@ -180,10 +181,11 @@ def rebound(eq, free, r, w_i, proved, step):
 def single_impact(eq, start, free, waves, step, polish):
     """Correct a step that may have met the stop; return y, w, u, w_i and what is proved.
 
-    `start` is (y, w), `free` is y_T, w_T and the bound from ``propagate``; `waves` are sine and
-    cosine of the phase at the start, and at the end; the guess is improved `polish` times, once is
-    mostly enough. y, w is the state at the end, u the time of the impact since the start, w_i the w
-    before it: all hold with ``ONLY``, u and w_i alone with ``FIRST``, none with ``NOTHING``.
+    `start` is (y, w), `free` is y_T, w_T and the bound from ``propagate``. `waves` are sine and
+    cosine of the phase at the start, then at the end. The guess is improved `polish` times; once is
+    mostly enough. y, w is the state at the end of the step, u the time of the impact since its
+    start, w_i is w just before the impact. With ``ONLY`` all four are valid, with ``FIRST`` only u
+    and w_i, with ``NOTHING`` none.
     """
     late, t = guess(start, free, step)
     k = expand_near(eq, start, free, waves, late)

@@ -1,14 +1,14 @@
-"""One-step integrators of eq. (1) between impacts, and the affine map each of them is.
+"""One-step integrators of eq. (1) between impacts, and their affine maps.
 
-Eq. (1) is linear, so a step of any of these integrators is
+Eq. (1) is linear, so a step of any of these integrators is an affine map,
 
     (x, v) -> M (x, v) + G (sin theta, cos theta),    theta = omega t at the start of the step,
 
-with constant 2x2 matrices M and G per parameter point and step length. Each integrator is
-written once, as a scalar step; its map follows by applying the step to the unit vectors.
+with 2x2 matrices M and G that are constant for a parameter point and step length. Each integrator
+is written once, as a scalar step; its map follows by applying the step to the unit vectors.
 A new integrator is one step function and one line in ``INTEGRATORS``: its name, its order, the step
 and its stability limit. The limit is the greatest p T of stable free motion as a function of
-zeta = h / p, the only number that free motion has. M is stable where |det M| <= 1 and
+zeta = h / p, the only parameter of free motion. M is stable where |det M| <= 1 and
 |trace M| <= 1 + det M (Jury).
 """
 
@@ -37,14 +37,14 @@ class Parameters(NamedTuple):
 
 
 def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
-    """Return the eigenvalue of free motion that is larger in modulus, over p; either of a pair."""
+    """Return the eigenvalue of free motion of greatest modulus, over p; any of a complex pair."""
     z = zeta + 0j
     return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
 
 
 @jit(forced_inline=True)
 def acceleration(x, v, s, pt):
-    """x'' from eq. (1), at a phase with the sine `s`."""
+    """Return x'' from eq. (1), at a phase with the sine `s`."""
     return -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
 
 
@@ -122,9 +122,9 @@ def rk4(x, v, s, c, T, pt):
 
 
 def rk4_limit(zeta: np.ndarray) -> np.ndarray:
-    """Newton's iteration for |P(lambda T)| = 1 along the ray of the eigenvalue lambda.
+    """Solve |P(lambda T)| = 1 along the ray of the eigenvalue lambda by Newton's iteration.
 
-    P(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. On every ray the root is single and lies between 2.6 and
+    P(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. On every ray there is one root. It lies between 2.6 and
     3, where |P|^2 is convex: 2 sqrt 2 without damping, 2.7853 from critical damping on.
     """
     eigenvalue = _eigenvalue(zeta)
@@ -141,10 +141,10 @@ def rk4_limit(zeta: np.ndarray) -> np.ndarray:
 
 @jit
 def _taylor(x, v, s, c, T, pt):
-    """Sum the Taylor series of eq. (1) over a short step: the exponential's action, to rounding.
+    """Sum the Taylor series of eq. (1) over a short step: the matrix exponential, to rounding.
 
-    Differentiating eq. (1) k times: x(k+2) = -2h x(k+1) - p^2 x(k) - f (sin theta)(k). Nothing
-    is divided by p^2 - omega^2 or p^2 - h^2, so resonance and critical damping are not special.
+    Differentiating eq. (1) k times: x(k+2) = -2h x(k+1) - p^2 x(k) - f (sin theta)(k). There is no
+    division by p^2 - omega^2 or p^2 - h^2, so resonance and critical damping are not special.
     """
     x_T, v_T = 0.0, 0.0
     weight = 1.0
@@ -158,7 +158,7 @@ def _taylor(x, v, s, c, T, pt):
     return x_T, v_T
 
 
-# With (2h + p + omega) T <= 1 the first term left out is below 1 / 19! = 8e-18.
+# With (2h + p + omega) T <= 1 the first neglected term is below 1 / 19! = 8e-18.
 _TERMS = 20
 
 
@@ -166,16 +166,17 @@ _TERMS = 20
 def exact(x, v, s, c, T, pt):
     """The flow of eq. (1) itself: M = exp(A T), G from the augmented system (x, v, sin, cos).
 
-    A Taylor step short enough to converge to rounding, doubled as often as needed:
-    M(2T) = M M,  G(2T) = M G + G Rot(omega T). Scaling and squaring, as in Higham (2005),
-    SIAM J. Matrix Anal. 26, 1179-1193. Right for h < p, h = p, h > p, and for omega = p, h = 0.
-    A doubling doubles the relative error: after 53 of them no digit is right, and it is NaN.
+    A Taylor step short enough to converge to rounding is doubled as often as needed:
+    M(2T) = M M,  G(2T) = M G + G Rot(omega T). This is scaling and squaring, as in Higham (2005),
+    SIAM J. Matrix Anal. 26, 1179-1193. It is valid for h < p, h = p, h > p, and omega = p, h = 0.
+    Each doubling doubles the relative error: after 53 doublings no digit is right, and the result
+    is NaN.
     """
     scale = (2.0 * pt.h + pt.p + pt.omega) * T
     if not scale < 2.0**53:
         return math.nan, math.nan
     doublings = 0
-    while scale > 1.0:  # ends: 53 halvings at the most
+    while scale > 1.0:  # terminates after at most 53 halvings
         scale *= 0.5
         doublings += 1
     if doublings == 0:
@@ -207,11 +208,11 @@ def exact(x, v, s, c, T, pt):
 class Integrator:
     """A one-step integrator."""
 
-    code: int  #: Its number in compiled code: its place in ``INTEGRATORS``.
+    code: int  #: Its number in compiled code: its position in ``INTEGRATORS``.
     order: int | None  #: Order of accuracy on smooth motion; None: exact to rounding.
     step: Callable  #: ``(x, v, sin theta, cos theta, T, point) -> (x_T, v_T)``, compiled.
     #: zeta = h / p -> greatest p T of stable free motion, elementwise; inf where every step is
-    #: stable, 0 where none is. At the limit M is marginal, and motion may grow linearly.
+    #: stable, 0 where no step is. At the limit M is marginal, and motion may grow linearly.
     limit: Callable[[np.ndarray], np.ndarray]
 
 
@@ -231,7 +232,7 @@ INTEGRATORS: Mapping[str, Integrator] = {
 
 
 def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
-    """Return a step that is `chosen` for the integrator with a code."""
+    """Return a step function: `chosen` for the integrator with this code, else `otherwise`."""
 
     @jit(inline=True)
     def step(integrator, x, v, s, c, T, pt):
@@ -254,13 +255,13 @@ for _row in INTEGRATORS.values():
 
 @jit
 def step(integrator, x, v, s, c, T, pt):
-    """One step of the integrator with that code in ``INTEGRATORS``."""
+    """Return (x_T, v_T) after one step of the integrator with that code in ``INTEGRATORS``."""
     return _chosen_step(integrator, x, v, s, c, T, pt)
 
 
 @jit
 def affine_map(integrator, T, pt):
-    """Return the map of one step: x_T from (x, v, sin, cos), then v_T from the same."""
+    """Return the map of one step: factors of (x, v, sin, cos) for x_T, then those for v_T."""
     xx, vx = step(integrator, 1.0, 0.0, 0.0, 0.0, T, pt)
     xv, vv = step(integrator, 0.0, 1.0, 0.0, 0.0, T, pt)
     xs, vs = step(integrator, 0.0, 0.0, 1.0, 0.0, T, pt)
@@ -270,9 +271,9 @@ def affine_map(integrator, T, pt):
 
 @jit(inline=True)
 def apply_map(row, x, v, s, c):
-    """One coordinate of the map applied to a state: row . (x, v, sin, cos).
+    """Apply one row of the map to a state: row . (x, v, sin, cos).
 
-    The order of the roundings is fixed here for the lanes and the single orbit alike.
+    The order of operations fixes the roundings, which lanes and single orbit then share.
     """
     xx, xv, xs, xc = row
     return fma(xx, x, fma(xv, v, fma(xs, s, xc * c)))

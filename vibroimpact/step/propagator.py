@@ -1,4 +1,4 @@
-"""The exact flow of one step, in the phase of the force as time.
+"""The exact flow of one step, with the phase of the force as time.
 
 With the phase theta = omega t as time, every point of a sweep has the same step 2 pi / N. The state
 is y = x - clearance, which keeps the digits of short bounces at any clearance, and
@@ -8,10 +8,10 @@ w = dy / dtheta = v / omega. Eq. (1) is then
 
 of_w = -2h / omega, of_y = -p^2 / omega^2, of_sin = -f / omega^2, of_1 = of_y clearance.
 
-**Bound of the fourth derivative.** Without impacts hypot(w, p y / omega) grows by no more than
-(|of_sin| + |of_1|) step in a step, damping and impacts only lower it. So with V the sum of |w| and
-p |y| / omega at the start of the step, and V_0 that growth, |w| and p |y| / omega stay below
-V + V_0, and differentiating (P), with a = -of_w and b = -of_y,
+**Bound of the fourth derivative.** In one step without impacts, hypot(w, p y / omega) grows by at
+most V_0 = (|of_sin| + |of_1|) step; damping and impacts only lower it. Let V be the sum of |w| and
+p |y| / omega at the start of the step. Then |w| and p |y| / omega stay below V + V_0.
+Differentiating (P) gives, with a = -of_w and b = -of_y,
 
     |y''|   <= A_2 = (a + sqrt(b)) (V + V_0) + |of_sin| + |of_1|,
     |y'''|  <= A_3 = a A_2 + b (V + V_0) + |of_sin|,
@@ -19,19 +19,20 @@ V + V_0, and differentiating (P), with a = -of_w and b = -of_y,
 
 all linear in V.
 
-**A curve below the stop.** Let a curve run from (y_0, w_0) to (y_1, w_1) in the time t, and
-E = A_4 t^4 / 72. It differs from its cubic Hermite interpolant by y''''(xi) s^2 (t - s)^2 / 24, and
-so it is below the quartic with the Bernstein coefficients
+**A curve below the stop.** Let a curve run from (y_0, w_0) to (y_1, w_1) in the time t, and let
+E = A_4 t^4 / 72. The curve differs from its cubic Hermite interpolant by
+y''''(xi) s^2 (t - s)^2 / 24, so it lies below the quartic with the Bernstein coefficients
 
     y_0,  (4 y_0 + w_0 t) / 4,  (y_0 + y_1 + (w_0 - w_1) t / 3 + E) / 2,  (4 y_1 - w_1 t) / 4,  y_1.
 
-Where none of these is positive and one inside is negative, the curve is below the stop between its
-ends. The **guard** is a bound of them all over a whole step: with P = y_0 + w_0 step / 3 and
-Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0.
+If none of them is positive and one of the inner three is negative, the curve is below the stop
+between its ends. The **guard** bounds all of them over a whole step: with P = y_0 + w_0 step / 3
+and Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0.
 
-The remainder bound of ``propagate``, which all proofs use, is the E of a whole step with a slack
-for rounding, so that no near graze is safe either: twice the share ``SLACK`` of what the step
-covers. A part t of the step has E (t / step)^4.
+All proofs use the remainder bound of ``propagate``: the E of a whole step, plus a slack for
+rounding of 2 ``SLACK`` times the scale of the step, |y| + |w| + (|of_sin| + |of_1|) step^2. The
+slack also keeps a near graze from being taken for safe. The bound of a part t of the step is that
+of the whole step times (t / step)^4.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ from typing import NamedTuple
 from vibroimpact.jit import fma, jit
 from vibroimpact.step.series import expand, value_and_slope
 
-#: A curve is proved to be below the stop only where it keeps off it by this share of what the step
-#: covers.
+#: A curve is proved to be below the stop only if it stays away from the stop by this share of the
+#: scale of the step.
 SLACK = 1e-8
 
 #: 1 / k!, the coefficients of the exponential series.
@@ -51,7 +52,7 @@ INVERSE_FACTORIALS = tuple(1.0 / math.factorial(k) for k in range(21))
 
 
 class Coefficients(NamedTuple):
-    """The coefficients of equation (P), of one parameter point."""
+    """The coefficients of equation (P) for one parameter point."""
 
     of_w: float
     of_y: float
@@ -61,10 +62,10 @@ class Coefficients(NamedTuple):
 
 
 class Propagator(NamedTuple):
-    """The map of a step without impacts and force, and the factors of |y|, |w| and 1 in its bound.
+    """The map of a step without impacts and force, and the factors of its remainder bound.
 
-    y_T - y = yy y + yw w and w_T - w = wy y + ww w: with the differences, what rounding leaves of
-    the map does not add up over many short steps.
+    The map gives the changes y_T - y = yy y + yw w and w_T - w = wy y + ww w, so that its rounding
+    errors do not add up over many short steps. The factors are those of |y|, |w| and 1.
     """
 
     yy: float
@@ -77,7 +78,7 @@ class Propagator(NamedTuple):
 
 
 class Forcing(NamedTuple):
-    """What is added to y and w in a step: ys sin(theta) + yc cos(theta) + y1, and the same of w."""
+    """What force and clearance add to y in a step: ys sin(theta) + yc cos(theta) + y1; w alike."""
 
     ys: float
     yc: float
@@ -96,7 +97,7 @@ def coefficients_of(pt):
 
 @jit
 def propagator_of(eq, step, c):
-    """Return ``Propagator`` and ``Forcing`` of steps of that length; `c` is memory for a series."""
+    """Return ``Propagator`` and ``Forcing`` of steps of length `step`; `c` is scratch memory."""
     unloaded = Coefficients(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
     expand(unloaded, 1.0, 0.0, 0.0, 0.0, step, c)
     c[0] = 0.0
@@ -118,7 +119,7 @@ def propagator_of(eq, step, c):
 
 @jit(inline=True)
 def bound_factors(eq, step):
-    """Return the factors of |y|, |w| and 1 in the bound of a whole step."""
+    """Return the factors of |y|, |w| and 1 in the remainder bound of a whole step."""
     a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
     root, greatest = math.sqrt(b), f + abs(eq.of_1)
     # The factors of V and of 1 in the bounds of the derivatives.
@@ -133,16 +134,16 @@ def bound_factors(eq, step):
 
 @jit(inline=True)
 def forced(forcing, s, c):
-    """Return what is added to y and w in a step from the phase with sine `s` and cosine `c`."""
+    """Return the ``Forcing`` of y and w in a step from the phase with sine `s` and cosine `c`."""
     added_y = fma(forcing.ys, s, fma(forcing.yc, c, forcing.y1))
     return added_y, fma(forcing.ws, s, fma(forcing.wc, c, forcing.w1))
 
 
 @jit(inline=True)
 def propagate(propagator, y, w, added, step):
-    """Take a state over a step as if there were no stop; return y_T, w_T, its bound and its guard.
+    """Take a state over a step as if there were no stop; return y_T, w_T, the bound and the guard.
 
-    `added` is from ``forced``. The guard is below 0 only where the mass cannot have met the stop.
+    `added` is from ``forced``. A guard below 0 proves that the mass did not meet the stop.
     """
     third = step * (1.0 / 3.0)
     y_T = y + fma(propagator.yy, y, fma(propagator.yw, w, added[0]))
@@ -153,13 +154,13 @@ def propagate(propagator, y, w, added, step):
 
 @jit(inline=True)
 def to_dimensionless(x, v, clearance, omega):
-    """Return the state (y, w) of (x, v)."""
+    """Return the state (y, w) for (x, v)."""
     return x - clearance, v / omega
 
 
 @jit(inline=True)
 def from_dimensionless(y, w, clearance, omega):
-    """Return the state (x, v) of (y, w)."""
+    """Return the state (x, v) for (y, w)."""
     return y + clearance, w * omega
 
 
@@ -167,8 +168,8 @@ def from_dimensionless(y, w, clearance, omega):
 def impulse(of_w, of_y, r):
     """Return the response of y and of w to a unit impulse, after the time `r` of at most a step.
 
-    exp(-a r / 2) times sin(k r) / k and its derivative, k^2 = b - a^2 / 4 of any sign: by series
-    in z = -k^2 r^2, |z| <= 1.72, so that critical damping is not special.
+    The response is exp(-a r / 2) sin(k r) / k and its derivative, with k^2 = b - a^2 / 4 of any
+    sign. The series in z = -k^2 r^2, |z| <= 1.72, needs no special case at critical damping.
     """
     h, F = -0.5 * of_w, INVERSE_FACTORIALS
     z, x = fma(h, h, of_y) * (r * r), -h * r

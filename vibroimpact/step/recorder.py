@@ -1,4 +1,4 @@
-"""The recorder of one orbit: what the lanes of the kernel do, written down step by step."""
+"""Record the motion of one orbit step by step, to the same bits as in the lanes of the kernel."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from vibroimpact.step.contact import (
 from vibroimpact.step.scheme import EXACT, PLAIN, THETA, Scheme, sine_at_start
 from vibroimpact.step.stepper import from_state, prepare, take_grid_step, to_state
 
-# Kinds of row, beside the kinds of event: a state on the grid, and the end of a period.
+# Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
 _PENDING = int(Status.PENDING)
 
 
 @jit
 def _put(log, n, kind, t, x, v):
-    """Write a row if it still fits; return the number of rows with it."""
+    """Write a row if there is room; return the number of rows, written or not."""
     if n < log.shape[0]:
         log[n, 0], log[n, 1], log[n, 2], log[n, 3] = kind, t, x, v
     return n + 1
@@ -37,7 +37,7 @@ def _put(log, n, kind, t, x, v):
 
 @jit
 def _put_events(log, n, events, n_events, t, t_T, T, pt):
-    """Write the events of one step that began at `t`: an impact as the states on its two sides."""
+    """Write the events of a step that began at `t`; an impact gives a row before and one after."""
     for k in range(n_events):
         at = t_T if events[k, TIME] == T else t + events[k, TIME]
         kind = events[k, KIND]
@@ -50,7 +50,7 @@ def _put_events(log, n, events, n_events, t, t_T, T, pt):
 
 @jit
 def _put_start(log, t, pt, resting):
-    """Write the rows at the start, at time `t`: the state, or both sides of an impact at once."""
+    """Write the rows at the start, at time `t`: the state, or both sides of an impact there."""
     if pt.x0 >= pt.clearance and pt.v0 > 0.0:
         n = _put(log, 0, IMPACT, t, pt.x0, pt.v0)
         return _put(log, n, _STATE, t, pt.x0, -pt.R * pt.v0)
@@ -61,9 +61,9 @@ def _put_start(log, t, pt, resting):
 def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
-    Once `interrupt` is set the run ends within a forcing period, and a run of more rows than
-    `most_rows` within a step, with the status ``PENDING``. Returns the number of rows that the log
-    needs, of which those beyond its length are lost, and the status.
+    Once `interrupt` is set the run ends within a forcing period. Once it has more rows than
+    `most_rows` it ends within a step. Its status is then ``PENDING``. Returns the number of rows
+    that the log needs, of which those beyond its length are not written, and the status.
     """
     scratch, (method, lead, grid) = new_scratch(), scheme
     rule, integrator = method
@@ -101,7 +101,7 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
             if (k * size + n + 1) % every == 0:
                 in_log = 0 < rows <= log.shape[0]
                 if in_log and log[rows - 1, 0] == _STATE and log[rows - 1, 1] == t_T:
-                    rows -= 1  # an impact at the end of the step left this state already
+                    rows -= 1  # replace the state after an impact at the end of the step
                 rows = _put(log, rows, SECTION if last else _STATE, t_T, x, v)
             t = t_T
     return rows, status
@@ -118,8 +118,8 @@ def trace(
 ) -> tuple[np.ndarray, Status]:
     """Log the motion of one parameter point, an array of shape (1,); return the log and the status.
 
-    The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It keeps every
-    `every`-th state of the grid, and both sides of every impact. A run that is ended early, by
+    The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It holds every
+    `every`-th state of the grid, and both sides of every impact. A run that ends early, because of
     `interrupt` as for ``integrate`` or because its log has more than `most_rows`, has an empty log
     and the status ``PENDING``.
     """
@@ -129,7 +129,7 @@ def trace(
         interrupt = np.zeros(1, np.int64)
     outcome = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
     rows, log = periods * (scheme.grid.size // every + 8) + 1, np.empty((0, 4))
-    while rows > len(log):  # ends: the second pass needs as many rows as the first
+    while rows > len(log):  # terminates: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
         rows, status = _trace(
             points[0], scheme, periods, transient, every, most_rows, log, interrupt
@@ -155,8 +155,8 @@ def trajectories(
 ) -> dict[str, np.ndarray]:
     """Log the motion of many parameter points; arguments as for `trace`.
 
-    Returns ``trajectory_t``, ``trajectory_x`` and ``trajectory_v``, of shape (n, samples), with NaN
-    after the end of the shorter ones; of a point that was interrupted, nothing else.
+    Returns ``trajectory_t``, ``trajectory_x`` and ``trajectory_v``, of shape (n, samples). Shorter
+    motions end in NaN; an interrupted point has only NaN.
     """
     logs = [
         trace(points[i : i + 1], scheme, periods, transient, every, interrupt)[0]

@@ -1,4 +1,4 @@
-"""How orbits are stepped: the impact rules by name, the common grid of steps, and their scheme.
+"""How orbits are stepped: the impact rules by name, the grid of steps, and the scheme of a run.
 
 A method is an integrator with an impact rule:
 
@@ -7,7 +7,7 @@ A method is an integrator with an impact rule:
 - ``cubic``: the root of the cubic Hermite interpolant of the step, in ``time_stepping.py``.
 - ``exact``: the first root of the closed-form flow, in ``exact.py``.
 
-The steps per period are an integer, so that one table of the force's phases serves every lane.
+The steps per period are an integer, so one table of the phases of the force serves every lane.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import least_stable_steps
 
-# The codes of the rules in compiled code.
+# The codes of the impact rules in compiled code.
 PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
 
 
@@ -34,7 +34,7 @@ PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
 class ImpactRule:
     """An impact rule: its number in compiled code, and its order of accuracy through impacts.
 
-    The order holds with an integrator of at least that order; None is exact to rounding.
+    The order is reached with an integrator of at least that order. None means exact to rounding.
     """
 
     code: int
@@ -48,15 +48,15 @@ IMPACT_RULES: Mapping[str, ImpactRule] = {
     "exact": ImpactRule(EXACT, None),
 }
 
-# Rows of the table.
+# Rows of ``PhaseGrid.table``.
 THETA, SIN, COS = range(3)
 
 
 class PhaseGrid(NamedTuple):
-    """A run of equal steps, as phases of the force.
+    """A run of equal steps, given by the phases of the force.
 
-    ``table`` has the shape (3, size + 1): theta = omega t at the start of each step, and at the end
-    of the last one, its sine and its cosine. ``step`` is omega T, ``size`` the number of steps.
+    ``table`` has the shape (3, size + 1): theta = omega t, its sine and its cosine, at the start of
+    each step and at the end of the last one. ``step`` is omega T, ``size`` the number of steps.
     """
 
     table: np.ndarray
@@ -72,9 +72,9 @@ def _grid(start: float, span: float, count: int) -> PhaseGrid:
 
 
 def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> PhaseGrid:
-    """Return the steps from t = 0 to the section's `phase`, none longer than the grid's.
+    """Return the steps from t = 0 to the section's `phase`; none is longer than a grid step.
 
-    No steps if the start is `at_section` already.
+    There are no steps if the start is already `at_section`.
     """
     if at_section:
         return _grid(phase, 0.0, 0)
@@ -85,32 +85,33 @@ def lead_in(phase: float, steps_per_period: int, at_section: bool = False) -> Ph
 def one_period(phase: float, steps_per_period: int) -> PhaseGrid:
     """Return the steps of one forcing period from the section's `phase`."""
     phases = _grid(phase, 2.0 * math.pi, steps_per_period)
-    phases.table[SIN:, -1] = phases.table[SIN:, 0]  # where the next period begins
+    phases.table[SIN:, -1] = phases.table[SIN:, 0]  # the start of the next period, to the last bit
     return phases
 
 
 @jit
 def sine_at_start(lead: PhaseGrid, grid: PhaseGrid) -> float:
-    """Return the sine of the phase at which a lead-in and the periods after it begin."""
+    """Return the sine of the phase at which a run starts: with its lead-in, or else its grid."""
     first = lead if lead.size > 0 else grid
     return first.table[SIN, 0]
 
 
-#: More steps per forcing period are not chosen, and the rule ``exact`` is refused if it needs more.
+#: Most steps per forcing period. The program never chooses more, and refuses the rule ``exact``
+#: where it needs more.
 MOST_STEPS = 1_000_000
-#: More forcing periods are not left out, and more periods or impacts are not recorded: a slip of
-#: the keyboard ends in a message instead of a lack of memory.
+#: Most forcing periods of a transient, and most periods or impacts that are recorded: a typing
+#: error then ends in a message instead of a lack of memory.
 MOST_PERIODS, MOST_RECORDED = 1_000_000_000, 1_000_000
-#: The steps per forcing period of the paper.
+#: Steps per forcing period in the paper.
 PAPER_STEPS = 100
 
 
 def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") -> int:
-    """Return the steps per forcing period if none are asked for.
+    """Return the steps per forcing period to take where none are given.
 
-    For the rule ``exact``, as few as its Taylor series allow; a ValueError says if these are more
-    than ``MOST_STEPS``. Otherwise 100 as in the paper, or more if the integrator needs more to be
-    stable at every point, unless that is more than ``MOST_STEPS``.
+    For the rule ``exact``, as few as its Taylor series allow; a ValueError if these are more than
+    ``MOST_STEPS``. Otherwise 100 as in the paper, or more if the integrator needs more to be stable
+    at every point; but 100 where it would need more than ``MOST_STEPS``.
     """
     h, p, omega = points["h"], points["p"], points["omega"]
     if impact != "exact":
@@ -129,8 +130,8 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
 class Scheme(NamedTuple):
     """How orbits are stepped.
 
-    ``method`` is the codes of the impact rule and of the integrator, ``lead`` the steps before the
-    first section, and ``grid`` those of a forcing period.
+    ``method`` holds the codes of the impact rule and of the integrator, ``lead`` the steps before
+    the first section, and ``grid`` the steps of a forcing period.
     """
 
     method: tuple[int, int]
@@ -146,10 +147,10 @@ def scheme_of(
     phase: float = 0.0,
     at_section: bool = False,
 ) -> Scheme:
-    """Check a method, and lay out its steps; arguments as for ``integrate``.
+    """Check a method and lay out its steps; arguments as for ``integrate``.
 
-    A ValueError says which name is unknown or which number is not in its range, that the rule does
-    not take the integrator, or that the rule ``exact`` needs more steps.
+    A ValueError says which name is unknown, which number is out of range, that the impact rule does
+    not work with the integrator, or that the rule ``exact`` needs more steps.
     """
     first = _phase(phase)
     one_of("integrator", integrator, INTEGRATORS)

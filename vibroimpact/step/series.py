@@ -1,16 +1,16 @@
 """One flight between impacts as a polynomial, and the first time it meets the stop.
 
-Over one step the exact solution of eq. (1) is its Taylor series about the step's start, here in the
-units of ``propagator.py``,
+Over one step the exact solution of eq. (1) is its Taylor series about the start of the step, here
+in the units of ``propagator.py``,
 
     y(u) = sum_k c_k u^k,    u = (theta - theta_0) / step in [0, 1].
 
-With (2h + p + omega) T <= ``LONGEST_STEP`` what the series leaves out is below rounding.
+With (2h + p + omega) T <= ``LONGEST_STEP`` the remainder of the series is below rounding.
 
-A polynomial is searched for its first root as a whole, not sampled: an interval on which the
-second derivative is proved to keep its sign has at most one maximum, and so every touch is seen,
-however short. Polynomials are divided by their root at u = 0 where a flight starts on the stop,
-so that short flights lose no digits.
+The search for the first root covers the whole interval; it does not sample. On an interval where
+the second derivative is proved to keep its sign, a polynomial has at most one maximum, so even the
+shortest touch is seen. Where a flight starts on the stop, the polynomial is divided by its root at
+u = 0, so that short flights lose no digits.
 """
 
 from __future__ import annotations
@@ -25,22 +25,23 @@ TERMS = 22
 #: 22 times that in its slope.
 LONGEST_STEP = 1.31
 
-#: The smallest normal number. A flight none of whose coefficients reaches it has no digits.
+#: The smallest normal number. A flight with only smaller coefficients has no significant digits.
 SMALLEST_NORMAL = 2.0**-1022
 
-# Below this width the excess of a curve over its chord, at most width^3 / 4 of the third
-# derivative where the curvature changes its sign, is rounding.
+# An interval is not made narrower than this to separate a change of sign of the curvature. There
+# the curve exceeds its chord by at most width^3 / 4 times the third derivative, which is rounding.
 _NARROWEST = 2.0**-17
-# All intervals that are passed, but the last, are wider than half of that: 2^18 fill a step. The
-# others are halved, which undoes a doubling after a passed one, or is one of the first 18 halvings.
+# Bound of the iterations of ``first_crossing``. Every interval that is passed, except the last, is
+# wider than _NARROWEST / 2, so at most 2^18 fill a step. Any other interval is halved, which
+# undoes the doubling after a passed interval or is one of the first 18 halvings.
 _MOST_INTERVALS = 2**19 + 20
 
 
 @jit(refcounts=False)
 def expand(eq, y, w, s, c, step, coefficients):
-    """Set the Taylor coefficients of y(u) for the flight from (y, w) at phase (s, c).
+    """Set the Taylor coefficients of y(u) for a flight from (y, w), at sine `s` and cosine `c`.
 
-    Differentiating (P): y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
+    Differentiating (P) k times: y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
     """
     weight, constant = 1.0, eq.of_1
     for k in range(coefficients.size):
@@ -55,14 +56,14 @@ def value_and_slope(c, m, u):
     """Return sum_k c[m + k] u^k and its derivative.
 
     Horner's scheme in u^2 on every other coefficient: four short chains of fused operations
-    instead of two long ones, because their latency is what an impact costs.
+    instead of two long ones, because their latency dominates the cost of an impact.
     """
     uu = u * u
     last = c.size - 1
     p, q = c[last], c[last - 1]
     dp, dq = 0.0, 0.0
     k = last - 2
-    while k > m:  # ends: k falls by 2
+    while k > m:  # terminates: k falls by 2
         dp, p = fma(dp, uu, p), fma(p, uu, c[k])
         dq, q = fma(dq, uu, q), fma(q, uu, c[k - 1])
         k -= 2
@@ -75,7 +76,7 @@ def value_and_slope(c, m, u):
 
 @jit(inline=True)
 def _curvature(c, m, u):
-    """Second derivative of sum_k c[m + k] u^k."""
+    """Return the second derivative of sum_k c[m + k] u^k."""
     if u == 0.0:
         return 2.0 * c[m + 2]
     second = 0.0
@@ -86,18 +87,18 @@ def _curvature(c, m, u):
 
 @jit(inline=True)
 def _greatest_third_derivative(c, m):
-    """Bound of the third derivative of sum_k c[m + k] u^k on [0, 1]."""
-    even, odd = 0.0, 0.0  # two sums, for their latency
+    """Return a bound of the third derivative of sum_k c[m + k] u^k on [0, 1]."""
+    even, odd = 0.0, 0.0  # two sums, to shorten the chain of additions
     for k in range(m + 3, c.size - 1, 2):
         even += (k - m) * (k - m - 1) * (k - m - 2) * abs(c[k])
         odd += (k + 1 - m) * (k - m) * (k - m - 1) * abs(c[k + 1])
-    k = c.size - 1  # counted twice where the number of terms is even: a bound all the same
+    k = c.size - 1  # counted twice if the number of terms is even: still a bound
     return even + odd + (k - m) * (k - m - 1) * (k - m - 2) * abs(c[k])
 
 
 @jit(inline=True)
 def _first_guess(low, value_low, slope_low, high, value, slope):
-    """Guess the root of a rising polynomial from its ends: inverse cubic interpolation."""
+    """Guess the root of a rising polynomial by inverse cubic interpolation from its ends."""
     rise = value - value_low
     chord = rise / (high - low)
     if not (slope_low > 0.25 * chord and slope > 0.25 * chord):
@@ -110,7 +111,7 @@ def _first_guess(low, value_low, slope_low, high, value, slope):
 
 @jit(refcounts=False)
 def _root(c, m, low, high, u):
-    """The one root in (low, high) of a polynomial that rises through it.
+    """Return the only root in (low, high) of a polynomial that rises through it.
 
     Newton's method from `u`, kept inside its bracket.
     """
@@ -123,7 +124,7 @@ def _root(c, m, low, high, u):
         else:
             low = u
         new = u - value / slope if slope > 0.0 else -1.0
-        # Newton's error is squared in each iteration: the next one would be below rounding.
+        # Newton's method squares the error: the next change would be below rounding.
         if abs(new - u) <= 1e-8 * u or high - low <= 4e-16 * high:
             return min(max(new, low), high)
         u = new if low < new < high else 0.5 * (low + high)
@@ -132,7 +133,7 @@ def _root(c, m, low, high, u):
 
 @jit(refcounts=False)
 def _turning_point(c, m, low, high):
-    """Where the slope of a polynomial falls through zero between `low` and `high`."""
+    """Return where the slope of a polynomial falls through zero between `low` and `high`."""
     for _ in range(60):
         u = 0.5 * (low + high)
         for _ in range(8):
@@ -157,9 +158,9 @@ def _turning_point(c, m, low, high):
 def first_crossing(c, m, end):
     """Return the first u in (0, end <= 1] at which a flight meets the stop, and its highest turn.
 
-    The first `m` coefficients of x(u) - stop are zero and divided out. u is -1 where the flight
-    does not meet the stop, NaN where a coefficient is not finite or so great that a derivative is
-    not. The turn is the greatest x - stop of the turning points on the way, -inf without one.
+    The first `m` coefficients of x(u) - stop are zero; they are divided out. u is -1 if the flight
+    does not meet the stop, and NaN if a coefficient or a derivative is not finite. The turn is the
+    greatest x - stop of the turning points before u, -inf if there is none.
     """
     jerk = _greatest_third_derivative(c, m)
     turn, a, width = -math.inf, 0.0, end

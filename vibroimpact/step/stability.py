@@ -1,8 +1,7 @@
 """Stability of free motion: from an integrator's map M, and from its closed-form limit.
 
-Without force and stop, eq. (1) has one number, zeta = h / p, and a step one more, p T. The limits
-themselves stand beside the integrators, in ``INTEGRATORS``; they are elementary arithmetic, and
-asking for one compiles nothing.
+Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T. The limits are in
+the table ``INTEGRATORS``. They are elementary arithmetic, so asking for one compiles nothing.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ from numpy.typing import ArrayLike
 from vibroimpact.jit import jit
 from vibroimpact.step.integrators import INTEGRATORS, Parameters, affine_map
 
-# Where M is marginal for every step, Jury's conditions are met to rounding: that of a step's terms,
-# the greatest of which is of the order of p^2 T^2.
+# Tolerance of Jury's conditions, for maps that are marginal at every step: the rounding of the
+# terms of a step, the greatest of which is of the order of p^2 T^2.
 _ROUNDING = 1e-14
 
 
 def free_map(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
     """Return the matrix M of a step of free motion, (x, v / p) -> (x_T, v_T / p): (..., 2, 2).
 
-    `step` is p T and `zeta` is h / p, of shapes that broadcast.
+    `step` is p T and `zeta` is h / p; their shapes must broadcast.
     """
     step, zeta = np.broadcast_arrays(np.asarray(step, float), np.asarray(zeta, float))
     maps = np.empty((step.size, 2, 2))
@@ -39,10 +38,10 @@ def _fill_maps(maps: np.ndarray, integrator: int, steps: np.ndarray, zeta: np.nd
 
 
 def spectral_radius(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
-    """Return the greatest modulus of an eigenvalue of M: the growth of free motion per step.
+    """Return the greatest modulus of the eigenvalues of M: the growth of free motion per step.
 
-    Arguments as for `free_map`. Where the eigenvalues meet it is known to the root of a rounding
-    only: ask `is_stable` whether it exceeds 1.
+    Arguments as for `free_map`. Where both eigenvalues coincide, the result is accurate only to the
+    square root of rounding; use `is_stable` to decide whether it exceeds 1.
     """
     M = free_map(integrator, step, zeta)
     mean = 0.5 * (M[..., 0, 0] + M[..., 1, 1])
@@ -67,9 +66,9 @@ def is_stable(integrator: str, step: ArrayLike, zeta: ArrayLike) -> np.ndarray:
 def least_stable_steps(integrator: str, h: ArrayLike, p: ArrayLike, omega: ArrayLike) -> np.ndarray:
     """Return the least steps per forcing period for which T = 2 pi / (omega steps) is stable.
 
-    The parameters are of shapes that broadcast. Steps are whole numbers; inf where none is stable.
+    The shapes of the parameters must broadcast. Steps are whole numbers; inf if none is stable.
     """
     h, p, omega = (np.asarray(value, float) for value in (h, p, omega))
-    with np.errstate(all="ignore"):  # extreme ratios, which need more steps than can be made
+    with np.errstate(all="ignore"):  # extreme ratios, which need too many steps anyway
         steps = np.floor(2.0 * np.pi * p / (omega * INTEGRATORS[integrator].limit(h / p))) + 1.0
     return np.where(np.isnan(steps), np.inf, steps)

@@ -1,8 +1,8 @@
-"""One step of one orbit on the common grid: what every lane and every single orbit goes through.
+"""One step of one orbit on the common grid, with the arithmetic of the kernel's lanes.
 
-The state of an orbit between steps is (x, v, resting), with the rule ``exact`` (y, w, resting) in
-the units of ``propagator.py``. Where a period ends it is rounded to (x, v), so that a run that
-starts from a recorded section continues the one before to the last bit.
+The state of an orbit between steps is (x, v, resting), or with the rule ``exact`` (y, w, resting)
+in the units of ``propagator.py``. At the end of a period it is rounded to (x, v), so that a run
+that starts from a recorded section continues the previous run to the last bit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _COMPUTED = int(Status.COMPUTED)
 
 
 class Prepared(NamedTuple):
-    """What a point needs for steps of one length: the affine map, and what exact impacts need."""
+    """The maps of a point for steps of one length: the affine map, and those for exact impacts."""
 
     to_x: tuple[float, float, float, float]
     to_v: tuple[float, float, float, float]
@@ -45,7 +45,7 @@ class Prepared(NamedTuple):
 
 @jit
 def prepare(integrator, grid, pt):
-    """Return what is needed of a point for the steps of a grid."""
+    """Compute what the steps of a grid need of a point."""
     m = affine_map(integrator, grid.step / pt.omega, pt)
     eq = coefficients_of(pt)
     return Prepared(m[:4], m[4:], eq, propagator_of(eq, grid.step, np.empty(TERMS)))
@@ -53,7 +53,7 @@ def prepare(integrator, grid, pt):
 
 @jit(inline=True)
 def to_state(rule, x, v, resting, pt):
-    """Return the state of an orbit at (x, v)."""
+    """Return the state of an orbit for (x, v)."""
     if rule == EXACT:
         x, v = to_dimensionless(x, v, pt.clearance, pt.omega)
     return x, v, resting
@@ -61,7 +61,7 @@ def to_state(rule, x, v, resting, pt):
 
 @jit(inline=True)
 def from_state(rule, state, pt):
-    """Return (x, v) of the state of an orbit."""
+    """Return (x, v) for the state of an orbit."""
     x, v, _ = state
     if rule == EXACT:
         x, v = from_dimensionless(x, v, pt.clearance, pt.omega)
@@ -72,8 +72,9 @@ def from_state(rule, state, pt):
 def take_step(method, rows, state, phase, step, pt, scratch):
     """Take a state over a step by the rows of its affine map, and correct it if it met the stop.
 
-    `method` is the codes of a rule other than ``exact`` and of the integrator, `phase` that at the
-    start with its sine and cosine, `step` is omega T; returns what ``reduced_step`` does.
+    `method` holds the codes of the rule, which is not ``exact``, and of the integrator. `phase` is
+    the phase at the start, its sine and its cosine; `step` is omega T. Returns the same as
+    ``reduced_step``.
     """
     (x, v, resting), (_, s, c), (to_x, to_v) = state, phase, rows
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
@@ -87,10 +88,10 @@ def take_step(method, rows, state, phase, step, pt, scratch):
 
 @jit
 def take_exact_step(eq, propagators, state, phase, end_wave, step, pt, scratch):
-    """Take a step with the rule ``exact``, as ``kernel/exact.py`` does with many side by side.
+    """Take a step with the rule ``exact``, as ``kernel/exact.py`` does for many points at once.
 
-    `phase` is that at the start with its sine and cosine, `end_wave` sine and cosine of that at the
-    end; returns what ``exact_step`` does.
+    `phase` is the phase at the start, its sine and its cosine; `end_wave` is sine and cosine at the
+    end. Returns the same as ``exact_step``.
     """
     (y, w, _), (_, s, c) = state, phase
     propagator, forcing = propagators

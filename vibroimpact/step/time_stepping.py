@@ -1,29 +1,29 @@
 """The impact rules of time stepping: ``plain``, ``reduced-step`` and ``cubic``.
 
-``plain`` is the rule (2)-(5) at the end of the step. ``reduced-step`` is the paper's
-procedure, eqs (6)-(9): the step is shortened to the impact, found by linear interpolation,
-the rule is applied there, and the remainder of the step follows, so that the state is back
-on the common grid. (``paper.py`` keeps the literal form, which restarts the grid at the impact.)
-``cubic`` finds the impact on the cubic Hermite interpolant of the step instead, and takes a step
-of that length to it, since the interpolant's own derivative loses an order.
+``plain`` is the rule (2)-(5) at the end of the step. ``reduced-step`` is the paper's procedure,
+eqs (6)-(9): linear interpolation finds the impact, the step is shortened to it, and the rule is
+applied there. The remainder of the step follows, so that the state is back on the common grid.
+(``paper.py`` keeps the literal form, which restarts the grid at the impact.) ``cubic`` finds the
+impact on the cubic Hermite interpolant of the step instead, and takes a step of that length to it,
+since the derivative of the interpolant loses an order.
 
-What the literal procedure leaves open, and how it is closed here:
+The literal procedure leaves some cases open. Here they are closed as follows:
 
-- A rebound starts on the stop, x_0 = clearance, where eq. (7) gives T_r = 0 for ever. The root
-  at the launch is divided out: eq. (7) is applied to (x - clearance) / t, which is -R v at the
-  launch. This is exact for a constant acceleration, as in a step of an integrator of second
-  order. It is not applied to a step much longer than the flight, where the acceleration differs:
-  the step is cut to twice the flight, and so on.
-- A straight line on which eq. (9) gives a speed v_Tr <= 0 hides a turning point: the step is
+- A rebound starts on the stop, x_0 = clearance, where eq. (7) gives T_r = 0 for ever. The root at
+  the launch is divided out: eq. (7) is applied to (x - clearance) / t, which is -R v at the launch.
+  This is exact for a constant acceleration, as in a step of an integrator of second order. It is
+  not applied to a step much longer than the flight, over which the acceleration varies: the step
+  is cut to twice the flight, repeatedly if needed.
+- If the straight line gives a speed v_Tr <= 0 by eq. (9), it hides a turning point: the step is
   halved. A speed that is zero to rounding counts as zero, because semi-implicit Euler brings every
   rebound within a step back at that speed.
 - Several impacts in one step follow one another until the remainder is used up.
-- A chatter whose geometric sum of flights, 2 v / (a (1 - R)), ends within the step while the
-  force presses is complete: the mass rests. It also rests when a rebound is shorter than
-  ``SHORTEST_FLIGHT`` steps, far below what the rule resolves. At R = 1 that loses the speed
-  a T ``SHORTEST_FLIGHT`` / 2 at the most, once.
-- The force at a release is zero to rounding. Where the step moves x by that force alone, the mass
-  is left on the stop until the next step, with the speed that the step gives it.
+- A chatter is complete, and the mass rests, if the geometric sum of its flights,
+  2 v / (a (1 - R)), ends within the step while the force presses. The mass also rests when a
+  rebound is shorter than ``SHORTEST_FLIGHT`` steps, far below what the rule resolves. At R = 1 this
+  loses a speed of at most a T ``SHORTEST_FLIGHT`` / 2, once.
+- The force at a release is zero to rounding. If the step moves x by that force alone, the mass
+  stays on the stop until the next step, with the speed that the step gives it.
 """
 
 from __future__ import annotations
@@ -50,17 +50,18 @@ from vibroimpact.step.trigonometry import sin_cos
 
 #: A rebound shorter than this many steps counts as rest.
 SHORTEST_FLIGHT = 1e-3
-# A crossing after this many halvings of the step is contact, and a flight shorter than this share
-# of it is none: if only rounding decides the state at the stop, the step would be cut for ever.
+# If only rounding decides the state at the stop, the step would be cut for ever. So a mass that is
+# at the stop after this many halvings is in contact, and a flight from the stop that is shorter
+# than this share of the span does not count.
 _MAX_HALVINGS = 24
 _SHORTEST_CUT = 2.0**-20
 _MAX_CUTS = 100
-# More cuts than this in one step are not made: a motion that needs them is not resolved anyway.
+# Most cuts of one step: a motion that needs more is not resolved anyway.
 _MAX_CUTS_OF_STEP = 4 * MAX_FLIGHTS
-# A speed v_Tr below this share of the speed at the start is zero, to rounding.
+# A speed v_Tr below this share of the speed at the start is zero to rounding.
 _SLOWEST = 1e-6
 
-# The rounding of a phase: this long after a release the force certainly presses no more.
+# Rounding of a phase: this long after a release the force certainly no longer presses.
 _ROUNDING = 2e-14
 
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
@@ -82,23 +83,24 @@ def crossed(x, v, clearance):
 
 @jit(inline=True)
 def linear_impact(x, v, x_T, v_T, T, clearance):
-    """Time and speed of the impact by linear interpolation of a step, eqs (6), (7) and (9)."""
+    """Return time and speed of the impact by linear interpolation, eqs (6), (7) and (9)."""
     share = (clearance - x) / (x_T - x)  # (6)
     return T * share, v + (v_T - v) * share  # (7), (9)
 
 
 @jit(inline=True)
 def linear_impact_after_launch(v, x_T, v_T, T, clearance):
-    """As ``linear_impact``, of a step that starts on the stop: of (x - clearance) / t."""
+    """As ``linear_impact`` for a step from the stop, where (x - clearance) / t is interpolated."""
     share = (0.0 - v) / ((x_T - clearance) / T - v)
     return T * share, v + (v_T - v) * share
 
 
 @jit(inline=True)
 def cubic_impact(integrator, launch, end, T, pt, coefficients):
-    """Time of the impact on the cubic Hermite interpolant of a step, and the speed there.
+    """Return time and speed of the impact on the cubic Hermite interpolant of a step.
 
-    The speed is that after a step of that length; 0 if the interpolant does not cross the stop.
+    The speed is that after an integrator step of this length, or 0 if the interpolant does not
+    cross the stop.
     """
     (x, v, s, c), (x_T, v_T) = launch, end
     rise = x_T - x
@@ -115,9 +117,9 @@ def cubic_impact(integrator, launch, end, T, pt, coefficients):
 def fly(method, launch, end, span, pt, coefficients):
     """Follow a flight until its first impact, or for at most the time `span`.
 
-    `launch` is x, v, and sine and cosine of the phase there, `end` is x, v after `span`. Returns
-    the time used, the state there, which is before the impact if there is one, and NaN where it
-    overflows; whether there is one; and how often the span was cut.
+    `launch` is x, v, and sine and cosine of the phase there; `end` is x, v after `span`. Returns
+    the time used; x and v there, which are those before the impact if there is one, and NaN on
+    overflow; whether there is an impact; and how often the span was cut.
     """
     (rule, integrator), (x, v, s, c), (x_T, v_T) = method, launch, end
     launched = x == pt.clearance
@@ -130,7 +132,7 @@ def fly(method, launch, end, span, pt, coefficients):
             if halvings < _MAX_HALVINGS:
                 return T, x_T, v_T, False, cuts
             return T, pt.clearance, max(v_T, 0.0), True, cuts
-        # Near overflow what follows has no meaning, nor its times an end.
+        # Near overflow the times and speeds have no meaning, and cutting might not end.
         if not (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf:
             return T, math.nan, math.nan, False, cuts
         if rule == CUBIC:
@@ -147,26 +149,26 @@ def fly(method, launch, end, span, pt, coefficients):
             T = 2.0 * T_r
         else:
             return T_r, pt.clearance, v_Tr, True, cuts  # (8)
-    return 0.0, pt.clearance, 0.0, True, _MAX_CUTS  # no speed that could take it off the stop
+    return 0.0, pt.clearance, 0.0, True, _MAX_CUTS  # no speed takes it off the stop: contact
 
 
 @jit(inline=True)
 def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
-    """Return T_r, v_Tr, sine and cosine there, and `sure`, of a step from off the stop, (6)-(9).
+    """Return T_r, v_Tr, sine and cosine there, and `sure`, of a step from below the stop, (6)-(9).
 
-    `sure` says that the step crosses the stop, has an impact there and goes on with a rebound, not
-    with a chatter that is complete before its end. There is no branch, for the columns of
-    ``kernel/reduced_step_impacts.py``. Any other step goes through ``reduced_step``, which has the
-    same arithmetic.
+    `sure` is set if the step crosses the stop, has an impact there and continues with a rebound,
+    not with a chatter that is complete before its end. There is no branch, so that
+    ``kernel/reduced_step_impacts.py`` can vectorise it. All other steps go through
+    ``reduced_step``, which has the same arithmetic.
     """
     T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
     s, c = sin_cos(theta + pt.omega * T_r)
     sure = crossed(x_T, v_T, pt.clearance)
     sure &= (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf
-    sure &= v_Tr > _SLOWEST * abs(v)  # never from the stop: v_Tr is the speed of the launch there
+    sure &= v_Tr > _SLOWEST * abs(v)  # false for a launch from the stop, where v_Tr = v <= 0
     a = pressing(s, pt)
     twice = 2.0 * (pt.R * v_Tr)
-    in_time = twice <= 1.000001 * (T - T_r) * a * (1.0 - pt.R)  # rounding may decide: not sure
+    in_time = twice <= 1.000001 * (T - T_r) * a * (1.0 - pt.R)  # not sure where rounding decides
     sure &= (a <= 0.0) | ((twice > SHORTEST_FLIGHT * T * a) & (not in_time))
     return T_r, v_Tr, s, c, sure
 
@@ -191,10 +193,10 @@ def time_to_rest(v, theta, s, left, T, pt):
 def reduced_step(method, start, end, phase, T, pt, scratch):
     """Take one step of length `T`, shortened at every impact in it.
 
-    `method` is the codes of rule and integrator, `start` is (x, v, resting), `end` is (x, v) at the
-    undisturbed end, `phase` that at the start with its sine and cosine. Returns x, v, which are NaN
-    if the step could not be resolved, resting, the number of events in `scratch`, the time spent at
-    rest, and the status.
+    `method` holds the codes of rule and integrator, `start` is (x, v, resting), `end` is (x, v) at
+    the end of the step without impact, and `phase` is the phase at the start, its sine and its
+    cosine. Returns x and v, which are NaN if the step could not be resolved; resting; the number of
+    events in `scratch`; the time spent at rest; and the status.
     """
     events, coefficients = scratch
     (_, integrator), (x, v, resting), (x_T, v_T), (theta, s, c) = method, start, end, phase

@@ -1,4 +1,4 @@
-"""Sine and cosine for compiled code: both at once, without a branch, the same on every machine."""
+"""Sine and cosine for compiled code: both at once, without branches, the same on every machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from vibroimpact.jit import fma, jit
 
-# pi / 2, and what rounding left of it.
+# pi / 2 in double precision, and its rounding error.
 _QUARTER, _QUARTER_REST = 1.5707963267948966, 6.123233995736766e-17
 
 
@@ -16,14 +16,14 @@ _QUARTER, _QUARTER_REST = 1.5707963267948966, 6.123233995736766e-17
 def sin_cos(angle):
     """Return sine and cosine of an angle of at most a few thousand radians, to rounding.
 
-    Reduced to [-pi/4, pi/4] with fused operations (Cody & Waite 1980), then the minimax
-    polynomials of fdlibm (Sun Microsystems 1993, ``k_sin.c`` and ``k_cos.c``).
+    The angle is reduced to [-pi/4, pi/4] with fused operations (Cody & Waite 1980); then the
+    minimax polynomials of fdlibm apply (Sun Microsystems 1993, ``k_sin.c`` and ``k_cos.c``).
     """
     quarters = np.floor(fma(angle, 2.0 / math.pi, 0.5))
     r = fma(-quarters, _QUARTER_REST, fma(-quarters, _QUARTER, angle))
     z = r * r
     w = z * z
-    # Three short chains of fused operations instead of one long one, for their latency.
+    # Three short chains of fused operations have less latency than one long one.
     p = fma(z, 1.58969099521155010221e-10, -2.50507602534068634195e-08)
     p = fma(w, p, fma(z, 2.75573137070700676789e-06, -1.98412698298579493134e-04))
     p = fma(w, p, fma(z, 8.33333333332248946124e-03, -1.66666666666666324348e-01))
@@ -42,6 +42,6 @@ def sin_cos(angle):
 
 @jit(inline=True)
 def sine_after(s, c, angle):
-    """Return the sine of a phase that is `angle` after one with that sine and cosine."""
+    """Return the sine of the phase `angle` after the phase with sine `s` and cosine `c`."""
     sin, cos = sin_cos(angle)
     return s * cos + c * sin

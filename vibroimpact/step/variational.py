@@ -1,14 +1,14 @@
 """Lyapunov exponents: tangent vectors through flights, impacts and rests.
 
-Between impacts the tangent vectors follow the flow's own matrix M. An impact at speed v, where the
-acceleration is a_- before and a_+ after it, comes earlier by delta x / v on a neighbouring orbit;
-transforming its state back to the common time gives the saltation matrix
+Between impacts the tangent vectors follow the matrix M of the flow. Let an impact have the speed v,
+the acceleration a_- before and a_+ after it. On a neighbouring orbit it comes earlier by
+delta x / v; transforming the state back to the common time gives the saltation matrix
 
     S = [[-R, 0], [(R a_- + a_+) / v, -R]]
 
 with R a_- + a_+ = (1 + R) (-f sin(omega t) - p^2 clearance): the damping cancels. det S = R^2 and
 det M = exp(-2 h t), so the exponents add up to -2 h + 2 ln R * (impacts per unit time). A rest
-maps every neighbour to the same state: it leaves no tangent vector, and both exponents are -inf.
+maps every neighbour to the same state: no tangent vector remains, and both exponents are -inf.
 An impact with R = 0 maps all neighbours onto a line: the second exponent is -inf.
 """
 
@@ -24,7 +24,7 @@ from vibroimpact.step.trigonometry import sin_cos
 
 @jit(inline=True)
 def propagate_tangents(M, pair):
-    """Carry two tangent vectors (y, w) over a step without impacts, by its ``Propagator``."""
+    """Carry two tangent vectors (y, w) over a step without impacts by its ``Propagator`` M."""
     ay, aw, by, bw = pair
     return (
         ay + fma(M.yy, ay, M.yw * aw), aw + fma(M.wy, ay, M.ww * aw),
@@ -46,16 +46,16 @@ def fly_tangents(eq, pair, dt):
 
 @jit(inline=True)
 def apply_saltation(eq, pair, w_i, s):
-    """Carry two tangent vectors through an impact at `w_i`, where the phase has the sine `s`."""
+    """Carry two tangent vectors through an impact at `w_i` and a phase with the sine `s`."""
     ay, aw, by, bw = pair
-    # a graze stretches without bound
+    # The limit keeps the stretching by a graze finite.
     turn = (1.0 + eq.R) * fma(eq.of_sin, s, eq.of_1) / max(w_i, 1e-150)
     return (-eq.R * ay, fma(turn, ay, -eq.R * aw), -eq.R * by, fma(turn, by, -eq.R * bw))
 
 
 @jit(inline=True)
 def tangents_through_impact(eq, pair, u, w_i, wave, step):
-    """Carry two tangent vectors through a step with one impact, after the time `u`.
+    """Carry two tangent vectors through a step whose only impact comes after the time `u`.
 
     `wave` is sine and cosine of the phase at the start of the step.
     """
@@ -90,7 +90,7 @@ def orthonormalise(pair):
     if a == 0.0:
         return pair, -math.inf, -math.inf
     ax, av = ax / a, av / a
-    area = ax * bv - av * bx  # the second vector is orthogonal to the first: that much is left
+    area = ax * bv - av * bx  # length of the part of the second vector orthogonal to the first
     second = (-av, ax) if area >= 0.0 else (av, -ax)
     growth = math.log(abs(area)) if area != 0.0 else -math.inf
     return (ax, av, second[0], second[1]), math.log(a), growth
