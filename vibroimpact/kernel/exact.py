@@ -1,8 +1,8 @@
-"""The loop of exact impacts: all lanes take a step, and those that met the stop are corrected.
+"""The loop of exact impacts: all lanes take a step, and lanes that met the stop are corrected.
 
-All lanes take a step as if there were no stop, into their second rows. Those that may have met it
-are listed, and corrected in columns side by side. Where that proves nothing, the lane goes through
-``exact_step`` alone, as a single orbit does.
+All lanes take a step as if there were no stop; the results go to their second rows. Lanes that may
+have met the stop are listed and corrected side by side, in columns. A lane for which this proves
+nothing goes through ``exact_step`` alone, as a single orbit does.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from vibroimpact.step.propagator import (
 from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.variational import carry_tangents, orthonormalise, propagate_tangents
 
-# Steps between two looks at the tangent vectors.
+# Steps between two checks of the tangent vectors.
 _STRIDE = 4
 
 
@@ -77,7 +77,7 @@ def propagator_in(lanes, i):
 
 @jit(refcounts=False)
 def set_propagators(workspace, points, grid):
-    """Give every lane its equation, and its propagator over a step of `grid`."""
+    """Give every lane its coefficients of (P), and its propagator over a step of `grid`."""
     lanes = workspace.lanes
     for i in range(LANES):
         k = min(i, points.size - 1)
@@ -97,7 +97,7 @@ def set_propagators(workspace, points, grid):
 
 @jit(refcounts=False)
 def force_lanes(lanes, added, s, c):
-    """Set what a step from the phase with sine `s` and cosine `c` adds to each lane."""
+    """Compute what force and clearance add to each lane in a step, from sine and cosine there."""
     widest_vectors()
     for i in range(LANES):
         f = FORCING + i
@@ -110,9 +110,9 @@ def force_lanes(lanes, added, s, c):
 
 @jit(refcounts=False)
 def place_of_added(workspace, grid, n):
-    """Return the place in ``Workspace.added`` of what step `n` of `grid` adds to each lane.
+    """Return the index in ``Workspace.added`` of what step `n` of `grid` adds to each lane.
 
-    Where not all steps are kept, it is computed, into the first place.
+    If the grid has too many steps to keep, the values are computed now, at index 0.
     """
     if grid.size <= KEPT:
         return n
@@ -122,7 +122,7 @@ def place_of_added(workspace, grid, n):
 
 @jit(refcounts=False)
 def propagate_lanes(lanes, size, added, step, n):
-    """Take the first lanes over step `n`; GUARD is below 0 where they cannot have met the stop."""
+    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact."""
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
@@ -149,7 +149,7 @@ def propagate_all_tangents(lanes, size, n):
 def scatter(batch, lo, count, grid, n, recording, carrying):
     """Take the lanes of these columns to the end of step `n`.
 
-    A lane without a proved single impact is taken there by itself.
+    A lane whose single impact is not proved is resolved alone.
     """
     (lanes, met, c, _, _), points, record = batch
     theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
@@ -173,7 +173,7 @@ def scatter(batch, lo, count, grid, n, recording, carrying):
 
 @jit(refcounts=False)
 def resolve_scalar(batch, i, j, grid, n, recording, carrying):
-    """Take lane `i`, which is in column `j`, over step `n`, with every impact in it."""
+    """Take lane `i`, which is in column `j`, over step `n` with every impact in it."""
     (lanes, _, c, _, scratch), points, record = batch
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
@@ -216,9 +216,9 @@ def stretch(pair, sums):
 
 @jit(refcounts=False)
 def judge_tangents(lanes, size, row):
-    """Look for tangent vectors that would soon be too short, too long or too parallel.
+    """Find tangent vectors that would soon be too short, too long or too parallel.
 
-    In the row GUARD a lane that has such vectors is not negative.
+    The GUARD of a lane with such vectors is not negative.
     """
     widest_vectors()
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
@@ -241,7 +241,7 @@ def stretch_lanes(batch, n):
 
 @jit(refcounts=False)
 def advance(batch, grid, recording, carrying):
-    """Take a batch over the steps of `grid`, step by step."""
+    """Take a batch over the steps of `grid`."""
     workspace, points, _ = batch
     lanes, size = workspace.lanes, grid.size
     for n in range(size):
@@ -257,14 +257,14 @@ def advance(batch, grid, recording, carrying):
         if carrying and ((n + 1) % _STRIDE == 0 or n + 1 == size):
             stretch_lanes(batch, n + 1)
     if size & 1:
-        for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step is even
+        for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step has number 0
             for i in range(a, a + LANES):
                 lanes[i] = lanes[i + ROW]
 
 
 @jit(refcounts=False)
 def round_states(lanes):
-    """Round the states to (x, v), and put these into the rows for odd steps."""
+    """Round the states to (x, v), which go to the rows for odd steps, for the record."""
     widest_vectors()
     for i in range(LANES):
         clearance, omega = lanes[CLEARANCE + i], lanes[OMEGA + i]
@@ -275,7 +275,7 @@ def round_states(lanes):
 
 @jit(refcounts=False)
 def forget_at_rest(lanes, size):
-    """Take away the tangent vectors of the first lanes where they rest: nothing is left."""
+    """Remove the tangent vectors of the first lanes where they rest: a rest leaves none."""
     for i in range(size):
         if lanes[LEVEL + i] == AT_REST:
             put_pair(lanes, TANGENTS + i, 2 * ROW, (0.0, 0.0, 0.0, 0.0))
@@ -283,7 +283,7 @@ def forget_at_rest(lanes, size):
 
 @jit(refcounts=False)
 def sum_up_tangents(batch):
-    """Add up the growth that is left in the tangent vectors, as of (x, v)."""
+    """Add up the growth that remains in the tangent vectors, in the units of (x, v)."""
     (lanes, _, _, _, _), points, record = batch
     for i in range(points.size):
         ay, aw, by, bw = pair_in(lanes, TANGENTS + i, 2 * ROW)

@@ -1,9 +1,9 @@
 """Exact impacts side by side: the stages of ``single_impact``, each for many columns at once.
 
-A column is a copy of a lane that may have met the stop. LLVM makes a loop over vectors of each
-stage. All stages in one loop would be a long chain of operations, each of which waits for the one
-before it; the chain of a single stage is so short that a processor computes several vectors at the
-same time.
+A column is a copy of a lane that may have met the stop. LLVM vectorises the loop of each stage.
+All stages in one loop would be a long chain of operations, each of which waits for the previous
+one. The chain of a single stage is so short that a processor computes several vectors at the same
+time.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ from vibroimpact.step.variational import tangents_through_impact
     # The coefficients of (P), the states at both ends of the step, its remainder bound, the
     # tangent vectors, the impact, and what is proved of it.
     COLUMN_COEFFICIENTS, Y_0, W_0, Y_T, W_T, BOUND, PAIR, U, W_I, PROVED,
-    # What one stage hands to the next: the guess, the time left after the impact, the value of the
+    # Handed from one stage to the next: the guess, the time left after the impact, the value of the
     # series with its derivatives, and the series.
     _LATE, _T, _R, _VALUES, _SERIES,
     EXACT_COLUMNS,
-) = accumulate(  # from the number of rows of each
+) = accumulate(  # of the number of rows of each
     (0, *(COLUMN_ROW * n for n in (5, 1, 1, 1, 1, 1, 4, 1, 1, 1, 1, 1, 1, 3, 17)))
 )  # fmt: skip
 
 
 @jit(inline=True)
 def coefficients_in(rows, e, distance):
-    """Return the ``Coefficients`` whose numbers begin at `e`, and are so far apart."""
+    """Return the ``Coefficients`` whose numbers begin at `e`, `distance` apart."""
     return Coefficients(
         rows[e], rows[e + distance], rows[e + 2 * distance], rows[e + 3 * distance],
         rows[e + 4 * distance],
@@ -84,9 +84,9 @@ def _put_series(c, j, terms):
 
 @jit(refcounts=False)
 def correct_columns(c, vectors, waves, step):
-    """Correct the columns of so many vectors; as ``single_impact``, stage by stage."""
+    """Correct the columns of `vectors` vectors as ``single_impact`` does, stage by stage."""
     widest_vectors()
-    count = VECTOR * vectors  # in this form LLVM sees that nothing is left over
+    count = VECTOR * vectors  # shows LLVM that no column is left over
     for j in range(count):
         start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
         c[_LATE + j], c[_T + j] = guess(start, end, step)
@@ -117,7 +117,7 @@ def correct_columns(c, vectors, waves, step):
 
 @jit(refcounts=False)
 def carry_columns(c, vectors, wave, step):
-    """Carry the tangent vectors of the columns of so many vectors through their impacts."""
+    """Carry the tangent vectors of the columns of `vectors` vectors through their impacts."""
     widest_vectors()
     for j in range(VECTOR * vectors):
         eq, pair = (
@@ -130,11 +130,11 @@ def carry_columns(c, vectors, wave, step):
 
 @jit(refcounts=False)
 def correct_side_by_side(workspace, lo, count, grid, n, carrying):
-    """Copy `count` listed lanes, from place `lo` on, into columns, and correct step `n` there."""
+    """Copy `count` listed lanes, from index `lo` on, into columns, and correct step `n` there."""
     lanes, met, c, _, _ = workspace
     table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
     for j in range(count):
-        i = met[lo + j] & (LANES - 1)  # so that LLVM sees that it is not negative
+        i = met[lo + j] & (LANES - 1)  # shows LLVM that it is not negative
         for q in range(5):
             c[COLUMN_COEFFICIENTS + q * COLUMN_ROW + j] = lanes[
                 COEFFICIENTS + COEFFICIENTS_SIZE * i + q

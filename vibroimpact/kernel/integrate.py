@@ -29,9 +29,9 @@ def integrate(
 ) -> dict[str, np.ndarray]:
     """Run every parameter point from its start and record its attractor.
 
-    The record spans the `periods` forcing periods that follow `transient` of them, counted from
-    the first passage of the phase `phase`. An impact belongs to it if it comes after its start,
-    so that one at the start itself does not.
+    The record covers `periods` forcing periods. Before them, `transient` forcing periods are left
+    out, counted from the first passage of the phase `phase`. An impact at the very start of the
+    record does not belong to it.
 
     Parameters
     ----------
@@ -40,16 +40,16 @@ def integrate(
     integrator, impact : str
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
     steps_per_period : int, optional
-        Steps of length T = 2 pi / (omega steps_per_period), stable or not; by default as from
+        Steps of length T = 2 pi / (omega steps_per_period), stable or not; the default is that of
         ``default_steps``.
     transient, periods : int
-        Forcing periods left out, at most ``MOST_PERIODS``, and recorded, at most ``MOST_RECORDED``.
+        Forcing periods left out, at most ``MOST_PERIODS``; recorded, at most ``MOST_RECORDED``.
     phase : float
-        omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. The grid of steps is
-        laid so that it falls on a grid point.
+        omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. It is always a point of
+        the grid of steps.
     at_section : bool
-        Whether the start is the state at a passage of `phase`, not at t = 0: the last section of
-        one run, as the start of another, continues it.
+        Whether the start is the state at a passage of `phase` instead of at t = 0. A run that
+        starts at the last section of another run continues it.
     impacts : int
         How many of the last impacts to keep, at most ``MOST_RECORDED``.
     lyapunov : bool
@@ -57,40 +57,43 @@ def integrate(
     threads : int, optional
         Threads to use; all by default. The results do not depend on it.
     interrupt : ndarray of int64, shape (1,), optional
-        Once another thread makes it non-zero, the run ends within a forcing period, and the points
-        that are not complete have NaN and the status ``PENDING``.
+        Once another thread makes it non-zero, the run ends within a forcing period. Points that are
+        not complete then have NaN and the status ``PENDING``.
 
     Returns
     -------
     dict of str to ndarray
-        ``poincare_x``, ``poincare_v`` : (n, periods), state at the end of each recorded period;
-        ``impact_phase``, ``impact_v`` : (n, impacts), omega t mod 2 pi [rad] and speed before
-        the last impacts, in time order, NaN where there were fewer; ``impacts_per_period``,
-        ``slowest_impact``, ``fastest_impact`` (speeds before them, NaN without an impact),
-        ``impulse`` on the stop, (1 + R) sum v, and ``energy_lost`` at impacts,
-        (1 - R^2) / 2 sum v^2, both per forcing period and unit of mass and with the impacts of a
-        chatter that are summed instead of followed, ``max_penetration``,
-        ``rest_fraction``, ``chatters`` (complete ones), ``near_grazes``, ``status`` : (n,), over
-        the recorded periods. Where ``status`` is a failure the numbers are NaN, and the counts
-        0. With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first; -inf
-        after a rest, which leaves nothing of the past, and the second one after an impact with
-        R = 0, which leaves only its phase. The rule ``plain`` has no rests; only
-        ``exact`` looks for near grazes.
+        ``poincare_x``, ``poincare_v`` : (n, periods), state at the end of each recorded period.
+        ``impact_phase``, ``impact_v`` : (n, impacts), omega t mod 2 pi [rad] of the last impacts
+        and the speed before them, in time order; NaN where there were fewer.
+
+        All others cover the recorded periods and have the shape (n,): ``impacts_per_period``;
+        ``slowest_impact`` and ``fastest_impact``, speeds before the impact, NaN without an impact;
+        ``impulse`` on the stop, (1 + R) sum v, and ``energy_lost`` at impacts, (1 - R^2) / 2
+        sum v^2, both per forcing period and unit of mass, including impacts of a chatter that are
+        summed instead of followed; ``max_penetration``; ``rest_fraction``; ``chatters``, the number
+        of complete ones; ``near_grazes``; ``status``. The rule ``plain`` has no rests; only
+        ``exact`` looks for near grazes. If ``status`` is a failure, the numbers are NaN and the
+        counts 0.
+
+        With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first. Both are -inf
+        after a rest, which erases the past; the second is -inf after an impact with R = 0, of which
+        only the phase matters for what follows.
 
     Raises
     ------
     TypeError
-        If `points` is no array of dtype ``POINT``.
+        If `points` is not an array of dtype ``POINT``.
     ValueError
-        If a point is not valid, which is named by its row and parameter; or a start is beyond the
-        stop, but for one at a section with the rule ``plain``, which lets the mass pass the stop.
-        For any other argument out of its range, an unknown integrator or impact rule, the rule
-        ``exact`` with another integrator, or too few steps per period for it.
+        If a point is not valid; the message names its row and parameter. If a start is beyond the
+        stop, except at a section with the rule ``plain``, which lets the mass pass the stop. If any
+        other argument is out of range, the integrator or impact rule is unknown, the rule ``exact``
+        comes with another integrator, or it has too few steps per period.
     MemoryError
-        If there is no room for the results.
+        If the memory is too small for the results.
     """
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
-    points = np.array(points, POINT)  # contiguous and writable, for which the kernel is compiled
+    points = np.array(points, POINT)  # contiguous and writable, as the kernel is compiled for
     transient = whole("transient", transient, 0, MOST_PERIODS)
     periods = whole("periods", periods, 1, MOST_RECORDED)
     impacts = whole("impacts", impacts, 0, MOST_RECORDED)
@@ -110,7 +113,7 @@ def integrate(
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
     lanes = lanes_per_batch(n, threads)
-    # No thread without lanes: to start one takes longer than to compute a few lanes.
+    # No thread without lanes: starting a thread takes longer than computing a few lanes.
     threads = min(threads, max(1, -(-n // lanes)))
     claimed = np.zeros(1, np.int64)
     job = KernelJob(
@@ -124,22 +127,22 @@ def integrate(
 
 
 def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:
-    """Name the results, and withhold those of the points that failed or were interrupted."""
+    """Name the results, and replace those of failed or interrupted points by NaN or 0."""
     sums, sections = record.sums, record.sections
     pending = sums["status"] == Status.PENDING
     if pending.any():
         sections[pending], record.impacts[pending] = np.nan, np.nan
     sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
     no_impact, R = sums["impacts"] == 0, points["R"]
-    # The energy of a finite motion may overflow, and so does the period where omega is below the
-    # smallest normal number.
+    # The energy of a finite motion may overflow. So may the period if omega is below the smallest
+    # normal number.
     with np.errstate(over="ignore", invalid="ignore"):
         duration = periods * 2.0 * np.pi / points["omega"]
         share = np.minimum(sums["rested"] / duration, 1.0)
         squares = np.where(R < 1.0, sums["squared_speeds"], 0.0)
         lost = 0.5 * (1.0 - R) * (1.0 + R) * squares
         impulse = (1.0 + R) * sums["speeds"] / periods
-    # The vectors are parallel after an impact with R = 0: the area between them is rounding.
+    # After an impact with R = 0 the vectors are parallel: the area between them is rounding.
     area_lost = (R == 0.0) & ~no_impact
     growth_2 = np.where(area_lost, -np.inf, sums["growth_2"])
     growth = np.sort(np.stack([-sums["growth_1"], -growth_2], axis=1), axis=1)
@@ -169,11 +172,12 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
 
 
 def _grows(points: np.ndarray, sums: np.ndarray, sections: np.ndarray) -> np.ndarray:
-    """Whether the motion grew through the record, as one without bound does.
+    """Whether the motion grew through the record, as an unbounded motion does.
 
-    It can only where nothing is dissipated, R = 1 and h = 0. There it does where the energy of each
-    third of the sections exceeds by 1 % all of the third before it. A beat much longer than the
-    record looks the same: fewer than 30 periods, or a motion without impacts, say nothing.
+    This is possible only without dissipation, R = 1 and h = 0. The motion grew if every energy in
+    a third of the sections exceeds every energy in the third before it by 1 %. A beat much longer
+    than the record would look the same, so records of fewer than 30 periods and motions without
+    impacts are not judged.
     """
     grows = np.zeros(points.size, dtype=bool)
     third = sections.shape[1] // 3

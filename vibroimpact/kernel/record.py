@@ -1,4 +1,4 @@
-"""What is kept of the recorded periods of each point."""
+"""The record of each point over its recorded periods."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vibroimpact.jit import jit
 from vibroimpact.status import Status
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
 
-#: What is summed up over the recorded periods of a point, beside its last status.
+#: The sums and extremes over the recorded periods of a point, and its worst status.
 SUMS = np.dtype(
     [
         ("impacts", np.int64),
         ("slowest_impact", float),
         ("fastest_impact", float),
-        ("speeds", float),  # the sum of the speeds before the impacts, and of their squares
+        ("speeds", float),  # sum of the speeds before the impacts; below, of their squares
         ("squared_speeds", float),
         ("max_penetration", float),
         ("rested", float),
@@ -34,22 +34,22 @@ _PENDING = int(Status.PENDING)
 
 
 class Record(NamedTuple):
-    """What is kept of the recorded periods, one row per point."""
+    """The record of all points, one row per point."""
 
     #: x and v at the end of each period, shape (n, periods, 2).
     sections: np.ndarray
-    #: Phase and speed of the last impacts, shape (n, capacity, 2): a ring, put into time order at
-    #: the end.
+    #: Phase and speed of the last impacts, shape (n, capacity, 2): a ring buffer, put into time
+    #: order at the end.
     impacts: np.ndarray
     sums: np.ndarray  #: Of dtype ``SUMS``, shape (n,).
 
 
 @jit(inline=True)
 def list_impact(ring, sums, phase, speed):
-    """Count an impact, and put it into the ring of its lane."""
+    """Count an impact, and write it into the ring buffer of its lane."""
     if ring.shape[0] > 0:
         slot = sums.impacts % ring.shape[0]
-        # Two subtractions are enough; a `while` would never end for an infinite phase.
+        # Two subtractions are enough. A `while` would never end for an infinite phase.
         for _ in range(2):
             phase -= 2.0 * math.pi if phase >= 2.0 * math.pi else 0.0
         ring[slot, 0], ring[slot, 1] = phase, speed
@@ -71,7 +71,7 @@ def record_step(events, n, x_T, rested, theta, pt, row, record):
             depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
             speed = events[k, SPEED]
             list_impact(record.impacts[row], sums, theta + pt.omega * events[k, TIME], speed)
-        elif kind == REST:  # after impacts whose speeds are a geometric series
+        elif kind == REST:  # the speeds of the summed impacts are a geometric series
             sums.chatters += 1
             speeds = events[k, SPEED]
             sums.speeds += speeds
@@ -82,7 +82,7 @@ def record_step(events, n, x_T, rested, theta, pt, row, record):
 
 @jit(inline=True)
 def record_section(x, v, row, k, record):
-    """Store the state of a point as section `k`; NaN if it overflowed."""
+    """Store the state of a point as section `k`, or NaN if it overflowed."""
     finite = math.isfinite(x) and math.isfinite(v)
     record.sections[row, k, 0] = x if finite else math.nan
     record.sections[row, k, 1] = v if finite else math.nan
@@ -92,7 +92,7 @@ def record_section(x, v, row, k, record):
 
 @jit
 def put_in_order(ring, count):
-    """Put a ring that received `count` impacts into time order, with NaN where it has room."""
+    """Put a ring buffer that received `count` impacts into time order, with NaN in unused rows."""
     size = ring.shape[0]
     for k in range(count, size):
         ring[k, 0] = ring[k, 1] = math.nan
@@ -105,7 +105,7 @@ def put_in_order(ring, count):
 
 @jit(inline=True)
 def rows_of(record, lo, hi):
-    """Return a record of the points from `lo` to before `hi`."""
+    """Return the rows from `lo` to before `hi` of a record."""
     return Record(record.sections[lo:hi], record.impacts[lo:hi], record.sums[lo:hi])
 
 

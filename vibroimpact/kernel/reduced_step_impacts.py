@@ -1,8 +1,8 @@
 """Impacts of the rule ``reduced-step`` side by side, each stage for many columns at once.
 
-A column is a lane that meets its stop in a stride. Nearly every one has one impact there, and a
-rebound that lasts to the end of the stride. The arithmetic is that of ``reduced_step``, without a
-branch.
+A column is a lane that meets its stop in a stride. Nearly every such lane has one impact there and
+a rebound that lasts to the end of the stride. The arithmetic is that of ``reduced_step``, without
+branches.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vibroimpact.step.time_stepping import single_linear_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.
 (
-    # The parameters of eq. (1): vectors can be loaded from rows.
+    # The parameters of eq. (1), one row each, from which vectors can be loaded.
     OF_H, OF_R, OF_OMEGA, OF_F, OF_P, OF_CLEARANCE,
     # The step in which the lane meets the stop, and its two ends.
     STEP, THETA_0, S_0, C_0, X_0, V_0, X_T, V_T,
@@ -36,7 +36,7 @@ def parameters_of(c, j):
 
 @jit(refcounts=False)
 def shorten_steps(c, count, step):
-    """Take the first columns to their impacts, eqs (6)-(9)."""
+    """Take the first columns to their impacts by eqs (6)-(9)."""
     widest_vectors()
     for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
         pt = parameters_of(c, j)
@@ -49,14 +49,14 @@ def shorten_steps(c, count, step):
 
 @jit(inline=True)
 def launch(c, j):
-    """Return what an integrator needs to take the remainder of the step of column `j`."""
+    """Return the arguments of an integrator for the remainder of the step of column `j`."""
     pt = parameters_of(c, j)
     return pt.clearance, -pt.R * c[V_TR + j], c[S_TR + j], c[C_TR + j], c[REMAINDER + j], pt
 
 
 @jit(inline=True)
 def land(c, j, end):
-    """Put the end of the step into column `j`."""
+    """Put the state at the end of the step into column `j`."""
     c[X_T + j], c[V_T + j] = end
     c[SINGLE + j] = select(end[0] < c[OF_CLEARANCE + j], c[SINGLE + j], 0.0)
 
@@ -69,7 +69,7 @@ def _one_by_one(c, count, integrator):
 
 
 def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
-    """Return a loop over the columns with the step `chosen`, if the integrator has that code."""
+    """Return a loop over the columns with the step `chosen` if the integrator has that code."""
 
     @jit(inline=True)
     def loop(c, count, integrator):
@@ -92,8 +92,8 @@ for _row in INTEGRATORS.values():
 def take_remainders(c, count, integrator):
     """Take the first columns from their rebounds to the ends of the steps.
 
-    An integrator of second order or more has a loop of its own: one around ``step`` is not
-    vectorised, nor is the exact flow, which is a loop itself.
+    Each integrator of order 2 or more has its own loop, because a loop around ``step`` is not
+    vectorised. Neither is the exact flow, which is a loop itself.
     """
     widest_vectors()
     _chosen_loop(c, count, integrator)

@@ -1,8 +1,8 @@
-"""The kernel's run: batches of points over the threads, period by period.
+"""The run of the kernel: batches of points over the threads, period by period.
 
-All lanes of a batch take a step as if there were no stop, and those that may have met it are
+All lanes of a batch take a step as if there were no stop, and lanes that may have met it are
 corrected. Exact impacts have their loop in ``exact.py``, the other rules in ``time_stepping.py``.
-Each thread takes batch after batch, and does not hold Python's lock.
+Each thread takes batch after batch, without holding Python's global lock.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from vibroimpact.kernel.workspace import (
 )
 from vibroimpact.step.scheme import EXACT, PLAIN, Scheme, sine_at_start
 
-#: The fewest points that a thread takes side by side, if there are so many: fewer take nearly as
-#: long with exact impacts.
+#: Fewest points that a thread takes side by side, if there are so many. With exact impacts, fewer
+#: points take nearly as long.
 FEWEST_LANES = 64
 
 
 class KernelJob(NamedTuple):
-    """What the threads share."""
+    """The data that the threads share."""
 
     points: np.ndarray  #: Of dtype ``POINT``, shape (n,).
     scheme: Scheme
@@ -46,23 +46,23 @@ class KernelJob(NamedTuple):
     lyapunov: bool
     lanes: int  #: Points in a batch.
     record: Record  #: Receives the results.
-    claimed: np.ndarray  #: The number of batches taken by the threads, shape (1,).
-    interrupt: np.ndarray  #: Once it is set the points are left: ``PENDING``. Shape (1,).
+    claimed: np.ndarray  #: Number of batches taken by the threads so far, shape (1,).
+    interrupt: np.ndarray  #: Once it is set, the remaining points become ``PENDING``. Shape (1,).
 
 
 def lanes_per_batch(points: int, threads: int) -> int:
-    """Return how many points to take side by side, so that threads get equal shares."""
+    """Return how many points to take side by side so that threads get equal shares."""
     share = max(1, -(-points // threads))
-    batches = -(-share // LANES)  # as many for every thread
+    batches = -(-share // LANES)  # the same number for every thread
     return max(FEWEST_LANES, -(-share // (batches * VECTOR)) * VECTOR)
 
 
 @jit(refcounts=False)
 def end_period(batch, k, row, step):
-    """Store the states, which lie in the first or second rows, as section `k` of the record."""
+    """Store the states as section `k` of the record; `row` is 0 or ROW, where the states lie."""
     (lanes, _, _, _, _), points, record = batch
     for i in range(LANES):
-        lanes[WAKE + i] -= 2.0 * math.pi  # the grid's phases begin again
+        lanes[WAKE + i] -= 2.0 * math.pi  # the phases of the grid begin again
     if k >= 0:
         for i in range(points.size):
             record_section(lanes[POSITION + row + i], lanes[VELOCITY + row + i], i, k, record)
@@ -75,13 +75,13 @@ def end_period(batch, k, row, step):
 def run_batch(batch, job, exactly, plain):
     """Run a batch of at most ``LANES`` points from its start to the end of the record.
 
-    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so that
-    only the loop of the rule is compiled.
+    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
+    the loop of that rule is compiled.
     """
     workspace, points, _ = batch
     lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.scheme
     set_start(lanes, points, method[0], sine_at_start(lead, grid))
-    # The lead-in is the period before the transient: `advance` is called, and compiled, once.
+    # The lead-in counts as the period before the transient: `advance` is then compiled only once.
     for k in range(-transient - 1, job.periods):
         if is_set(job.interrupt):
             break
@@ -126,10 +126,10 @@ def run_shortened(batch, job):
 
 @jit(inline=True)
 def take_batches(job, run, columns):
-    """Run batch after batch, as long as there are any that no thread has taken yet."""
+    """Run batch after batch until the threads have taken all of them."""
     workspace, lanes = new_workspace(columns), job.lanes
     lo = lanes * claim(job.claimed)
-    while lo < job.points.size:  # ends: the counter only rises
+    while lo < job.points.size:  # terminates: the counter only rises
         record = rows_of(job.record, lo, lo + lanes)
         run(Batch(workspace, job.points[lo : lo + lanes], record), job)
         close_records(record, is_set(job.interrupt))
@@ -155,7 +155,7 @@ def take_shortened(job):
 
 
 def run_batches(threads: int, job: KernelJob) -> None:
-    """Run every point on so many threads."""
+    """Run every point, on `threads` threads."""
     loops = {PLAIN: take_plain, EXACT: take_exact}
     work = compiled(loops.get(job.scheme.method[0], take_shortened), job)
     on_threads(threads, job.interrupt, work, job)

@@ -1,9 +1,9 @@
-"""The loop of time stepping: all lanes take a stride of steps, those that met the stop again.
+"""The loop of time stepping: all lanes take a stride, and lanes that met the stop repeat it.
 
-Every lane is taken by its affine map as if there were no stop. A lane that may meet the stop in a
-stride stays at the start of it, and is taken through the stride alone, step by step, as a single
-orbit is. With ``reduced-step`` most of these lanes are first taken side by side, see
-``reduced_step_impacts.py``. The rule ``plain`` needs no more than selects.
+A stride is a few steps. Every lane is taken over it by its affine map as if there were no stop. A
+lane that may meet the stop in a stride stays at its start, and is then taken through the stride
+alone, step by step, as a single orbit is. With ``reduced-step`` most of these lanes are first tried
+side by side, see ``reduced_step_impacts.py``. The rule ``plain`` needs only selects.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.scheme import COS, REDUCED_STEP, SIN, THETA
 from vibroimpact.step.stepper import take_step
 
-#: Steps taken at a time, so that what a lane needs stays in registers.
+#: Steps in a stride; the numbers of a lane stay in registers meanwhile.
 STRIDE = 4
 
 _NON_FINITE = int(Status.NON_FINITE)
@@ -65,7 +65,7 @@ _NON_FINITE = int(Status.NON_FINITE)
 
 @jit(inline=True)
 def set_maps(lanes, points, integrator, grid):
-    """Give every lane the affine map of one step of `grid`."""
+    """Give every lane its affine map of one step of `grid`."""
     for i in range(LANES):
         pt = points[min(i, points.size - 1)]
         rows = affine_map(integrator, grid.step / pt.omega, pt)
@@ -85,7 +85,7 @@ def map_of(lanes, i):
 
 @jit(refcounts=False)
 def step_lane(lanes, i, x, v, s, c):
-    """Take lane `i` from (x, v) over a step; also return whether it is below its LEVEL then."""
+    """Take lane `i` from (x, v) over a step; return the state, and whether x is below its LEVEL."""
     to_x, to_v = map_of(lanes, i)
     x_T, v_T = apply_map(to_x, x, v, s, c), apply_map(to_v, x, v, s, c)
     return x_T, v_T, x_T < lanes[LEVEL + i]  # False for a NaN
@@ -105,9 +105,9 @@ def _step_span(lanes, size, table, n, span):
 
 @jit(refcounts=False)
 def step_lanes(lanes, size, table, n, span):
-    """Take the first lanes over a stride from step `n`, or a single step.
+    """Take the first lanes over a stride from step `n`, or over a single step.
 
-    A lane that may meet its stop stays where it is, and is not negative in the row GUARD.
+    A lane that may meet its stop stays where it is, and its GUARD is not negative.
     """
     widest_vectors()
     if span == STRIDE:
@@ -120,8 +120,9 @@ def step_lanes(lanes, size, table, n, span):
 def plain_step(lanes, i, x, v, table, n, place, recording):
     """Take lane `i` from (x, v) over step `n` with the rule (2)-(5): selects instead of branches.
 
-    The speed of its impact goes to `place`. Unlike in ``plain``, a displacement that overflowed is
-    an impact, too, which forgets it where R = 0: see ``sum_up_plain``. A test here would cost 8 %.
+    The speed of its impact goes to `place`. A displacement that overflowed counts as an impact,
+    too, and with R = 0 the overflow is then gone from the state. ``sum_up_plain`` detects it later,
+    because a test here would cost 8 %.
     """
     to_x, to_v = map_of(lanes, i)
     s, c = table[SIN, n], table[COS, n]
@@ -152,7 +153,7 @@ def _plain_span(lanes, size, table, n, span, recording):
 def plain_lanes(lanes, size, table, n, span, recording):
     """Take the first lanes over a stride from step `n`, or a single step, with the rule ``plain``.
 
-    While recording, lanes with an impact are not negative in the row GUARD.
+    While recording, the GUARD of lanes with an impact is not negative.
     """
     widest_vectors()
     if span < STRIDE:
@@ -165,7 +166,7 @@ def plain_lanes(lanes, size, table, n, span, recording):
 
 @jit(refcounts=False)
 def list_plain_impacts(batch, listed, grid, n, span):
-    """Put the impacts of a stride from step `n` into the record of the listed lanes."""
+    """Record the impacts of the listed lanes in a stride from step `n`."""
     (lanes, met, _, _, _), _, record = batch
     for j in range(listed):
         i = met[j]
@@ -178,18 +179,18 @@ def list_plain_impacts(batch, listed, grid, n, span):
 
 @jit(refcounts=False)
 def sum_up_plain(batch):
-    """Put the greatest displacements into the record."""
+    """Record the greatest penetrations."""
     (lanes, _, _, _, _), points, record = batch
     for i in range(points.size):
         sums = record.sums[i]
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
-        if not sums.max_penetration < math.inf:  # an impact may have put it back to the stop
+        if not sums.max_penetration < math.inf:  # the state itself may be back at the stop
             sums.status = _NON_FINITE
 
 
 @jit(refcounts=False)
 def gather(batch, lo, count, table, n):
-    """Fill the columns: each lane goes on from step `n` to the one that may take it to its stop."""
+    """Fill the columns: take each lane from step `n` to the step that may take it to its stop."""
     (lanes, met, columns, _, _), points, _ = batch
     for j in range(count):
         i = met[lo + j]
@@ -209,10 +210,10 @@ def gather(batch, lo, count, table, n):
 
 @jit(refcounts=False)
 def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording):
-    """Take `count` listed lanes, from place `lo` on, over the stride from step `n`.
+    """Take `count` listed lanes, from index `lo` on, over the stride from step `n`.
 
-    A lane for which a single impact is not certain is not moved, and listed after `left` such
-    lanes; returns how many there are then.
+    A lane for which a single impact is not certain is not moved; it is listed again, after the
+    `left` lanes that are listed again so far. Returns the new number of such lanes.
     """
     (lanes, met, c, _, _), points, record = batch
     table = grid.table
@@ -240,7 +241,7 @@ def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
 
 @jit(refcounts=False)
 def resolve_scalar(batch, i, method, grid, n, span, recording):
-    """Take lane `i` over `span` steps from step `n`, with every impact in them."""
+    """Take lane `i` over `span` steps from step `n` with every impact in them."""
     (lanes, _, _, _, scratch), points, record = batch
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
     rows = map_of(lanes, i)
@@ -265,9 +266,9 @@ def resolve_scalar(batch, i, method, grid, n, span, recording):
 
 @jit(inline=True)
 def advance(batch, method, plain, grid, recording):
-    """Take a batch over the steps of `grid`, stride by stride, and over the rest of them singly.
+    """Take a batch over the steps of `grid` stride by stride, and singly over those left over.
 
-    `plain` says whether the rule is ``plain``, as a literal: only its loop is compiled then.
+    `plain` says whether the rule is ``plain``. It is a literal, so only that loop is compiled.
     """
     (lanes, met, _, _, _), points, _ = batch
     rule, integrator = method

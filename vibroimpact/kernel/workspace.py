@@ -1,8 +1,8 @@
 """The workspace of a thread: a batch of points in lanes, and their impacts in columns.
 
-A lane is one parameter point; the points of a batch lie side by side, so that vectors are filled.
-The steps per period are an integer, so omega t_n mod 2 pi is one table for every lane, also where
-omega is swept, and the loops hold no trigonometry.
+A lane is one parameter point. The points of a batch lie side by side and so fill SIMD vectors.
+The steps per period are an integer, so one table of omega t_n mod 2 pi serves every lane, even if
+omega is swept, and the loops contain no trigonometry.
 """
 
 from __future__ import annotations
@@ -19,39 +19,39 @@ from vibroimpact.step.contact import Scratch, new_scratch, start, time_to_releas
 from vibroimpact.step.scheme import PLAIN
 from vibroimpact.step.stepper import to_state
 
-#: Points per batch at the most, a power of 2; and impacts that are corrected at a time.
+#: Most points in a batch, a power of 2; and impacts corrected at a time.
 LANES, COLUMNS = 128, 64
 #: Numbers in a vector of 512 bits.
 VECTOR = 8
-#: The distances of rows; not powers of two, which would put them all into few sets of the cache.
+#: Distances between rows. Powers of two would put all rows into few sets of the cache.
 ROW, COLUMN_ROW = LANES + 24, COLUMNS + VECTOR
-#: Up to this many steps a period, what each step adds is kept; more would not fit into the cache.
+#: Most steps per period for which the forcing of each step is kept; more do not fit into the cache.
 KEPT = 64
-#: The numbers of a lane from COEFFICIENTS on: one line of the cache, of which five are used.
+#: Numbers of a lane from COEFFICIENTS on: one cache line, of which five numbers are used.
 COEFFICIENTS_SIZE = 8
 
-# Where the rows of the lanes begin; row + i belongs to lane i. They lie in one flat array, because
-# the compiler then knows the distances between them.
+# Where the rows of the lanes begin; row + i belongs to lane i. All rows lie in one flat array,
+# because the compiler then knows the distances between them.
 (
-    # The state, (x, v) or with exact impacts (y, w), and the tangent vectors. They have two rows
-    # for each number: for the starts of even steps, and of odd ones. Time stepping uses the first.
+    # The state, (x, v) or with exact impacts (y, w), and the tangent vectors. Each number has two
+    # rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
     POSITION, VELOCITY, TANGENTS,
-    # Not negative where the lane may have met its stop; the stop that it watches, or AT_REST; the
-    # phase before which a lane at rest is not released, or AWAKE.
+    # GUARD is not negative if the lane may have met its stop. LEVEL is the stop to watch, or
+    # AT_REST. WAKE is the phase before which a resting lane is not released, or AWAKE.
     GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
-    # Of exact impacts: the propagator of a step, its forcing and bound, the steps slept through.
+    # For exact impacts: the propagator of a step, its forcing and bound, and the steps at rest.
     PROPAGATOR, FORCING, REMAINDER_BOUND, SLEPT,
-    # Of time stepping: the affine map, and with the rule ``plain`` R, the greatest displacement,
-    # and the speeds of the impacts of a stride.
+    # For time stepping: the affine map; with the rule ``plain`` also R, the greatest displacement,
+    # and the speeds of the impacts in a stride.
     MAP, RESTITUTION, GREATEST, SPEEDS,
-    # The coefficients of (P) are not in rows: the numbers of one lane follow each other.
+    # The coefficients of (P), not in rows: the numbers of one lane are contiguous.
     COEFFICIENTS,
-) = accumulate(  # from the number of rows of each
+) = accumulate(  # of the number of rows of each
     (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 1, 8, 1, 1, 4)))
 )  # fmt: skip
 _SIZE = COEFFICIENTS + COEFFICIENTS_SIZE * LANES
 
-#: The LEVEL of a lane at rest, so that it is looked at in every stride; and the WAKE of another.
+#: The LEVEL of a lane at rest, which is then listed in every stride; the WAKE of other lanes.
 AT_REST, AWAKE = -math.inf, -math.inf
 
 
@@ -60,14 +60,14 @@ class Workspace(NamedTuple):
 
     lanes: np.ndarray  #: The rows of the lanes.
     met: np.ndarray  #: The list of lanes that may have met the stop.
-    columns: np.ndarray  #: The rows of the columns, each a copy of a lane in the list.
-    #: With exact impacts, what a step adds to y and w of each lane: shape (KEPT, 2, ROW).
+    columns: np.ndarray  #: The rows of the columns, each a copy of a listed lane.
+    #: With exact impacts, what each step adds to y and w of each lane: shape (KEPT, 2, ROW).
     added: np.ndarray
     scratch: Scratch
 
 
 class Batch(NamedTuple):
-    """A batch of points; the record has a row for each of them."""
+    """A batch of points; the record has one row per point."""
 
     workspace: Workspace
     points: np.ndarray
@@ -76,11 +76,11 @@ class Batch(NamedTuple):
 
 @jit
 def aligned(size):
-    """Return an array of `size` zeros.
+    """Return an array of `size` zeros that begins at a cache line.
 
-    The array begins at a line of the cache: a vector of 512 bits across two lines is read twice.
-    Lanes without a point are computed, too. Memory that is not set to zero may hold subnormal
-    numbers, with which a processor takes ten times as long.
+    A vector of 512 bits across two lines would be read twice. The memory is set to zero because
+    lanes without a point are computed, too: left-over bits may be subnormal numbers, with which a
+    processor takes ten times as long.
     """
     memory = np.zeros(size + 7)
     skipped = -(memory.ctypes.data // 8) % 8
@@ -89,7 +89,7 @@ def aligned(size):
 
 @jit
 def new_workspace(columns):
-    """Return the workspace of a thread, with so many numbers in its columns."""
+    """Return the workspace of a thread; `columns` is the number of values in its columns."""
     met = np.zeros(LANES, np.int64)
     added = aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW))
     return Workspace(aligned(_SIZE), met, aligned(columns), added, new_scratch())
@@ -97,19 +97,19 @@ def new_workspace(columns):
 
 @jit(inline=True)
 def pair_in(rows, a, distance):
-    """Return two tangent vectors, whose numbers begin at `a` and are so far apart."""
+    """Return the two tangent vectors whose numbers begin at `a`, `distance` apart."""
     return rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance]
 
 
 @jit(inline=True)
 def put_pair(rows, a, distance, pair):
-    """Set two tangent vectors, as ``pair_in``."""
+    """Set two tangent vectors; arguments as for ``pair_in``."""
     rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance] = pair
 
 
 @jit(refcounts=False)
 def set_start(lanes, points, rule, s):
-    """Put every lane at its start, at a phase with the sine `s`."""
+    """Put every lane at its start, where the phase has the sine `s`."""
     for i in range(LANES):
         pt = points[min(i, points.size - 1)]  # a short batch repeats its last point
         x, v, resting = start(pt, s)
@@ -121,33 +121,33 @@ def set_start(lanes, points, rule, s):
             pt.R,
         )
         lanes[WAKE + i], lanes[SLEPT + i], lanes[GREATEST + i] = AWAKE, 0.0, pt.clearance
-        # Zeros where there is no point: with numbers that became subnormal all would be slow.
+        # Zeros in lanes without a point: numbers that become subnormal would slow all lanes down.
         one = 1.0 if i < points.size else 0.0
         put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one / pt.omega))
 
 
 @jit(inline=True)
 def set_rest(lanes, i, resting, theta, pt):
-    """Say whether lane `i` is at rest at the phase `theta`, and until when."""
+    """Note whether lane `i` is at rest at the phase `theta`, and until when."""
     lanes[LEVEL + i] = AT_REST if resting else pt.clearance
     lanes[WAKE + i] = theta + pt.omega * time_to_release(theta, pt) if resting else AWAKE
 
 
 @jit(inline=True)
 def sleeps_until(lanes, i, theta):
-    """Whether lane `i` is at rest until the phase `theta` at least."""
+    """Whether lane `i` rests until the phase `theta` at least."""
     return theta < lanes[WAKE + i] - 1e-9
 
 
 @jit(refcounts=False)
 def list_lanes(lanes, met, size):
-    """List the first lanes whose number in the row GUARD is not negative; return how many."""
+    """List those of the first `size` lanes whose GUARD is not negative; return their number."""
     listed = 0
     for first in range(0, size, 64):
         bits = not_negative(lanes, GUARD + first)
         if first + 64 > size:
             bits &= (1 << (size - first)) - 1
-        while bits != 0:  # ends: one bit less each time
+        while bits != 0:  # terminates: one bit less each time
             met[listed] = first + lowest_bit(bits)
             bits &= bits - 1
             listed += 1
