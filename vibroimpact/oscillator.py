@@ -1,12 +1,12 @@
-"""The oscillator of eq. (1): its eight parameters, what they mean, and what is valid.
+"""The oscillator of eq. (1): its eight parameters, their meaning and their valid ranges.
 
 The system is one mass, one stop and one harmonic force::
 
     x'' + 2 h x' + p^2 x = -f sin(omega t),    x <= clearance            (1)
     when x >= clearance and x' > 0:  x = clearance,  x'+ = -R x'-        (2)-(5)
 
-``PARAMETERS`` is the only place that names, describes and bounds the parameters;
-configuration, files and axis labels all read it.
+``PARAMETERS`` is the only place that names, describes and bounds the parameters; configuration,
+files and axis labels all use it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Parameter:
     low: float = -math.inf  #: The valid interval, closed at both ends unless `low_open`.
     high: float = math.inf
     low_open: bool = False
-    default: float | None = None  #: None where the parameter must be given.
+    default: float | None = None  #: None if the parameter must be given.
 
     @property
     def allowed(self) -> str:
@@ -58,26 +58,26 @@ PARAMETERS: Mapping[str, Parameter] = {
     "v0": Parameter("v_0", "initial velocity", "length/time", default=0.0),
 }
 
-#: One parameter point: a structured array of this dtype is what the kernel sweeps.
+#: One parameter point. The kernel sweeps a structured array of this dtype.
 POINT = np.dtype([(name, np.float64) for name in PARAMETERS])
 
 
 def checked(name: str, value: object) -> float:
-    """Return `value` as a float; TypeError if it is no real number, ValueError if not valid."""
+    """Return `value` as a float; TypeError if it is not a real number, ValueError if not valid."""
     parameter = PARAMETERS[name]
     return _number(f"{name} ({parameter.meaning})", value, parameter)
 
 
 def _number(title: str, value: object, bounds: Parameter) -> float:
-    """Return `value` as a float; a refusal names it by its `title`."""
+    """Return `value` as a float; messages call it by its `title`."""
     if isinstance(value, bool) or not isinstance(value, Real):
         hint = ""
         if isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, (str, bytes)):
             hint = (
-                "; for many points at once: vibroimpact.integrate, or a sweep over an axis, "
+                "; for many points at once use vibroimpact.integrate, or for a sweep over an axis "
                 "sweeps.run_sweep"
             )
-        raise TypeError(f"{title} must be {bounds.allowed}, not {_shown(value)}{hint}")
+        raise TypeError(f"{title} must be {bounds.allowed}, not {_short(value)}{hint}")
     try:
         number = float(value)
     except OverflowError:
@@ -88,29 +88,29 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
 
 
 def whole(name: str, value: object, least: int, most: int) -> int:
-    """Return `value` as an int, or refuse what is not an integer from `least` to `most`."""
+    """Return `value` as an int; ValueError if it is not an integer from `least` to `most`."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         number = int(value)
         if least <= number <= most:
             return number
-    raise ValueError(f"{name} must be an integer from {least:,} to {most:,}, not {_shown(value)}")
+    raise ValueError(f"{name} must be an integer from {least:,} to {most:,}, not {_short(value)}")
 
 
 def one_of(name: str, value: object, allowed: Collection[str]) -> str:
-    """Return `value`, or refuse what is none of the allowed words."""
+    """Return `value`; ValueError if it is not one of the allowed words."""
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(allowed)}, not {_shown(value)}")
+        raise ValueError(f"{name} must be one of {', '.join(allowed)}, not {_short(value)}")
     return value
 
 
 def refuse_other(name: str, value: object, kind: type) -> None:
-    """Refuse an argument that is not of its kind."""
+    """Raise a TypeError if an argument is not of type `kind`."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name} must be of the type {kind.__name__}, not {_shown(value)}")
+        raise TypeError(f"{name} must be of the type {kind.__name__}, not {_short(value)}")
 
 
-def _shown(value: object) -> str:
-    """Return a value on one line of 60 characters at the most."""
+def _short(value: object) -> str:
+    """Return the repr of a value on one line of at most 60 characters."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -163,9 +163,9 @@ class Oscillator:
         gap: float,
         R: float,
     ) -> Self:
-        """Return the oscillator of a rig in SI units: the equation of the rig, divided by its mass.
+        """Return the oscillator of a rig in SI units, by dividing the rig's equation by its mass.
 
-        The rig is m x'' + c x' + k x = -F sin(2 pi nu t) with x <= gap; so h = c / (2 m),
+        The rig is m x'' + c x' + k x = -F sin(2 pi nu t) with x <= gap. Hence h = c / (2 m),
         p = sqrt(k / m), f = F / m, omega = 2 pi nu and clearance = gap. The units of the
         oscillator then are m and s.
 
@@ -195,7 +195,7 @@ class Oscillator:
         --------
         to_rig : the way back.
         """
-        # Each is valid where the parameter that it becomes is.
+        # Each quantity has the valid range of the parameter that is computed from it.
         mass = _number("mass [kg]", mass, PARAMETERS["p"])
         return cls(
             h=_number("damping [N s/m]", damping, PARAMETERS["h"]) / (2.0 * mass),
@@ -209,7 +209,7 @@ class Oscillator:
     def to_rig(self, mass: float) -> dict[str, float]:
         """Return the rig of a given mass that this oscillator describes, in SI units.
 
-        The impulse on the stop and the energy lost at impacts are those of a sweep times `mass`.
+        A sweep gives impulse and energy lost per unit of mass; multiply them by `mass`.
 
         Parameters
         ----------
@@ -264,12 +264,13 @@ class Oscillator:
 
 
 def refuse_invalid(points: object, beyond_stop: bool) -> None:
-    """Refuse an array that is not of valid parameter points; some start `beyond_stop`.
+    """Raise an error unless `points` are valid parameter points; `beyond_stop` allows such x0.
 
-    TypeError if it is no array of dtype ``POINT``, ValueError if its shape or a value is not valid.
+    TypeError if it is not an array of dtype ``POINT``, ValueError if its shape or a value is not
+    valid.
     """
     if not isinstance(points, np.ndarray) or points.dtype != POINT:
-        raise TypeError(f"points must be an array of the dtype POINT, not {_shown(points)}")
+        raise TypeError(f"points must be an array of the dtype POINT, not {_short(points)}")
     if points.ndim != 1:
         raise ValueError(f"points must have the shape (n,), not {points.shape}")
     for name, parameter in PARAMETERS.items():
@@ -288,9 +289,9 @@ def refuse_invalid(points: object, beyond_stop: bool) -> None:
 def mesh(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> np.ndarray:
     """Return the parameter points of a grid, shape (n,): the product of its axes in C order.
 
-    `axes` are the values of each swept parameter, slowest first; or, of parameters that vary
-    together, a structured array with a field for each, whose other fields are ignored. `fixed` are
-    the values of all others.
+    `axes` maps each axis, slowest first, to the values of its parameter. An axis along which
+    several parameters vary has a structured array with a field for each; other fields are ignored.
+    `fixed` holds the values of all other parameters.
     """
     rows = np.meshgrid(*(np.arange(len(values)) for values in axes.values()), indexing="ij")
     points = np.empty(math.prod(map(len, axes.values())), dtype=POINT)

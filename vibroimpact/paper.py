@@ -1,10 +1,11 @@
-"""The paper's procedure to the letter, eqs (1)-(10): scalar, slow, and an oracle.
+"""The paper's procedure taken literally, eqs (1)-(10): scalar and slow, as a reference for tests.
 
-This file shares no code with the kernel, and shows what that corrects. After an impact the next
-step starts at t_0 + T_r, so the grid is no longer uniform. The step starts with the acceleration of
-eq. (10), which is that before the impact: after the impact it is off by 2h (1 + R) v. So the scheme
-is of first order if h > 0, and misses the fourth impact of the third case at T = 2 pi/100. If
-x_0 = 0 after a rebound, eq. (7) gives T_r = 0, time stops advancing and the procedure stalls.
+This file shares no code with the kernel, and shows what the kernel corrects. After an impact the
+next step starts at t_0 + T_r, so the grid is no longer uniform. That step starts with the
+acceleration of eq. (10), which is the acceleration before the impact; after the impact it is wrong
+by 2h (1 + R) v. So the scheme is of first order if h > 0, and misses the fourth impact of the third
+case at T = 2 pi/100. If x_0 = 0 after a rebound, eq. (7) gives T_r = 0: time stops advancing, and
+the procedure stalls.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ class PaperRun:
     t, x, v : ndarray, shape (n,)
         Every step, and the state before and after every impact (two rows with the same t).
     impact_t, impact_v : ndarray, shape (m,)
-        Time of, and speed before, each impact.
+        Time of each impact, and speed before it.
     stalled_at : float or None
-        Time at which the procedure stopped advancing (T_r = 0), None if it reached the end.
+        Time at which the procedure stopped advancing (T_r = 0), or None if it reached the end.
     """
 
     t: np.ndarray
@@ -40,7 +41,7 @@ class PaperRun:
 
     @property
     def max_penetration(self) -> float:
-        """Largest positive displacement."""
+        """Largest displacement beyond the stop, at least 0."""
         return max(0.0, float(self.x.max()))
 
 
@@ -55,13 +56,13 @@ def paper_procedure(
     Parameters
     ----------
     oscillator : Oscillator
-        With clearance 0, as in the paper.
+        Its clearance must be 0, as in the paper.
     periods : int
         Forcing periods to run.
     steps_per_period : int
         T = 2 pi / (omega steps_per_period); the paper has 100.
     procedure : bool
-        With the reduced time step, eqs (6)-(10), or without it.
+        Whether to take the reduced time step, eqs (6)-(10).
 
     Returns
     -------
@@ -71,7 +72,7 @@ def paper_procedure(
     Raises
     ------
     ValueError
-        If the clearance is not 0, or a number of periods or steps is not positive.
+        If the clearance is not 0, or if `periods` or `steps_per_period` is less than 1.
     """
     if min(periods, steps_per_period) < 1:
         raise ValueError(f"periods = {periods}, steps_per_period = {steps_per_period}: not >= 1")
@@ -84,7 +85,7 @@ def paper_procedure(
     a = _acceleration(oscillator, t, x, v)
     rows, impacts = [(t, x, v)], []
     stalled_at = None
-    while t < end - 1e-9 * T:  # ends: after a reduced step x = 0, so a whole one or a stall follows
+    while t < end - 1e-9 * T:  # terminates: after a reduced step x = 0, then a full step or a stall
         x_T, v_T, a_T = _newmark(oscillator, t, x, v, a, T)
         if procedure and x_T > 0.0:
             T_r = T * (0.0 - x) / (x_T - x)  # (6), (7)
@@ -110,15 +111,15 @@ def paper_procedure(
 
 
 def _acceleration(osc: Oscillator, t: float, x: float, v: float) -> float:
-    """x'' from eq. (1)."""
+    """Return x'' from eq. (1)."""
     return -2.0 * osc.h * v - osc.p**2 * x - osc.f * math.sin(osc.omega * t)
 
 
 def _newmark(
     osc: Oscillator, t: float, x: float, v: float, a: float, T: float
 ) -> tuple[float, float, float]:
-    """One step with constant average acceleration, from (x, v, a) to (x_T, v_T, a_T)."""
-    # x_T and v_T with a_T = 0, then a_T from eq. (1) at t + T, which is linear in it.
+    """Take one step with constant average acceleration, from (x, v, a) to (x_T, v_T, a_T)."""
+    # First x_T and v_T with a_T = 0, then a_T from eq. (1) at t + T, which is linear in a_T.
     x_0 = x + T * v + T**2 / 4.0 * a
     v_0 = v + T / 2.0 * a
     a_T = _acceleration(osc, t + T, x_0, v_0) / (1.0 + osc.h * T + osc.p**2 * T**2 / 4.0)

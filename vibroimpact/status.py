@@ -1,4 +1,4 @@
-"""What became of a parameter point."""
+"""The outcome of a parameter point."""
 
 from enum import IntEnum
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 class Status(IntEnum):
     """The outcome at one parameter point, as stored in ``status``.
 
-    ``UNRESOLVED`` and ``NON_FINITE`` are failures: the point holds NaN from then on.
+    ``UNRESOLVED`` and ``NON_FINITE`` are failures: the numbers of the point are NaN from then on.
     """
 
     PENDING = -1
@@ -24,7 +24,7 @@ class Status(IntEnum):
 
     @property
     def failed(self) -> bool:
-        """Whether there is no result, or none yet."""
+        """Whether there is no result: the point failed, or is not computed yet."""
         return self not in (Status.COMPUTED, Status.CERTIFIED, Status.SETTLED, Status.UNBOUNDED)
 
 

@@ -1,4 +1,4 @@
-"""One oscillator, every step and every impact."""
+"""The motion of one oscillator: every step and every impact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vibroimpact.step.integrators import exact
 from vibroimpact.step.recorder import SECTION, trace
 from vibroimpact.step.scheme import MOST_PERIODS, MOST_RECORDED, scheme_of
 
-#: A trajectory of more rows is refused.
+#: Most rows of a trajectory; a longer one is refused.
 MOST_ROWS = 10_000_000
 
 
@@ -28,16 +28,16 @@ class Trajectory:
     t, x, v : ndarray, shape (n,)
         Every step, and the state before and after every impact (two rows with the same t).
     impact_t, impact_v : ndarray, shape (m,)
-        Time of, and speed before, each impact.
+        Time of each impact, and speed before it.
     rests : ndarray, shape (k, 2)
-        Start and end of each rest on the stop. The end is that of the run where the mass still
-        rests then, and inf where the force never releases it.
+        Start and end of each rest on the stop. A rest that lasts to the end of the run ends there,
+        or at inf if the force never releases the mass.
     section_x, section_v : ndarray, shape (periods,)
         State at the end of each forcing period.
     max_penetration : float
-        Largest x - clearance among the rows, 0 if there is none.
+        Largest x - clearance among the rows, at least 0.
     status : Status
-        Rows after a failure are NaN.
+        The outcome. After a failure the rows are NaN.
     """
 
     t: np.ndarray
@@ -63,7 +63,7 @@ def simulate(
     phase: float = 0.0,
     transient: int = 0,
 ) -> Trajectory:
-    """Follow one oscillator over `periods` forcing periods, after `transient` of them.
+    """Follow one oscillator over `periods` forcing periods, after a transient.
 
     The arithmetic is that of a lane of the sweep kernel, to the last bit.
 
@@ -76,13 +76,13 @@ def simulate(
         Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
     steps_per_period : int, optional
         Steps of length T = 2 pi / (omega steps_per_period), from 1 to ``MOST_STEPS``, stable or
-        not; by default 100 or as many as are stable, and for the impact rule ``exact`` as few as
-        it allows.
+        not. The default is 100, or more if stability needs them; for the impact rule ``exact`` it
+        is the least number that the rule allows.
     x0, v0 : float
         Start: displacement (<= clearance) [length] and velocity [length/time].
     phase : float
-        omega t at the start, in [0, 2 pi) [rad]: the motion starts at t = phase / omega. With a
-        state of a section and the phase of the section, it goes on from there.
+        omega t at the start, in [0, 2 pi) [rad]: the motion starts at t = phase / omega. Given a
+        state at a section and the phase of that section, the motion continues from there.
     transient : int
         Forcing periods left out at the start, from 0 to ``MOST_PERIODS``.
 
@@ -93,8 +93,8 @@ def simulate(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not of its kind or not in its valid range, or the trajectory has more than
-        ``MOST_ROWS`` rows.
+        If an argument has the wrong type or is out of its valid range, or if the trajectory has
+        more than ``MOST_ROWS`` rows.
     """
     refuse_other("oscillator", oscillator, Oscillator)
     periods = whole("periods", periods, 1, MOST_RECORDED)
@@ -125,7 +125,7 @@ def simulate(
 
 
 def _rests(kind: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Pair the starts of rests with their releases."""
+    """Return the start and end of each rest, from the rows of rests and releases."""
     begin, end = t[kind == REST], t[kind == RELEASE]
     if len(end) < len(begin):
         pt = points.view(np.recarray)[0]
@@ -139,12 +139,12 @@ def exact_samples(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Insert states of the exact flow between the rows of a trajectory of the integrator ``exact``.
 
-    Every event must be among the rows, which are not changed. A forcing period has `per_period`
-    states at least. Between two rows at rest on the stop the mass stays there.
+    The rows must include every event; they are not changed. Each forcing period gets at least
+    `per_period` states. Between two rows at rest on the stop, the mass stays there.
     """
     omega, pt = oscillator.omega, oscillator.at(oscillator.clearance)[0]
     step = np.diff(t)
-    # The margin keeps rounding from halving steps that are short enough.
+    # The margin prevents rounding from halving steps that are already short enough.
     parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9).astype(np.int64)
     row = np.repeat(np.arange(len(step)), np.maximum(parts - 1, 0))
     first = np.searchsorted(row, np.arange(len(step)))

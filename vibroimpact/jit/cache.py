@@ -38,19 +38,19 @@ def syntax(source: bytes) -> str:
     Empty fields are left out, since newer versions of Python add some: so the text does not depend
     on the version, as that of ``ast.dump`` does.
     """
-    return _shown(ast.parse(source))
+    return _words(ast.parse(source))
 
 
-def _shown(part: object) -> str:
+def _words(part: object) -> str:
     """Return a node, a list of nodes or a constant in words."""
     if isinstance(part, list):
-        return f"[{', '.join(map(_shown, part))}]"
+        return f"[{', '.join(map(_words, part))}]"
     if not isinstance(part, ast.AST):
         return repr(part)
     fields = dict(ast.iter_fields(part))
     if isinstance(part, _DOCUMENTED) and ast.get_docstring(part, clean=False) is not None:
         fields["body"] = part.body[1:]
-    shown = (f"{name}={_shown(value)}" for name, value in fields.items() if value not in (None, []))
+    shown = (f"{name}={_words(value)}" for name, value in fields.items() if value not in (None, []))
     return f"{type(part).__name__}({', '.join(shown)})"
 
 
@@ -67,8 +67,8 @@ def numerics_of(package: Path) -> str:
     """
     paths = sorted(package.rglob("*.py"))
     sources = {path.relative_to(package).as_posix(): path.read_bytes() for path in paths}
-    as_given = hashlib.sha256(repr((numba.__version__, sources)).encode()).hexdigest()
-    kept = _root() / "numerics" / as_given[:24]
+    digest = hashlib.sha256(repr((numba.__version__, sources)).encode()).hexdigest()
+    kept = _root() / "numerics" / digest[:24]
     if (known := read(kept)) is not None:
         return known.decode()
     name = name_of(sources, numba.__version__)

@@ -1,4 +1,5 @@
 """The points of a grid: each from its own start, once for all f, or from its neighbour's end.
 
-What determines the numbers of a sweep lies in `vibroimpact`, whose sources ``jit.NUMERICS`` names.
+Everything that determines the numbers of a sweep is in `vibroimpact`; ``jit.NUMERICS`` is the
+digest of its sources.
 """

@@ -1,4 +1,4 @@
-"""Points through the kernel: what to compute and parameter values in, named results out."""
+"""Points through the kernel: a specification and parameter values in, named results out."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def compute_box(
     advance: Callable[[int], object],
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute the points of a box of `axes`, slowest first; of a followed axis all values.
+    """Compute the points of a box of `axes`, slowest first; a followed axis must be complete.
 
-    `advance` is given the number of points computed since its last call: after every value of an
-    axis that is followed, otherwise once. `threads` is None for all. Returns arrays of shape
-    (points, ...), in C order, of two directions one after the other, with the names of
-    `vibroimpact.integrate`, and ``trajectory_t``, ``trajectory_x``, ``trajectory_v``, ``period``
-    and ``period_impacts`` where they are asked for.
+    `advance` is given the number of points computed since its last call: after every value of a
+    followed axis, otherwise once. `threads` is None for all. Returns arrays of shape (points, ...),
+    in C order, two directions one after the other. They are named as by `vibroimpact.integrate`;
+    ``trajectory_t``, ``trajectory_x``, ``trajectory_v``, ``period`` and ``period_impacts`` are
+    added where `spec` asks for them.
     """
     points = mesh(axes, fixed)
     if spec.followed is None:
@@ -54,10 +54,10 @@ def compute_points(
     at_section: bool = False,
     interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute `points` of shape (n,), each from its own start, with results as of `compute_box`.
+    """Compute `points` of shape (n,), each from its own start; results as of `compute_box`.
 
-    With `at_section` x0 and v0 are the state at the section's phase, not at t = 0: then the results
-    are not those of a start at rest, and nothing is scaled.
+    With `at_section` x0 and v0 are the state at the phase of the section, not at t = 0. The results
+    are then not those of a start at rest, and nothing is scaled.
     """
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
@@ -67,7 +67,7 @@ def compute_points(
 
 
 def _classified(spec: RunSpec, results: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Add the period class, if it is asked for."""
+    """Add the period class if `spec` asks for it."""
     if spec.period:
         classes = period_class(
             results["poincare_x"], results["poincare_v"], results["impacts_per_period"]
@@ -83,7 +83,7 @@ def _run(
     at_section: bool,
     interrupt: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
-    """Compute points as they are: no scaling, no following and no period class."""
+    """Compute points without scaling, following or period class."""
     results = integrate(
         points,
         integrator=spec.integrator,

@@ -1,13 +1,13 @@
 """Chains of points: each starts from the final state of its neighbour along one axis.
 
-The first point of a chain starts as every point of a sweep does, from x0, v0 at t = 0. A further
-one starts at the section, in the last state that its neighbour recorded there: so its transient and
-its record continue the neighbour's motion under another value of the axis. Where the clearance is
-followed, and the stop has moved past that state, the mass starts on the stop. Where the neighbour
-failed there is no state to start from, and the next point begins as the first of a chain.
+The first point of a chain starts as every point of a sweep does, from x0, v0 at t = 0. Each further
+point starts at the section, in the last state that its neighbour recorded there. So its transient
+and its record continue the motion of the neighbour at another value of the axis. If the clearance
+is followed and the stop has moved past that state, the mass starts on the stop. If the neighbour
+failed, there is no state to start from, and the next point starts like the first of a chain.
 
-A chain is walked value by value, side by side with the others of its batch: they are lanes of the
-same call of the kernel, and so are the two directions.
+Chains advance together, value by value: the chains of a batch, and both directions, are lanes of
+the same call of the kernel.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from vibroimpact.status import Status
 
-#: Maps points, and whether they start at the section, to results of shape (n, ...).
+#: Computes points, given whether they start at the section; results of shape (n, ...).
 RunPoints = Callable[[np.ndarray, bool], dict[str, np.ndarray]]
 
 _FAILED = [int(status) for status in Status if status.failed]
@@ -34,13 +34,13 @@ def follow(
 ) -> dict[str, np.ndarray]:
     """Compute the points of a box. Along one axis, each starts from its neighbour's last state.
 
-    `points` has the shape (box...), with all values of the parameter `axis`, which is swept along
-    the axis number `along`, ``up`` from the least value on, or ``down`` from the greatest, or both.
-    `advance` receives the number of points after every call of `run`. Returns arrays of shape
-    (points, ...), one direction after the other, each in C order.
+    `points` has the shape (box...) and all values of the parameter `axis`, which is swept along
+    dimension `along`. `directions` holds ``up``, from the least value on, ``down``, from the
+    greatest, or both. `advance` receives the number of points after every call of `run`. Returns
+    arrays of shape (points, ...), one direction after the other, each in C order.
     """
     size, flat = points.size, points.ravel()
-    # The places of the points of each chain in `flat`: shape (chains, values of the axis).
+    # The indices in `flat` of the points of each chain: shape (chains, values of the axis).
     places = np.moveaxis(np.arange(size).reshape(points.shape), along, -1)
     chains = places.reshape(-1, points.shape[along])
     rising = np.argsort(flat[chains[0]][axis], kind="stable")
@@ -58,9 +58,9 @@ def follow(
 def _next(
     lanes: np.ndarray, before: Mapping[str, np.ndarray], run: RunPoints, *, moving_stop: bool
 ) -> dict[str, np.ndarray]:
-    """Compute one point of every chain, given the results of the points before, if any.
+    """Compute one point of every chain, given the results of the points before them, if any.
 
-    `moving_stop` says whether the stop can have moved past the last states of those points.
+    `moving_stop` says whether the stop may have moved past the last states of those points.
     """
     ended = np.zeros(len(lanes), bool)
     if before:
@@ -78,7 +78,7 @@ def _next(
 
 
 class _Collected:
-    """Results of points, as they come, in arrays of shape (size, ...)."""
+    """Results collected from batches of points, in arrays of shape (size, ...)."""
 
     def __init__(self, size: int) -> None:
         self._size = size

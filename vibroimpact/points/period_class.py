@@ -1,14 +1,15 @@
-"""Period class: how many forcing periods, and impacts, until a motion repeats."""
+"""Period class: the forcing periods and impacts after which a motion repeats."""
 
 from __future__ import annotations
 
 import numpy as np
 
-#: A motion repeats where its sections do to within this share of their spread about the origin.
+#: A motion repeats if its sections agree to within this share of the greatest |x| and |v|.
 TOLERANCE = 1e-6
-#: m is the least period where m periods are off by less than this share of any divisor's deviation.
+#: A motion has period m only if its deviation from period m is less than this share of its
+#: deviation from every divisor of m.
 _LESS_THAN_DIVISORS = 0.01
-#: Longest repetition that is looked for [forcing periods].
+#: Longest period that is looked for [forcing periods].
 LONGEST_PERIOD = 64
 
 
@@ -20,19 +21,20 @@ def period_class(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the least number of forcing periods after which the sections repeat.
 
-    A motion has period m if the record repeats its first m sections to its end, in x and in v, to
-    within `tolerance` times the greatest |x| and |v| of the record. (That each section equals the
-    one m periods before it is not enough: beside a flip a motion of period m settles alternately,
-    so slowly that it seems to have period 2 m.) m is at most ``LONGEST_PERIOD`` and half the
-    record.
+    A motion has period m if the whole record repeats its first m sections, in x and in v, to within
+    `tolerance` times the greatest |x| and |v| of the record. m is at most ``LONGEST_PERIOD`` and
+    half the record. (It is not enough that each section equals the one m periods before. Near a
+    flip a motion of period m settles from alternating sides, so slowly that it would seem to have
+    period 2 m.)
 
-    A motion that still goes to an orbit of period d in turns of m periods, as beside a flip, is not
-    of period m either, though its deviations may be within the tolerance by then: they must be less
-    than a hundredth of those from a repetition after any divisor of m.
+    Near a flip a motion may also approach an orbit of period d from side to side, in turns of m
+    periods. Then it does not have period m, even if its deviations are already within the
+    tolerance. So the deviations from period m must be less than a hundredth of those from every
+    divisor of m.
 
-    The sections have the shape (n, periods), the impacts per period are over the same record.
-    Returns forcing periods per repetition, 0 where none was found, and impacts per repetition, of
-    which a complete chatter has as many as were followed: int64, shape (n,).
+    The sections have the shape (n, periods); the impacts per period are over the same record.
+    Returns the forcing periods and the impacts per repetition: int64, shape (n,), 0 where no period
+    was found. Of a complete chatter, only the impacts that were followed count.
     """
     n, periods = poincare_x.shape
     sections = np.stack([poincare_x, poincare_v])
@@ -42,16 +44,16 @@ def period_class(
     for m in range(1, min(LONGEST_PERIOD, periods // 2) + 1):
         once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= tolerance).all(axis=0)
         rows = np.flatnonzero((period == 0) & once)
-        off = _off_by(sections[:, rows], m)
+        off = _deviation(sections[:, rows], m)
         repeats = off <= tolerance
         for divisor in (d for d in range(1, m) if m % d == 0):
-            repeats &= off <= _LESS_THAN_DIVISORS * _off_by(sections[:, rows], divisor)
+            repeats &= off <= _LESS_THAN_DIVISORS * _deviation(sections[:, rows], divisor)
         period[rows[repeats]] = m
     counted = np.nan_to_num(impacts_per_period) * period
     return period, np.rint(counted).astype(np.int64)
 
 
-def _off_by(sections: np.ndarray, m: int) -> np.ndarray:
-    """Return how far records are from repeating their first m sections, at the most, (n,)."""
+def _deviation(sections: np.ndarray, m: int) -> np.ndarray:
+    """Return how far records deviate from repeating their first m sections, at most: (n,)."""
     repeated = sections[:, :, np.arange(sections.shape[2]) % m]
     return np.abs(sections - repeated).max(axis=(0, 2), initial=0.0)

@@ -1,4 +1,4 @@
-"""What is computed of every point of a sweep."""
+"""The specification of what is computed for every point of a sweep."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RunSpec:
-    """What is computed of every point of a sweep; plain values, equal where all results are."""
+    """What is computed for every point of a sweep; two equal specifications give equal results."""
 
-    # As for ``integrate``.
+    # As the arguments of ``integrate``.
     integrator: str
     impact: str
     steps_per_period: int
@@ -19,10 +19,10 @@ class RunSpec:
     impacts: int
     lyapunov: bool
     period: bool  #: Whether to find the period class.
-    every: int | None  #: Record the trajectory at so many steps; None for no trajectory.
-    #: Whether points that differ in f alone are computed once, see ``scaling.py``.
+    every: int | None  #: Steps between samples of the trajectory; None for no trajectory.
+    #: Whether points that differ only in f are computed once, see ``scaling.py``.
     scaled: bool
-    #: The axis along which each point starts from its neighbour, see ``following.py``, and in which
+    #: The axis along which each point starts from its neighbour, see ``following.py``, and the
     #: directions: ``up``, ``down`` or both.
     followed: str | None
     directions: tuple[str, ...]

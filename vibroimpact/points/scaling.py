@@ -1,8 +1,9 @@
 """A sweep along f as one computation and a scaling.
 
-With the stop at the rest position and a start at rest there, nothing in eq. (1) and in the rules
-(2)-(5) has a length but f: x and v are proportional to it, and the times of the impacts do not
-depend on it. So is every step of every method; a power of two scales to the last bit.
+With the stop at the rest position and a start at rest there, f is the only quantity in eq. (1) and
+the rules (2)-(5) whose unit has a length. So x and v are proportional to f, and the times of the impacts
+do not depend on it. The same holds for every step of every method. Scaling by a power of two is
+exact to the last bit.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-#: Beyond these values of f, its square may overflow or lose digits.
+#: Range of f in which its square neither overflows nor loses digits.
 _LEAST, _GREATEST = 1e-150, 1e150
-#: The results with a unit of length or of length per time.
+#: Results proportional to f: their unit is a length, or a length per time.
 SCALED = (
     "poincare_x",
     "poincare_v",
@@ -25,12 +26,12 @@ SCALED = (
     "impulse",
     "max_penetration",
 )
-#: Those with a unit of length squared.
+#: Results proportional to f squared.
 SCALED_SQUARED = ("energy_lost",)
 
 
 def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) -> bool:
-    """Return whether f is swept and the motion is proportional to it all over a grid."""
+    """Return whether f is swept and the motion is proportional to f over the whole grid."""
     at_rest = all(fixed.get(name) == 0.0 for name in ("clearance", "x0", "v0"))
     if "f" not in axes or not at_rest:
         return False
@@ -41,7 +42,7 @@ def scales_with_f(axes: Mapping[str, np.ndarray], fixed: Mapping[str, float]) ->
 def computed_once(
     points: np.ndarray, compute: Callable[[np.ndarray], dict[str, np.ndarray]]
 ) -> dict[str, np.ndarray]:
-    """Compute points that differ in f alone once, at f = 1, and scale the results, (n, ...)."""
+    """Compute points that differ only in f once, at f = 1, and scale the results, (n, ...)."""
     at_one = points.copy()
     at_one["f"] = 1.0
     different, index = np.unique(at_one, return_inverse=True)
