@@ -1,4 +1,4 @@
-"""Compiled functions: their options, single instructions of LLVM, disk cache, and threads."""
+"""Compiled functions: their options, single LLVM instructions, the disk cache, and threads."""
 
 from vibroimpact.jit.cache import NUMERICS, name_of
 from vibroimpact.jit.compiling import ALL_THREADS, compiled, jit, on_threads

@@ -1,8 +1,8 @@
-"""Compiled code on disk: kept where no other user can write, and never needed.
+"""Compiled code on disk: stored where no other user can write, and never required.
 
-What lies in a cache is executed. So its folder must belong to this user alone, and every file opens
-with a checksum of the rest. A folder or a file that cannot be used costs a compilation, and one
-warning where nothing can be kept; it never ends a program.
+Code in a cache is executed. So the folder of the cache must belong to this user alone, and every
+file begins with a checksum of the rest. If a folder or file cannot be used, the code is compiled
+again; if nothing can be stored, there is one warning. The cache never ends a program.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 import numba
 import platformdirs
 
-#: What has a docstring.
+#: The kinds of nodes that may have a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _DIGEST = hashlib.sha256().digest_size
 
@@ -33,16 +33,16 @@ def _root() -> Path:
 
 
 def syntax(source: bytes) -> str:
-    """Return the syntax tree of a source in words, without docstrings and places.
+    """Return the syntax tree of a source as text, without docstrings and positions.
 
-    Empty fields are left out, since newer versions of Python add some: so the text does not depend
-    on the version, as that of ``ast.dump`` does.
+    Unlike the text of ``ast.dump``, it does not depend on the version of Python: newer versions add
+    fields, so empty fields are left out.
     """
     return _words(ast.parse(source))
 
 
 def _words(part: object) -> str:
-    """Return a node, a list of nodes or a constant in words."""
+    """Return the text of a node, a list of nodes or a constant."""
     if isinstance(part, list):
         return f"[{', '.join(map(_words, part))}]"
     if not isinstance(part, ast.AST):
@@ -55,15 +55,16 @@ def _words(part: object) -> str:
 
 
 def name_of(sources: Mapping[str, bytes], *others: str) -> str:
-    """Return a digest of the code of `sources`, by their paths, and of the names of `others`."""
+    """Return a digest of the code of `sources`, a mapping from path to source, and of `others`."""
     trees = {path: syntax(source) for path, source in sources.items()}
     return hashlib.sha256(repr((others, trees)).encode()).hexdigest()[:16]
 
 
 def numerics_of(package: Path) -> str:
-    """Return the name of all code of a package, and of numba's version.
+    """Return the digest of all code of a package, and of numba's version.
 
-    It is kept on disk by the bytes of the sources, since parsing them takes a fifth of a short run.
+    The result is stored under a digest of the plain bytes, since parsing the sources takes a fifth
+    of a short run.
     """
     paths = sorted(package.rglob("*.py"))
     sources = {path.relative_to(package).as_posix(): path.read_bytes() for path in paths}
@@ -78,23 +79,23 @@ def numerics_of(package: Path) -> str:
 
 
 def cache_folder() -> Path:
-    """Return the folder of compiled code, which is named after the code that it was compiled from.
+    """Return the folder of compiled code, named after the code from which it was compiled.
 
-    A cache that looks only at the file that holds a function would serve a stale kernel after a
-    helper in another file was edited; a name made of all sources cannot. The folder lies outside
-    the package: pip would not remove such files on uninstall, and the folder left with them would
-    shadow the next version.
+    A cache that looks only at the file of a function would return a stale kernel after an edit of a
+    helper in another file; a name made from all sources cannot. The folder lies outside the
+    package: on uninstall pip would leave such files, and their folder would shadow the next
+    version.
     """
     return _root() / f"compiled-{NUMERICS}"
 
 
 class CacheWarning(UserWarning):
-    """Compiled code cannot be kept; the text is one line for the user."""
+    """Compiled code cannot be stored; the text is one line for the user."""
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder of this user alone; OSError if it cannot be, or is there and unsafe."""
-    if not folder.is_absolute():  # also "~/.cache", where there is no home
+    """Make a folder that belongs to this user alone; OSError if it cannot be made, or is unsafe."""
+    if not folder.is_absolute():  # for example "~/.cache" if there is no home folder
         raise OSError(0, "its path is not absolute")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.suppress(FileExistsError):
@@ -104,7 +105,7 @@ def make_folder(folder: Path) -> None:
 
 
 def _unusable(folder: Path) -> str | None:
-    """Say why what lies in a folder must not be executed; None if it may be."""
+    """Return why the contents of a folder must not be executed; None if they may be."""
     try:
         status = folder.lstat()
     except OSError as error:
@@ -113,7 +114,7 @@ def _unusable(folder: Path) -> str | None:
 
 
 def _foreign(status: os.stat_result) -> str | None:
-    """Say why another user may have made something, or may change it; None if none may."""
+    """Return why another user may have made or may change something; None if nobody else may."""
     if not hasattr(os, "geteuid"):  # Windows has no owners; the folder is in the user's profile
         return None
     if status.st_uid != os.geteuid():
@@ -122,12 +123,12 @@ def _foreign(status: os.stat_result) -> str | None:
 
 
 def read(path: Path) -> bytes | None:
-    """Return what `write` wrote; None where it is not there, damaged, or of another user."""
+    """Return the data that `write` stored; None if missing, damaged, or open to other users."""
     if _unusable(path.parent) is not None:
         return None
     try:
         status = path.lstat()
-        # A FIFO would be waited for; nobody else can put one here after this look.
+        # Reading a FIFO would block. Nobody else can put one here after this check.
         if not stat.S_ISREG(status.st_mode) or _foreign(status) is not None:
             return None
         data = path.read_bytes()
@@ -138,7 +139,7 @@ def read(path: Path) -> bytes | None:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Put a file in its place whole, beside other processes; OSError if it cannot be written."""
+    """Write a file whole or not at all, also beside other processes; OSError if that fails."""
     make_folder(path.parent)
     descriptor, draft = tempfile.mkstemp(dir=path.parent)
     try:
@@ -153,7 +154,7 @@ def write(path: Path, data: bytes) -> None:
 
 @cache
 def warn_once(folder: Path, what: str, reason: str) -> None:
-    """Warn, once in a process, that every process will compile anew."""
+    """Warn, once per process, that every process will compile again."""
     warnings.warn(
         f"the compiled code cannot be {what} in {folder} ({reason}), so that every command "
         "compiles it anew; set NUMBA_CACHE_DIR to a folder of your own with room",
@@ -162,5 +163,5 @@ def warn_once(folder: Path, what: str, reason: str) -> None:
     )
 
 
-#: Names the code that computes.
+#: Digest of the code that computes.
 NUMERICS = numerics_of(Path(__file__).parents[1])

@@ -1,7 +1,7 @@
-"""The options that every function of this project is compiled with, and its threads.
+"""The compiler options of every function of this project, and its threads.
 
-No fast-math flag is set anywhere. Where a product and a sum should be fused, the code says
-``fma``; so scalar and vector code, any block size and any thread count round alike.
+No fast-math flag is set anywhere. Where a product and a sum should be fused, the code calls
+``fma``. So scalar and vector code, and all block sizes and thread counts, give the same rounding.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
 from vibroimpact.jit.hooks import HOOKS, dispatcher
 
-_config: Any = numba.config  # its settings are made at run time, unseen by a type checker
+_config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 if _config.DISABLE_JIT:
     raise ImportError("vibroimpact needs numba's compiler, which NUMBA_DISABLE_JIT turns off")
 
 
-#: Threads that a computation takes by default: one for each core of the process, or as many as
-#: the variable NUMBA_NUM_THREADS says.
+#: Default number of threads: one for each core of the process, or the value of the variable
+#: NUMBA_NUM_THREADS.
 ALL_THREADS: int = _config.NUMBA_NUM_THREADS
 
 T = TypeVar("T")
@@ -40,16 +40,17 @@ def jit(
 ) -> Any:
     """Compile `function` with the options of this project, cached on disk.
 
-    An `inline` function is merged into its caller before types are inferred, so that branches which
-    constant arguments exclude are not compiled; one of `forced_inline` by LLVM, since a loop around
-    a call is not vectorised. Without `refcounts`, which needs arrays that the caller holds, an
-    impact costs half. With Python's error model every division may raise: no loop is vectorised.
+    An `inline` function is merged into its caller before types are inferred, so branches that
+    constant arguments exclude are not compiled. LLVM merges a function with `forced_inline`,
+    because it cannot vectorise a loop around a call. Without `refcounts` an impact costs half;
+    the caller must then hold every array. NumPy's error model is set because with Python's every
+    division may raise, and no loop is vectorised.
     """
     if function is None:
         return partial(jit, inline=inline, forced_inline=forced_inline, refcounts=refcounts)
     options: dict[str, Any] = {
         "error_model": "numpy",
-        "nogil": True,  # so that several threads compute, and a main thread hears signals
+        "nogil": True,  # so that several threads compute, and the main thread receives signals
         "inline": "always" if inline else "never",
         "forceinline": forced_inline,
     }
@@ -59,7 +60,7 @@ def jit(
 
 
 def _public(function: Callable, options: dict[str, Any]) -> Any:
-    """Compile with public options alone, and with numba's cache in the folder of this code."""
+    """Compile with public options only, and with numba's cache in the folder of this code."""
     folder, before = cache_folder(), _config.CACHE_DIR
     try:
         make_folder(folder)
@@ -73,11 +74,11 @@ def _public(function: Callable, options: dict[str, Any]) -> Any:
 
 
 def compiled(function: Any, *arguments: Any) -> Any:
-    """Return a function compiled for such arguments, which takes less time than its first call."""
+    """Compile a function for such arguments, in less time than its first call takes; return it."""
     signature = tuple(map(numba.typeof, arguments))
     if signature not in function.overloads:
         collecting = gc.isenabled()
-        gc.disable()  # it frees next to nothing, and takes a tenth of the time
+        gc.disable()  # it would free next to nothing, and take a tenth of the time
         try:
             function.compile(signature)
         finally:
@@ -89,18 +90,18 @@ def compiled(function: Any, *arguments: Any) -> Any:
 def on_threads(
     threads: int, interrupt: np.ndarray, function: Callable[..., T], *arguments: object
 ) -> list[T]:
-    """Call a function on so many threads, and wait for what they return.
+    """Call a function on `threads` threads, and return the list of their results.
 
-    The caller only waits, because Python hears no signal while its main thread is in compiled code.
-    Whatever ends the wait, as Ctrl-C, sets `interrupt`, which the function checks.
+    The caller only waits, because Python receives no signal while its main thread is in compiled
+    code. Whatever ends the wait, for example Ctrl-C, sets `interrupt`, which the function checks.
 
-    The threads last as long as the call: a forked process misses none of them, and callers in
-    several threads do not meet.
+    The threads exist only during the call. So a forked process lacks none of them, and calls from
+    several threads do not interfere.
     """
     calls: list[Future[T]] = []
     with ThreadPoolExecutor(threads) as pool:
         try:
-            with suppress(RuntimeError):  # if no more can be started, the started ones do the work
+            with suppress(RuntimeError):  # if no more threads can start, the others do the work
                 for _ in range(threads):
                     calls.append(pool.submit(function, *arguments))
             return [call.result() for call in calls] or [function(*arguments)]

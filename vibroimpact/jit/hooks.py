@@ -1,14 +1,14 @@
-"""Private parts of numba, which make a start and the kernel faster, and change no number.
+"""Private parts of numba that make the start and the kernel faster, and change no result.
 
-They are used with the versions of numba in ``TESTED``, and with no other, since the next version
-may have them otherwise; ``VIBROIMPACT_NUMBA_HOOKS=0`` turns them off. Without them numba's public
-options and its own cache do the same. What each is worth, in processor time, with AVX-512:
+They are used only with the versions of numba in ``TESTED``, since another version may differ in
+these parts; ``VIBROIMPACT_NUMBA_HOOKS=0`` turns them off. Without them numba's public options and
+its own cache do the same work. What each part is worth, in processor time, with AVX-512:
 
-- one optimisation of a function with all that it calls: the first run compiles in 12 s, not in 21;
-- internal functions: exact impacts 8 % faster, chatter 13 %;
-- no counting of references: exact impacts 68 % faster, chatter 47 %;
-- vectors of 512 bits (``intrinsics.py``): exact impacts 18 % faster, chatter 7 %;
-- code read from disk without all that numba can compile: a run starts in 0.4 s, not in 0.65.
+- a function is optimised once, with all that it calls: the first run compiles in 12 s, not in 21;
+- called functions are internal: exact impacts 8 % faster, chatter 13 %;
+- references are not counted: exact impacts 68 % faster, chatter 47 %;
+- vectors have 512 bits (``intrinsics.py``): exact impacts 18 % faster, chatter 7 %;
+- code is read from disk without all that numba can compile: a run starts in 0.4 s, not in 0.65.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from numba.core.serialize import dumps
 
 from vibroimpact.jit.cache import cache_folder, read, syntax, warn_once, write
 
-#: The versions of numba that these hooks were tested with.
+#: The versions of numba with which these hooks were tested.
 TESTED = ("0.60", "0.68")
-#: Whether they are used.
+#: Whether the hooks are used.
 HOOKS = (
     numba.__version__.rpartition(".")[0] in TESTED
     and os.environ.get("VIBROIMPACT_NUMBA_HOOKS") != "0"
@@ -41,7 +41,7 @@ HOOKS = (
 
 
 def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
-    """Compile `function` with all that it calls for Python, and alone for its callers."""
+    """Compile `function` together with all that it calls for Python, and alone for its callers."""
     whole: Any = numba.njit(function, pipeline_class=WholeCompiler, **options)
     whole._cache = CompiledCode(function, cache_folder())
 
@@ -57,11 +57,11 @@ def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
 
 
 class _MergedLibrary(JITCodeLibrary):
-    """The code of a function for its callers, which optimise it and make machine code of it.
+    """The code of a function for its compiled callers, which optimise it and generate machine code.
 
-    By default numba does both for every function together with all that it calls, so that an
-    innermost function is optimised eight times. Only a function that Python calls needs machine
-    code; without the others the first run compiles in half the time.
+    By default numba does both for every function, together with all that it calls, so an innermost
+    function is optimised eight times. Only a function that Python calls needs machine code. Without
+    the others the first run compiles in half the time.
     """
 
     def _optimize_final_module(self) -> None:
@@ -71,7 +71,7 @@ class _MergedLibrary(JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        return 0  # there is none
+        return 0  # there is no machine code
 
     @property
     def codegen(self) -> Any:
@@ -82,10 +82,11 @@ class _MergedLibrary(JITCodeLibrary):
 
 
 class _WholeLibrary(JITCodeLibrary):
-    """The code of a function that Python calls, with that of all functions that it calls.
+    """The code of a function that Python calls, together with all functions that it calls.
 
-    No other library needs these. LLVM knows it if they are internal, and then passes them what
-    they use of their arguments: of an array the address, not the seven numbers that describe it.
+    No other library needs these functions. If they are marked as internal, LLVM passes them only
+    those parts of their arguments that they use: of an array the address, not the seven numbers
+    that describe it.
     """
 
     def _optimize_final_module(self) -> None:
@@ -112,7 +113,7 @@ class WholeCompiler(Compiler):
 
 
 class CompiledCode:
-    """The compiled forms of a Python function, as numba's dispatchers ask for them."""
+    """The compiled forms of a Python function, with the interface of numba's dispatchers."""
 
     def __init__(self, function: Callable, folder: Path) -> None:
         self.cache_path = str(folder)
@@ -120,11 +121,10 @@ class CompiledCode:
         self._folder = folder
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the form for a signature, or None if there is none that can be used.
+        """Return the form for a signature, or None if no usable form is stored.
 
-        Numba's own cache first refreshes `context`, which imports all that numba can compile, and
-        SciPy: half the time of a short run. Code on disk needs one part of that:
-        the memory of arrays.
+        Numba's own cache first refreshes `context`, which imports SciPy and all that numba can
+        compile: half the time of a short run. Code on disk needs only the memory of arrays.
         """
         key = self._key(signature, context.codegen())
         data = read(self._path(key))
@@ -136,12 +136,12 @@ class CompiledCode:
                 return None
             rtsys.initialize(context)
             return CompileResult._rebuild(context, *kept)
-        except Exception as error:  # intact, of this code, and for this version of Python
+        except Exception as error:  # although the file is intact, and of this code and Python
             warn_once(self._folder, "read", f"{type(error).__name__}: {error}")
             return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep the form for a signature, or warn once that nothing can be kept."""
+        """Store the form for a signature, or warn once that nothing can be stored."""
         if result.library.has_dynamic_globals or any(not part.can_cache for part in result.lifted):
             return
         key = self._key(signature, result.library.codegen)
@@ -154,7 +154,7 @@ class CompiledCode:
         """Do nothing: recompiled code overwrites its file."""
 
     def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
-        """Return what the compiled form depends on, beside the package that names the folder."""
+        """Return what the compiled form depends on, besides the package that names the folder."""
         cells = tuple(cell.cell_contents for cell in self._function.__closure__ or ())
         source = syntax(Path(inspect.getfile(self._function)).read_bytes()).encode()
         parts = (source, self._function.__code__.co_code, dumps(cells) if cells else b"")

@@ -1,4 +1,4 @@
-"""Operations that Python lacks, as instructions of LLVM: each ``generate`` emits them."""
+"""Operations that Python lacks, as LLVM instructions; each ``generate`` emits them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibroimpact.jit.hooks import HOOKS
 
 @intrinsic
 def fma(context, a, b, c):
-    """a * b + c, rounded once."""
+    """Return a * b + c, rounded once."""
 
     def generate(context, builder, signature, arguments):
         return builder.fma(*arguments)
@@ -21,7 +21,7 @@ def fma(context, a, b, c):
 
 @intrinsic
 def select(context, condition, a, b):
-    """`a` where the condition holds, else `b`: without a branch, which would not be vectorised."""
+    """Return `a` if the condition holds, else `b`, without a branch that prevents vectorisation."""
 
     def generate(context, builder, signature, arguments):
         condition, a, b = arguments
@@ -35,13 +35,13 @@ def select(context, condition, a, b):
 def widest_vectors(context):
     """Let LLVM use the widest vectors of the processor in the calling function.
 
-    By default it keeps to 256 bits where the processor has 512. The stack is aligned, so that a
-    vector put there for want of a register lies in one line of the cache.
+    By default it uses 256 bits even if the processor has 512. The stack is aligned so that a vector
+    that does not fit into the registers lies in one cache line.
     """
 
     def generate(context, builder, signature, arguments):
         attributes = builder.function.attributes
-        if HOOKS:  # the set takes only attributes that llvmlite knows
+        if HOOKS:  # the method of the set accepts only attributes that llvmlite knows
             set.add(attributes, '"prefer-vector-width"="512"')
         attributes.add("noinline")
         attributes.alignstack = 64
@@ -52,7 +52,7 @@ def widest_vectors(context):
 
 @intrinsic
 def claim(context, counter):
-    """Count up the first element of an array of int64 for all threads; return what it was."""
+    """Add 1 to the first element of an array of int64, atomically; return the old value."""
 
     def generate(context, builder, signature, arguments):
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
@@ -64,7 +64,7 @@ def claim(context, counter):
 
 @intrinsic
 def is_set(context, flag):
-    """Whether another thread has set the first element of an array of int64; read every time."""
+    """Whether another thread has set the first element of an array of int64; never cached."""
 
     def generate(context, builder, signature, arguments):
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
@@ -76,7 +76,7 @@ def is_set(context, flag):
 
 @intrinsic
 def lowest_bit(context, bits):
-    """The place of the lowest bit set in an integer that is not 0."""
+    """Return the position of the lowest bit set in an integer that is not 0."""
 
     def generate(context, builder, signature, arguments):
         return builder.cttz(arguments[0], context.get_constant(types.boolean, 1))
@@ -86,7 +86,7 @@ def lowest_bit(context, bits):
 
 @intrinsic
 def not_negative(context, array, first):
-    """An integer with a bit for each of 64 elements from `first` on that is 0, more, or NaN."""
+    """Return 64 bits, one for each element from `first` on: 1 where it is >= 0 or NaN."""
 
     def generate(context, builder, signature, arguments):
         row = context.make_array(signature.args[0])(context, builder, arguments[0])

@@ -1,9 +1,9 @@
 """A sweep along f as one computation and a scaling.
 
 With the stop at the rest position and a start at rest there, f is the only quantity in eq. (1) and
-the rules (2)-(5) whose unit has a length. So x and v are proportional to f, and the times of the impacts
-do not depend on it. The same holds for every step of every method. Scaling by a power of two is
-exact to the last bit.
+the rules (2)-(5) whose unit has a length. So x and v are proportional to f, and the times of the
+impacts do not depend on it. The same holds for every step of every method. Scaling by a power of
+two is exact to the last bit.
 """
 
 from __future__ import annotations
