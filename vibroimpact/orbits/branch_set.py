@@ -1,9 +1,9 @@
-"""Sets of branches: from some orbits to all that its bifurcations lead to.
+"""Sets of branches: from a few orbits to all orbits that their bifurcations lead to.
 
 At a flip the orbits of twice the period begin; at a graze an orbit with q impacts becomes one with
-q - 1 or q + 1. So a set grows from a few orbits. It has no end where motions are chaotic, so it is
-cut: in the length of its orbits, in its branches, and where unstable branches lead to unstable
-ones.
+q - 1 or q + 1. So a set grows from a few orbits. Where motions are chaotic it would grow for ever.
+So there are limits on the length of its orbits, on the number of its branches, and on unstable
+branches that lead to unstable ones.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from vibroimpact.orbits.branches import (
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError
 
-#: Two points are the same within these shares: of the range, and of the greatest speed.
+#: Two points are the same if they agree within these shares of the range and the greatest speed.
 _VALUE_TOLERANCE, _SPEED_TOLERANCE = 1e-8, 1e-5
-#: How a branch is followed from where it begins, by the kind of that point.
+#: How to follow a branch from its start, by the kind of that point.
 _FOLLOW = {"": branch, "flip": doubled_branch, "graze": grazing_branch}
 
 
@@ -39,17 +39,17 @@ class BranchSet:
     low: float
     high: float
     most_branches: int = 100
-    most_periods: int = 64  # of the orbits that are followed
+    most_periods: int = 64  # longest orbits that are followed
     classes: Collection[
         tuple[int, int]
-    ] = ()  # m and q of the orbits that are followed; of none: all
+    ] = ()  # m and q of the orbits that are followed; if empty, all
     check: Callable[[], object] = lambda: None  # is called before each branch; may raise
     branches: list[Branch] = field(default_factory=list)
-    given_up: Counter[str] = field(default_factory=Counter)  # in words, and how often
+    given_up: Counter[str] = field(default_factory=Counter)  # what, in words, and how often
     _queue: list[tuple[int, int, int, int, int, str, PeriodicOrbit]] = field(default_factory=list)
 
     def add(self, orbit: PeriodicOrbit) -> bool:
-        """Add the branch of an orbit; return whether there was room for it, or it was there."""
+        """Add the branch of an orbit; return False if there was no room for it."""
         if not self.holds(orbit):
             if len(self.branches) >= self.most_branches:
                 return False
@@ -57,7 +57,7 @@ class BranchSet:
         return True
 
     def grow(self) -> None:
-        """Add all that the branches lead to, shorter orbits first."""
+        """Add all branches that the branches lead to, shorter orbits first."""
         while self._queue:
             *_, depth, kind, start = heapq.heappop(self._queue)
             if self._has(start, kind):
@@ -68,7 +68,7 @@ class BranchSet:
                 self.given_up[f"branches beyond the first {self.most_branches}"] += 1
 
     def _follow(self, kind: str, start: PeriodicOrbit, depth: int) -> None:
-        """Add the branch that begins at an orbit, and queue where others begin on it."""
+        """Add the branch that begins at an orbit, and queue the orbits where others begin."""
         self.check()
         try:
             grown = _FOLLOW[kind](start, self.parameter, self.low, self.high)
@@ -100,7 +100,7 @@ class BranchSet:
         )
 
     def _has(self, orbit: PeriodicOrbit, kind: str) -> bool:
-        """Whether the branch of an orbit, of twice its period at a `flip`, has a point there."""
+        """Whether a branch of the class that would begin at an orbit already has a point there."""
         turns = 2 if kind == "flip" else 1
         speeds, near = np.tile(orbit.speeds, turns), _VALUE_TOLERANCE * (self.high - self.low)
         value = float(getattr(orbit.oscillator, self.parameter))
@@ -115,7 +115,7 @@ class BranchSet:
 
 
 def _onward(grown: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:
-    """Yield the orbits at which other branches begin, and how: the keys of ``_FOLLOW``."""
+    """Yield the orbits at which other branches begin, and how: a key of ``_FOLLOW``."""
     for special in grown.special:
         orbit = special.orbit
         if special.kind == "flip":

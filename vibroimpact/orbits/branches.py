@@ -1,9 +1,9 @@
 """Branches of periodic orbits in one parameter, with every bifurcation on them.
 
-A branch is continued from an orbit in both directions (``continuation.py``). On the way its flips
-and folds are located (``special_points.py``). It ends in a graze; in a flip of an orbit of half the
-period; at the edge of the range; or where the mass would rest. Other branches begin at its flips
-and at its grazes.
+A branch is continued from an orbit in both directions (``continuation.py``). Its flips and folds
+are located on the way (``special_points.py``). It ends at a graze, at a flip of an orbit of half
+the period, at the edge of the range, or where the mass would rest. Other branches begin at its
+flips and at its grazes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vibroimpact.orbits.special_points import (
 )
 from vibroimpact.oscillator import Oscillator, refuse_other
 
-#: Values of the parameter at which the free oscillation is looked at.
+#: Number of values of the parameter at which the free oscillation is checked.
 _FREE_VALUES = 201
 
 
@@ -39,16 +39,17 @@ class SpecialPoint(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``flip``, ``fold``, ``graze``, ``cusp``, and on a curve of grazes ``flip`` and ``fold``,
-        which meet it there. The ends are ``graze`` (an impact has no speed, on a curve another one
-        and to 1e-5 of the unit of speed, or a flight touches the stop), ``penetration`` (a flight
-        crosses it, and no touch is found), ``rest`` (the mass cannot leave it), ``edge`` of a
-        range, and ``lost`` where Newton's method fails or the path is too long.
+        On a branch ``flip`` or ``fold``. On a curve of folds ``cusp``; on a curve of grazes
+        ``flip`` and ``fold``, where curves of these kinds meet it. The ends are ``graze``: an
+        impact has speed zero (on a curve another impact, to 1e-5 of the unit of speed), or a flight
+        touches the stop; ``penetration``: a flight crosses the stop, and no touch is found;
+        ``rest``: the mass cannot leave the stop; ``edge`` of a range; and ``lost``: Newton's method
+        fails or the path is too long.
     value : float, or ndarray of shape (2,)
-        Of the parameter; of a curve's two.
+        Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
-        At the graze of a branch it has the impact of speed zero; at the flip in which a branch
-        ends, it is the orbit of half the period.
+        At the graze of a branch it has the impact of speed zero. At the flip in which a branch
+        ends it is the orbit of half the period.
     """
 
     kind: str
@@ -63,21 +64,21 @@ class Branch:
     Attributes
     ----------
     kind : str
-        ``flip``, ``fold`` or ``graze`` of a curve; empty of a branch.
+        ``flip``, ``fold`` or ``graze`` for a curve; empty for a branch.
     parameters : tuple of str
-        The one of a branch, the two of a curve.
+        The parameter of a branch, or the two of a curve.
     m, q : int
-        Of the orbits; on a curve of grazes with the impact of speed zero.
+        Class of the orbits; on a curve of grazes q counts the impact of speed zero.
     values : ndarray, shape (n,) or (n, 2)
-        Of the parameters.
+        Values of the parameters.
     stable : ndarray of bool, shape (n,)
-        Whether both multipliers are inside the unit circle: nowhere on a curve.
+        Whether both multipliers are inside the unit circle; False everywhere on a curve.
     phases, speeds : ndarray, shape (n, q)
-        Of the impacts; phases are continuous along the branch.
+        Phases and speeds of the impacts; phases are continuous along the branch.
     special : list of SpecialPoint
         In the order of the branch.
     oscillator : Oscillator
-        With the other parameters.
+        The oscillator that gives the other parameters.
     """
 
     kind: str
@@ -92,7 +93,7 @@ class Branch:
     oscillator: Oscillator
 
     def oscillator_at(self, value: Any) -> Oscillator:
-        """Return the oscillator at a value of the parameter, or at two of a curve."""
+        """Return the oscillator at a value of the parameter, or at two values of a curve."""
         values = np.atleast_1d(value).tolist()
         return replace(self.oscillator, **dict(zip(self.parameters, values, strict=True)))
 
@@ -117,7 +118,7 @@ class Branch:
             ]
             try:
                 orbit = solved(osc, self.m, *between)
-            except OrbitError:  # beside a fold, or a point where the branch ends
+            except OrbitError:  # near a fold, or near an end of the branch
                 continue
             if (orbit.m, orbit.q) == (self.m, self.q):
                 orbits_there.append(orbit)
@@ -127,13 +128,13 @@ class Branch:
 def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
     """Follow a periodic orbit along a parameter, through its folds, in both directions.
 
-    A direction ends ``lost`` after ``MOST_POINTS`` points, or ``MOST_WORK`` time steps of all its
-    orbits together.
+    A direction ends ``lost`` after ``MOST_POINTS`` points, or after ``MOST_WORK`` time steps of all
+    its orbits together.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
-        With its parameter in the range.
+        Its value of the parameter must be in the range.
     parameter : str
         Name of a parameter of the oscillator.
     low, high : float
@@ -146,9 +147,9 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
     Raises
     ------
     OrbitError
-        If a repetition of the orbit is more than is solved for, as in `periodic_orbit`.
+        If a repetition of the orbit is too long to be solved for, as in `periodic_orbit`.
     TypeError, ValueError
-        If an argument is not of its kind, a range is not valid, or the orbit outside it.
+        If an argument has the wrong type, the range is not valid, or the orbit is outside it.
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)
@@ -174,7 +175,7 @@ def doubled_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
 
 
 def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
-    """Follow the orbits that begin at a graze, which has the impact of speed zero or not.
+    """Follow the orbits that begin at a graze, with or without the impact of speed zero.
 
     OrbitError if none begin there.
     """
@@ -191,7 +192,7 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
 
 
 def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Return an orbit at its graze without the impact of speed zero."""
+    """Return a grazing orbit without its impact of speed zero."""
     kept = np.arange(orbit.q) != np.argmin(orbit.speeds)
     if orbit.q == 1:
         return free_orbit(orbit.oscillator)
@@ -199,7 +200,7 @@ def without_touch(orbit: PeriodicOrbit) -> PeriodicOrbit:
 
 
 class Path(NamedTuple):
-    """The points of a path and whether they are stable, its special points, and if it is closed."""
+    """The points of a path with their stability, its special points, and whether it is closed."""
 
     points: list[tuple[np.ndarray, bool]]
     special: list[SpecialPoint]
@@ -218,14 +219,14 @@ def both_directions(family: OrbitFamily, tangent: np.ndarray) -> Branch:
 
 def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
     """Continue a family in one direction."""
-    family.system.work[0] = 0.0  # a direction without an end leaves the other one its own
+    family.system.work[0] = 0.0  # each direction has its own limit of work
 
     def note(kind: str, orbit: PeriodicOrbit) -> None:
         value = np.array([getattr(orbit.oscillator, name) for name in family.names])
         special.append(SpecialPoint(kind, value if family.kind else value.item(), orbit))
 
     start = family.point(X, tangent)
-    if family.slowest(X) == 0.0:  # zeros at a graze are there, not after it
+    if family.slowest(X) == 0.0:  # at a graze, zeros of tests belong to the start, not to the step
         start.tests[0, np.abs(start.tests[0]) < ROUNDING] = math.nan
     points: list[tuple[np.ndarray, bool]] = [(X, family.stable(start))]
     special: list[SpecialPoint] = []
@@ -237,7 +238,7 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
                 note("flip", half[1])
                 break
             for kind, X in special_points(step):
-                if not family.kind:  # where a branch may change its stability
+                if not family.kind:  # the branch may change its stability there
                     points.append((X, False))
                 note(kind, family.orbit(X))
             points.append((step.end.X, family.stable(step.end)))
@@ -260,7 +261,7 @@ def _as_branch(family: OrbitFamily, path: Path) -> Branch:
 
 
 def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
-    """Follow the free oscillation from an orbit to where its amplitude is the clearance."""
+    """Follow the free oscillation from an orbit to where its amplitude equals the clearance."""
     from scipy.optimize import brentq
 
     def at(value: float) -> Oscillator:
@@ -275,14 +276,14 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
         last = start
         for value in side.tolist():
             if not gap_left(value) > 0.0:
-                if gap_left(last) > 0.0:  # else it grazes at the start, to rounding
+                if gap_left(last) > 0.0:  # otherwise it grazes at the start, to rounding
                     last = float(brentq(gap_left, *sorted((last, value)), xtol=1e-15, rtol=1e-15))
                 return SpecialPoint("graze", last, _free_graze(at(last)))
             last = value
         return SpecialPoint("edge", last, free_orbit(at(last)))
 
     start, osc = float(getattr(orbit.oscillator, axis.name)), orbit.oscillator
-    # The amplitude has one maximum, in resonance, and no other: it is monotone between these.
+    # The amplitude has a single maximum, at resonance, so it is monotone on both sides.
     resonance = {"omega": math.sqrt(max(osc.p**2 - 2.0 * osc.h**2, 0.0)), "p": osc.omega}
     values = np.linspace(axis.low, axis.high, _FREE_VALUES)
     values = np.union1d(values, np.clip(resonance.get(axis.name, start), axis.low, axis.high))
@@ -297,5 +298,5 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
 
 def _free_graze(osc: Oscillator) -> PeriodicOrbit:
     """Return the free oscillation that touches the stop, as an orbit with an impact of speed 0."""
-    phase = 0.5 * math.pi - cmath.phase(steady_response(osc))  # of the greatest Im A exp(i phase)
+    phase = 0.5 * math.pi - cmath.phase(steady_response(osc))  # maximises Im A exp(i phase)
     return PeriodicOrbit(osc, 1, np.array([phase % (2.0 * math.pi)]), np.zeros(1))

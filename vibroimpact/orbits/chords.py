@@ -1,7 +1,7 @@
-"""More points on a branch, until straight lines between them show it.
+"""Additional points on a branch, until straight lines between its points show it well.
 
-A continuation steps as far as its corrector and its test functions allow. What is drawn of the
-orbits may bend between two of its points, and jump where an impact passes the section.
+A continuation steps as far as its corrector and its test functions allow. Between two of its points
+the plotted curve may bend, and may jump where an impact passes the section.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
-#: A chord is near the branch if its middle is, and those of its halves: one middle alone may be a
-#: point of inflection.
+#: A chord is close to the branch if its middle is, and the middles of its halves: one middle alone
+#: may be a point of inflection.
 _CHECKS = 2
 
 
@@ -29,10 +29,11 @@ def with_short_chords(
     drawn: Callable[[PeriodicOrbit], np.ndarray],
     tolerance: float,
 ) -> Branch:
-    """Return a branch with so many points that what is drawn of it stays near their chords.
+    """Return a branch with enough points that its plotted curve stays close to their chords.
 
-    `drawn` returns what is drawn of an orbit over the parameter, as shares of its ranges, shape
-    (k,). It is within the `tolerance` of a chord, as are the points on both sides of a jump.
+    `drawn` returns the ordinates of an orbit in the plot over the parameter, as shares of the
+    plotted ranges, shape (k,). They stay within `tolerance` of a chord, and a jump lies between two
+    points that are as close together.
     """
     if len(found.values) < 2:
         return found
@@ -62,7 +63,7 @@ def with_short_chords(
 
 
 class _Place(NamedTuple):
-    """The unknowns of an orbit, (2 q + 1,), and where it is drawn: its abscissa, its ordinates."""
+    """The unknowns of an orbit, (2 q + 1,), and its abscissa and ordinates in the plot."""
 
     X: np.ndarray
     x: float
@@ -71,19 +72,19 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True)
 class _Chords:
-    """The chords of a branch; as in `with_short_chords`."""
+    """The chords of a branch; attributes as in `with_short_chords`."""
 
     family: OrbitFamily
     drawn: Callable[[PeriodicOrbit], np.ndarray]
     tolerance: float
 
     def place(self, X: np.ndarray) -> _Place:
-        """Return where an orbit is drawn."""
+        """Return the place of an orbit in the plot."""
         osc, impacts = self.family.oscillator(X), self.family.impacts(X)
         return _Place(X, float(X[-1]), self.drawn(PeriodicOrbit(osc, self.family.m, *impacts)))
 
     def between(self, begin: _Place, end: _Place, checks: int = _CHECKS) -> Iterator[_Place]:
-        """Yield the points that are needed between two, in order."""
+        """Yield the points that are needed between two places, in order."""
         middle = self._middle(begin, end)
         if middle is None:
             return
@@ -95,7 +96,7 @@ class _Chords:
             yield from self.between(middle, end, checks)
 
     def _middle(self, begin: _Place, end: _Place) -> _Place | None:
-        """Return the orbit halfway between two of a branch; None if none is found."""
+        """Return the orbit halfway between two orbits of a branch; None if none is found."""
         family, chord = self.family, end.X - begin.X
         guess = begin.X + 0.5 * chord
         X = family.corrected(guess, chord[None, :]) if family.q else guess
@@ -104,7 +105,7 @@ class _Chords:
         return self.place(X) if family.parameters[0].holds(family.values(X).item()) else None
 
     def _is_off(self, begin: _Place, middle: _Place, end: _Place) -> bool:
-        """Whether an ordinate of the middle is too far from its chord."""
+        """Whether an ordinate of the middle is too far from the chord."""
         across, up = end.x - begin.x, end.y - begin.y
         away = across * (middle.y - begin.y) - up * (middle.x - begin.x)
         return bool((np.abs(away) > self.tolerance * np.hypot(across, up)).any())

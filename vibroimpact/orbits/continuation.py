@@ -1,9 +1,9 @@
 """Pseudo-arclength continuation of orbits, for branches and for curves of bifurcations.
 
-A step goes along the tangent and is corrected in the plane across it (Keller 1977), so folds are
-passed like any other point. The step is shortened where Newton's method fails, where the tangent
-turns too far and where the step may hide something. Where the orbit stops being one, the path ends
-at the last orbit, to rounding.
+A step goes along the tangent and is corrected in the plane normal to it (Keller 1977), so folds are
+passed like any other point. The step is shortened if Newton's method fails, if the tangent turns
+too far, or if the step may hide something. The path ends, to rounding, at the last point that is an
+orbit.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ import numpy as np
 from vibroimpact.orbits.detection import ROUNDING, hides
 from vibroimpact.orbits.family import OrbitFamily, Point, Violation
 
-#: Steps, in units of the scaled unknowns: the first, the longest, and one so short that the path
-#: is given up.
+#: Lengths of steps in scaled unknowns: the first, the longest, and one below which the path is
+#: given up.
 _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
-#: A step so short hides nothing that is more than rounding.
+#: A step shorter than this hides nothing but rounding.
 _RESOLVED = 1e-6
-#: The chord of a step leaves the mean of both tangents by less than this share of the step. Of
-#: 20,000 steps 11 do not; on a circle it does not leave it at all.
+#: The chord of a step deviates from the mean of both tangents by less than this share of the step.
+#: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
 _MOST_OFF = 0.05
-#: Points of a path at the most; the turn of the tangent in one step (its cosine).
+#: Most points of a path; least cosine of the angle by which the tangent turns in one step.
 MOST_POINTS, _LEAST_COSINE = 2000, 0.985
-#: Trials to find the last orbit of a path, and a test function that is zero there to rounding.
+#: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
 _MOST_TRIALS, _AT_END = 80, 1e-15
-#: The margin of a violation where a path ends; else the last orbit is sought with a shorter step.
+#: A path ends where the margin of a violation is below this. If it is not, the last orbit is sought
+#: with a shorter step.
 _ENDS = 1e-9
-#: Iterations at the end of a path, where Newton's method may gain only a half in each.
+#: Most iterations at the end of a path, where each may only halve the error.
 _PATIENT = 60
 
 
@@ -42,14 +43,14 @@ class PathStep:
     family: OrbitFamily
     begin: Point
     end: Point
-    length: float  # along the tangent at the begin; 0 where a path ends without a further step
-    last: bool = False  # whether the path ends with it
-    closed: bool = False  # whether that is where the path began
-    violation: Violation | None = None  # just beyond the end of the last step, where there is one
-    margin: float = math.nan  # is zero where that begins; if Newton fails, the slowest speed
+    length: float  # along the tangent at `begin`; 0 where a path ends without a further step
+    last: bool = False  # whether the path ends with this step
+    closed: bool = False  # whether it ends where the path began
+    violation: Violation | None = None  # just beyond the end of the last step, if there is one
+    margin: float = math.nan  # of the violation, at the end; if Newton fails, the slowest speed
 
     def place(self, X: np.ndarray) -> float:
-        """Return how far along the tangent a point is, as a share of the step."""
+        """Return the position of a point along the tangent, as a share of the step."""
         return self.family.inner(self.begin.tangent, X - self.begin.X) / self.length
 
     def between(self, share: float) -> np.ndarray:
@@ -57,19 +58,19 @@ class PathStep:
         return self.begin.X + share * (self.end.X - self.begin.X)
 
     def jumps(self) -> bool:
-        """Whether the chord leaves the mean of both tangents, as a step to another path does."""
+        """Whether the chord deviates from the mean tangent, as in a jump to another path."""
         first, second = self.begin.tangent, self.end.tangent
         mean = (first + second) / (1.0 + self.family.inner(first, second))
         off = self.end.X - self.begin.X - self.length * mean
         return self.family.inner(off, off) > (_MOST_OFF * self.length) ** 2
 
     def hides(self) -> bool:
-        """Whether test functions may have more roots in the step than its ends show."""
+        """Whether the step may hide roots of test functions, or points that are not orbits."""
         first, second = self.begin[:3], self.end[:3]
         return bool(hides(self.family.system, *first, *second, self.length))
 
     def root(self, function: Callable[[np.ndarray], float]) -> np.ndarray | None:
-        """Return the point where a function that changes its sign over the step is zero."""
+        """Return the root of a function that changes its sign over the step; None if not found."""
         from scipy.optimize import brentq
 
         X, tangent = self.begin.X, self.begin.tangent
@@ -91,9 +92,9 @@ class PathStep:
 
 
 def continue_branch(family: OrbitFamily, start: Point) -> Iterator[PathStep]:
-    """Go from a point along its tangent, to where there is no orbit any more.
+    """Follow a path from a point along its tangent, until there are no more orbits.
 
-    Yield the steps; only the last may have the length 0.
+    Yield the steps; only the last may have length 0.
     """
     here, length = start, _FIRST
     for number in range(MOST_POINTS):
@@ -110,7 +111,7 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[PathStep]:
 
 
 def lost_text(points: int, speeds: np.ndarray) -> str:
-    """Say why a path of so many points is lost at an orbit with these speeds."""
+    """Return why a path of this many points is lost at an orbit with these speeds."""
     text = "Newton's method fails or takes too long"
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
@@ -121,7 +122,7 @@ def lost_text(points: int, speeds: np.ndarray) -> str:
 def _step(family: OrbitFamily, begin: Point, length: float) -> PathStep:
     """Return the longest step, of at most `length`, that turns little and hides nothing.
 
-    Where the orbits end within it, it is the last step, to the last of them.
+    If the orbits end within it, it is the last step and goes to the last orbit.
     """
     X, along = begin.X, begin.tangent
     while length > _SHORTEST:
@@ -152,7 +153,7 @@ def _to_last_orbit(step: PathStep, violation: Violation) -> PathStep:
     if family.inner(tangent, step.begin.tangent) < 0.0:
         tangent = -tangent
     end = family.point(X, tangent)
-    end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # zero at the end, not before it
+    end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # a zero there is not within the step
     length, margin = step.place(X) * step.length, family.margin(end, violation)
     return PathStep(family, step.begin, end, length, last=True, violation=violation, margin=margin)
 
@@ -170,8 +171,8 @@ def _returns(step: PathStep, start: Point) -> bool:
 def _last_orbit(step: PathStep, violation: Violation) -> tuple[np.ndarray, Violation]:
     """Return the last point of a step that is an orbit, and the violation just after it.
 
-    It is where the margin of the violation is zero: regula falsi by the Illinois rule (Dowell &
-    Jarratt 1971), with a halving in every third trial and where the margin is not known.
+    The margin of the violation is zero there. It is found by regula falsi with the Illinois rule
+    (Dowell & Jarratt 1971), with bisection in every third trial and where the margin is unknown.
     """
     family, along, last, beyond = step.family, step.begin.tangent, step.begin, step.end
     low, high, far, moved = 0.0, step.length, step.length, 0
@@ -190,7 +191,7 @@ def _last_orbit(step: PathStep, violation: Violation) -> tuple[np.ndarray, Viola
             break
         guess = last.X + (middle - low) / (far - low) * (beyond.X - last.X)
         X = family.corrected(guess, along[None, :], most=_PATIENT)
-        if X is None:  # as beside a point of codimension two, where the orbits end
+        if X is None:  # for example near a point of codimension two, where the orbits end
             high = middle
             continue
         point = family.point(X, along)
@@ -209,7 +210,7 @@ def _last_orbit(step: PathStep, violation: Violation) -> tuple[np.ndarray, Viola
 
 
 def _edge(step: PathStep, violation: Violation, X: np.ndarray, Y: np.ndarray) -> np.ndarray | None:
-    """Return the orbit at the edge between X and a point Y beyond it, if there is one."""
+    """Return the orbit at the edge between X and a point Y beyond it; None if there is none."""
     family, axis = step.family, violation.at
     inside, beyond = family.values(X)[axis], family.values(Y)[axis]
     share = (violation.where - inside) / (beyond - inside)

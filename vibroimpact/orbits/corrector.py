@@ -1,27 +1,28 @@
 """Newton's method onto orbits, branches of them and curves of bifurcations: one corrector.
 
-A vector of unknowns X has the phases and scaled speeds of q impacts in turn, z_1 .. z_q, and then
-k free parameters in units of their spans. With k free parameters the orbits are a manifold of k
-dimensions: k = 0 an orbit, k = 1 a branch, k = 2 a surface on which each kind of bifurcation is a
-curve. The linearised flights (``flights.py``) couple an impact to the next one only,
+A vector of unknowns X holds the phases and scaled speeds of q impacts, alternating, z_1 .. z_q, and
+then k free parameters in units of their spans. With k free parameters the orbits are a manifold of
+k dimensions: k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of bifurcation
+is a curve. The linearised flights (``flights.py``) couple an impact only to the next one,
 
     A_i z_i + B_i z_{i+1} = r_i,    z_{q+1} = mu z_1,    mu = 1.
 
-Givens rotations of determinant +1 and with positive pivots eliminate z_2 .. z_q one by one, as in
-the structured solvers for boundary value problems (Ascher, Mattheij & Russell 1995, ch. 7), so that
-every cost is proportional to the impacts. Left is S z_1 + T z_{q+1} = r, and det(S + mu T) is that
-of the whole matrix J(mu), divided by the positive pivots: a quadratic in mu, zero at the Floquet
-multipliers, and regular where an impact grazes. The remaining two equations have a particular
-solution and k null vectors, which are found without inverting anything that is singular in a fold.
+Givens rotations of determinant +1 with positive pivots eliminate z_2 .. z_q one by one, as in the
+structured solvers for boundary value problems (Ascher, Mattheij & Russell 1995, ch. 7), so every
+cost is proportional to the number of impacts. What remains is S z_1 + T z_{q+1} = r. det(S + mu T)
+is the determinant of the whole matrix J(mu) divided by the positive pivots: a quadratic in mu whose
+roots are the Floquet multipliers, and which is regular where an impact grazes. The remaining two
+equations have a particular solution and k null vectors. They are found without inverting anything
+that is singular at a fold.
 
-Of these solutions the further conditions choose one: planes that the predictor gives, and the
+Further conditions choose one of these solutions: planes given by the predictor, and the
 bifurcation,
 
     flip, fold:  det(S + mu T) = 0 at mu = -1, +1;      graze:  v_k = 0.
 
 Derivatives with respect to z are exact. Those with respect to parameters, and those of
-det(S + mu T), are central differences: they steer the iteration, and what it ends at does not
-depend on them. Loops are written out: numba compiles them in a tenth of the time that it takes for
+det(S + mu T), are central differences: they steer the iteration, but its limit does not depend on
+them. Loops are written out, because numba compiles them in a tenth of the time that it takes for
 slices and array expressions.
 """
 
@@ -35,41 +36,42 @@ import numpy as np
 from vibroimpact.jit import jit
 from vibroimpact.orbits.flights import residuals, time_steps
 
-# Conditions.
+# Conditions of ``System``.
 NONE, FLIP, FOLD, GRAZE = range(4)
 
-#: Step of the central differences of flights, that of the least error.
+#: Step of the central differences of flights; this one has the least error.
 FLIGHT_DIFFERENCE = 6e-6
-#: Step of the central differences of a condition: it varies over far less than an orbit does where
-#: all impacts of a long orbit are slow. A parameter in units of a narrow span is a large number:
-#: the step is at least this share of it, far above its rounding, but at most that of a flight.
+#: Step of the central differences of a condition. It is short because a condition varies over far
+#: less than an orbit does where all impacts of a long orbit are slow. A parameter in units of a
+#: narrow span is a large number: the step is at least ``_DIFFERENCE_SHARE`` of it, far above its
+#: rounding, but at most the step for flights.
 _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
-#: Rank is lost where so small a share of a row is left.
+#: The rank is lost if only this share of a row remains when it is orthogonalised.
 _RANK = 1e-14
-#: The iteration ends after a step below the first, or one below the second that is no smaller than
-#: half the one before it.
+#: The iteration ends after a step shorter than the first, or after a step that is shorter than the
+#: second and longer than half the step before it.
 _CONVERGED, _STALLED = 1e-12, 1e-7
-#: Newton's step is halved so often at most; a flight keeps this share of its length.
+#: Most halvings of a Newton step, and the share of its length that a flight keeps in a step.
 _HALVINGS, _SHORTEST = 8, 0.1
 
 
 class System(NamedTuple):
-    """What does not change in an iteration."""
+    """The data that do not change in an iteration."""
 
     values: np.ndarray  # parameters of the oscillator, (6,); those of `free` are taken from X
-    free: np.ndarray  # which are free, (k,), k <= 2
+    free: np.ndarray  # indices of the free parameters, (k,), k <= 2
     spans: np.ndarray  # their units in X, (k,)
     m: int  # forcing periods
     q: int  # impacts
     speed: float  # unit of speeds
     condition: int  # the bifurcation to move onto
-    graze: int  # the impact that grazes
-    work: np.ndarray  # receives the number of time steps that were taken, (1,)
+    graze: int  # index of the impact that grazes
+    work: np.ndarray  # receives the number of time steps taken, (1,)
 
 
 @jit
 def inner(X, Y, q):
-    """Return the inner product of two vectors of unknowns: the mean over the impacts."""
+    """Return the inner product of two vectors of unknowns, averaged over the impacts."""
     total = 0.0
     for i in range(2 * q):
         total += X[i] * Y[i]
@@ -115,7 +117,7 @@ def _largest(F):
 
 @jit
 def _rotate(W, a, b, column):
-    """Make W[b, column] zero by a rotation of the rows a and b; W[a, column] is >= 0 then."""
+    """Make W[b, column] zero by rotating the rows a and b; W[a, column] is then >= 0."""
     r = math.hypot(W[a, column], W[b, column])
     if r == 0.0:
         return
@@ -130,16 +132,17 @@ def _rotate(W, a, b, column):
 def _condense(A, B, right, kept):
     """Eliminate all impacts but the first from flights with right-hand sides, shape (q, 2, k).
 
-    The last two rows of the result, shape (4, 6 + k), have from the third column on S, T and their
-    right-hand sides. `kept`, shape (q, 2, 6 + k), receives the rows to find z_2 .. z_q from: their
-    factors of z_i, z_1 and z_{i+1}, and the right-hand sides; the first is not used.
+    The last two rows of the result, shape (4, 6 + k), contain S, T and their right-hand sides, from
+    the third column on. `kept`, shape (q, 2, 6 + k), receives the rows from which z_2 .. z_q are
+    found: their factors of z_i, z_1 and z_{i+1}, and the right-hand sides. Its first entry is not
+    used.
     """
     q, k = A.shape[0], right.shape[2]
     W = np.zeros((4, 6 + k))
     for i in range(q):
         for row in range(2):
             for j in range(2):
-                # What is left of the flights so far becomes the upper rows: z_i was z_{i+1}.
+                # The remainder of the flights so far becomes the upper rows: z_i was z_{i+1}.
                 W[row, j], W[row, 2 + j], W[row, 4 + j] = W[2 + row, 4 + j], W[2 + row, 2 + j], 0.0
                 W[2 + row, j], W[2 + row, 2 + j] = A[i, row, j], 0.0
                 W[2 + row, 4 + j] = B[i, row, j]
@@ -162,7 +165,7 @@ def _condense(A, B, right, kept):
 
 @jit
 def _expand(kept, z, weights, mu):
-    """Fill z_2 .. z_q from z_1, with z_{q+1} = mu z_1 and right-hand sides of these weights."""
+    """Fill z_2 .. z_q from z_1, with z_{q+1} = mu z_1; `weights` combine the right-hand sides."""
     q = kept.shape[0]
     for i in range(q - 1, 0, -1):
         factor, at = (mu, 0) if i + 1 == q else (1.0, 2 * i + 2)
@@ -179,7 +182,7 @@ def _expand(kept, z, weights, mu):
 
 @jit
 def null_vector(A, B, mu):
-    """Return z, shape (2 q,), with A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, mu a multiplier."""
+    """Return z, (2 q,), with A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu."""
     q = A.shape[0]
     kept, z = np.empty((q, 2, 6)), np.empty(2 * q)
     W = _condense(A, B, np.empty((q, 2, 0)), kept)
@@ -205,7 +208,7 @@ def characteristic(A, B):
 
 @jit
 def _right_hand_sides(system, X, F):
-    """Return the negative residuals, and their derivatives with respect to the parameters."""
+    """Return the negative residuals and their derivatives with respect to the parameters."""
     q, values = system.q, parameters_at(system, X)
     right = np.empty((q, 2, 1 + system.free.size))
     for i in range(q):
@@ -229,7 +232,7 @@ def _right_hand_sides(system, X, F):
 
 @jit
 def _orthogonalise(basis, count):
-    """Make row `count` orthogonal to those before it and of length 1; return what it had left."""
+    """Make row `count` orthogonal to the rows before it; return its length, then make it 1."""
     n, length = basis.shape[1], 0.0
     for _ in range(2):
         for j in range(count):
@@ -248,7 +251,7 @@ def _orthogonalise(basis, count):
 
 @jit
 def _short_basis(rows, basis):
-    """Fill an orthonormal basis whose first two vectors span two rows; return if they do."""
+    """Fill an orthonormal basis whose first two vectors span two rows; False if there is none."""
     n = basis.shape[0]
     for i in range(2):
         size = 0.0
@@ -285,7 +288,7 @@ def _particular(W, rows, basis):
 
 @jit
 def _orthonormalise(N, P, q):
-    """Make null vectors orthonormal, and a solution the shortest one, which keeps slow impacts."""
+    """Make null vectors orthonormal, and take the shortest solution, which keeps slow impacts."""
     for i in range(N.shape[0] + 1):
         whole = N[i] if i < N.shape[0] else P
         for row in range(i):
@@ -301,7 +304,7 @@ def _orthonormalise(N, P, q):
 def _solution_space(system, X, P, N):
     """Find all solutions of the linearised flights: the shortest, P, and null vectors, N (k, n).
 
-    Return the largest residual; inf where impacts are out of order or the rank is lost.
+    Return the largest residual; inf if impacts are out of order or the rank is lost.
     """
     q, k = system.q, system.free.size
     F, A, B = linearised(system, X)
@@ -335,7 +338,7 @@ def _solution_space(system, X, P, N):
 
 @jit
 def _condition(system, X):
-    """Return what is zero in the bifurcation; NaN where impacts are out of order."""
+    """Return the function that is zero at the bifurcation; NaN if impacts are out of order."""
     if system.condition == GRAZE:
         return X[2 * system.graze + 1]
     F, A, B = linearised(system, X)
@@ -347,7 +350,7 @@ def _condition(system, X):
 
 @jit
 def difference(system, X):
-    """Return the step of a difference of conditions."""
+    """Return the step for the difference of a condition."""
     step = _DIFFERENCE
     for i in range(system.q):
         step = max(step, _DIFFERENCE * abs(X[2 * i + 1]))
@@ -368,7 +371,7 @@ def _gradient(system, X, along):
 
 @jit
 def tangent(system, X):
-    """Return the direction of a branch (k = 1) or a curve (k = 2); NaN where there is none."""
+    """Return the direction of a branch (k = 1) or a curve (k = 2); NaN if there is none."""
     k = system.free.size
     P, N = np.empty(X.size), np.empty((k, X.size))
     if not _solution_space(system, X, P, N) < math.inf:
@@ -387,7 +390,7 @@ def tangent(system, X):
 
 @jit
 def _choose(system, X, origin, planes, P, N):
-    """Make P the one solution that meets the further conditions."""
+    """Make P the only solution that meets the further conditions."""
     k, q = system.free.size, system.q
     G, g, Y = np.zeros((k, k)), np.zeros(k), moved(X, 1.0, P)
     for i in range(planes.shape[0]):
@@ -411,7 +414,7 @@ def _choose(system, X, origin, planes, P, N):
 
 @jit
 def _room(system, X, step):
-    """Return the share of a step, at most 1, that keeps every flight from all but vanishing."""
+    """Return the share of a step, at most 1, that keeps every flight long enough."""
     share, q = 1.0, system.q
     for i in range(q):
         last = i + 1 == q
@@ -425,7 +428,7 @@ def _room(system, X, step):
 
 @jit
 def _decreasing(system, X, step, share, size):
-    """Return the share of a step after which the residual is smaller, if a few halvings find it."""
+    """Return a share of a step that decreases the residual, or `share` if no halving finds one."""
     whole = share
     for _ in range(_HALVINGS):
         if _largest(linearised(system, moved(X, share, step))[0]) < size:
@@ -438,8 +441,8 @@ def _decreasing(system, X, step, share, size):
 def correct(system, X, planes, most):
     """Move X onto the orbits, in place, by Newton's method; return whether it converges.
 
-    The whole change is orthogonal to `planes`, shape (k or k - 1, 2 q + k); with one fewer than k,
-    the condition of the system is the last equation. There are at most `most` iterations.
+    The whole change is orthogonal to `planes`, shape (k or k - 1, 2 q + k). If there are only k - 1
+    planes, the condition of the system is the last equation. There are at most `most` iterations.
     """
     k, q = system.free.size, system.q
     origin, P, N = X.copy(), np.empty(X.size), np.empty((k, X.size))

@@ -1,6 +1,6 @@
 """Curves of bifurcations in two parameters: flips, folds and grazes of periodic orbits.
 
-A curve is a branch with one condition more and two free parameters (``corrector.py``), continued in
+A curve is a branch with one more condition and two free parameters (``corrector.py``), continued in
 both directions like a branch.
 """
 
@@ -16,12 +16,12 @@ from vibroimpact.orbits.orbit import PeriodicOrbit, orbit_of, unit_of_speed
 from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.oscillator import one_of, refuse_other
 
-#: Kinds of curves.
+#: The kinds of curves.
 KINDS = tuple(filter(None, CONDITIONS))
 #: A bifurcation that was found belongs to the orbit if it is closer to it than this, in scaled
 #: unknowns.
 _BESIDE = 0.2
-#: Where no impact is faster than this, in the unit of speed, all of them are the free oscillation.
+#: If no impact is faster than this, in the unit of speed, the orbit is the free oscillation.
 _STILL = 1e-6
 
 
@@ -31,27 +31,27 @@ def bifurcation_curve(
     first: tuple[str, float, float],
     second: tuple[str, float, float],
 ) -> Branch:
-    """Follow a bifurcation of an orbit in two parameters, as far as a `branch` goes.
+    """Follow a bifurcation of an orbit in two parameters, as far as `branch` follows an orbit.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
-        Near its bifurcation, which is found along the first parameter, or else along the second.
+        An orbit near its bifurcation, which is searched along the first parameter, then the second.
     kind : str
         ``flip``, ``fold`` or ``graze``.
     first, second : tuple of str, float, float
-        A parameter of the oscillator, and its range.
+        Name of a parameter of the oscillator, and its range.
 
     Returns
     -------
     Branch
-        Of that `kind`, with two parameters.
+        A curve of that `kind`, with two parameters.
 
     Raises
     ------
     OrbitError
-        If no such bifurcation is found beside the orbit, or it is outside a range; or if a
-        repetition of the orbit is more than is solved for, as in `periodic_orbit`.
+        If no such bifurcation is found near the orbit, or it is outside a range; or if a repetition
+        of the orbit is too long to be solved for, as in `periodic_orbit`.
     TypeError, ValueError
         If an argument is not valid.
     """
@@ -83,7 +83,7 @@ def bifurcation_curve(
 def _bifurcation(
     orbit: PeriodicOrbit, kind: str, axes: Sequence[ContinuationParameter]
 ) -> PeriodicOrbit:
-    """Return the bifurcation beside an orbit, found along one parameter."""
+    """Return the bifurcation near an orbit, found along one parameter."""
     grazes = orbit.q > 0 and orbit.speeds.min() <= 1e-6 * orbit.speeds.max(initial=0.0)
     if orbit.q > 0 and (kind != "graze" or grazes):
         for axis in axes:
@@ -107,7 +107,7 @@ def _bifurcation(
 
 
 def _least_graze(orbit: PeriodicOrbit, axes: Sequence[ContinuationParameter]) -> PeriodicOrbit:
-    """Return the graze of an orbit of fewer impacts that an orbit is, at which it is singular."""
+    """Return the same graze with the fewest impacts; with more its equations are singular."""
     osc = orbit.oscillator
     if orbit.q > 1 and not orbit.speeds.max() > _STILL * unit_of_speed(osc, orbit.speeds):
         touch = PeriodicOrbit(osc, orbit.m, orbit.phases[:1], np.zeros(1))

@@ -1,4 +1,4 @@
-"""What a step may hide: test functions, and flights that meet the stop.
+"""Whether a step may hide something: roots of test functions, or flights that meet the stop.
 
 Along a branch or a curve the test functions are smooth:
 
@@ -6,19 +6,19 @@ Along a branch or a curve the test functions are smooth:
     on a branch the flip and the fold, det(S + mu T) at mu = -1 and +1 (``corrector.py``); on a
     curve of grazes their meeting, the middle coefficient of det(S + mu T).
 
-The signs at both ends of a step show one root, not two. But the values and the slopes there give
-the cubic Hermite interpolant, which has no more roots than the control polygon of its Bernstein
-form has changes of sign (Farin 2002, ch. 5). A step hides nothing where the polygon has as many as
-its ends, even if its inner points were off by as much as they are from the chord; else it is
-halved. With a, b at the ends and a', b' the slopes times the length, these points then are, beyond
-the chord,
+The signs at both ends of a step show one root, but not two. The values and slopes there give the
+cubic Hermite interpolant. It has no more roots than the control polygon of its Bernstein form has
+changes of sign (Farin 2002, ch. 5). The inner points of the polygon are allowed an error as large
+as their distance from the chord. If even with this error the polygon has only the changes of sign
+that its ends show, the step hides nothing; otherwise it is halved. With a, b at the ends and a', b'
+the slopes times the length, the inner points that are farther from the chord by this error are
 
     (4 a + 2 a' - b) / 3,    (4 b - 2 b' - a) / 3.
 
-It is the same with the flights: where the polynomials of a flight at these points are below the
-stop, every flight within the step is. Divided by their roots at the ends, they are so only where
-impacts have speeds, too. A step also is halved where the natural oscillation of a flight turns so
-far that the functions may oscillate unseen.
+Flights are tested alike: if the polynomials of a flight at these points are below the stop, so is
+every flight within the step. The polynomials are divided by their roots at the ends, so this also
+proves that the impacts have positive speeds. A step is also halved if the natural oscillation of a
+flight advances so far over it that the functions might oscillate unseen.
 """
 
 from __future__ import annotations
@@ -49,19 +49,20 @@ from vibroimpact.orbits.flights import (
 )
 from vibroimpact.step.series import TERMS, first_crossing
 
-#: Test functions below this are rounding.
+#: Values of test functions below this are rounding.
 ROUNDING = 1e-12
-#: The natural oscillation of a flight turns by less than this in a step [rad].
+#: The natural oscillation of a flight advances by less than this in a step [rad].
 _MOST_TURN = 1.0
-#: Where the parameters of a curve of folds move by less than this share, rounding decides whereto.
+#: Where the parameters of a curve of folds move by less than this share of its tangent, their
+#: direction is rounding.
 HEADING = 1e-5
 
 
 @jit
 def _unlike(X, m, q):
-    """Return the square of how much the halves of an orbit differ; 1 where it has none.
+    """Return the mean square difference of the two halves of an orbit; 1 if it has no halves.
 
-    NaN where they are equal to rounding.
+    NaN if they are equal to rounding.
     """
     if m % 2 or q % 2:
         return 1.0
@@ -84,9 +85,10 @@ def _fill(system, X, bounds, values):
         _, A, B = linearised(system, X)
         c0, c1, c2 = characteristic(A, B)
         if system.condition == NONE:
-            # Where an orbit becomes one of half its period the fold has a double root.
+            # Where an orbit becomes one of half its period, the double root of the fold is
+            # divided out.
             first, second = c0 - c1 + c2, (c0 + c1 + c2) / _unlike(X, system.m, q)
-        else:  # c1 decays as the flow over the m periods does, and so does its rounding
+        else:  # c1 and its rounding decay with the flow over the m periods; undo this
             p = parameters_at(system, X)
             T = 2.0 * math.pi * system.m / p[2]
             first = c1 * math.exp(p[0] * T) / ((2.0 * p[0] + p[4] + p[2]) * T)
@@ -97,8 +99,8 @@ def _fill(system, X, bounds, values):
 def test_functions(system, X, tangent, bounds):
     """Return the test functions at a point and their slopes along a tangent, shape (2, 2 k + 2).
 
-    They are in the order of the module's docstring; NaN where there is none. `bounds`, shape
-    (k, 2), are the edges of the free parameters, in their units in X.
+    They are in the order of the docstring of this module; NaN where one does not apply. `bounds`,
+    shape (k, 2), are the edges of the free parameters in their units in X.
     """
     q, k = system.q, system.free.size
     tests, step = np.empty((2, 2 * k + 2)), difference(system, X)
@@ -126,7 +128,7 @@ def _may_hide(a, slope_a, b, slope_b):
 
 @jit
 def _turns_far(system, X, Y):
-    """Whether the natural oscillation of a flight turns far between two points."""
+    """Whether the natural oscillation of a flight advances far between two points."""
     p, p_Y, q = parameters_at(system, X), parameters_at(system, Y), system.q
     for i in range(q):
         last = i + 1 == q
@@ -159,7 +161,7 @@ def _flights(system, X, tangent, i, n, zeros):
 
 @jit
 def _may_meet(c, here, slopes, there, k, length, rounding):
-    """Whether step k of a flight may meet the stop at the control point beside an end; sets `c`."""
+    """Whether step k of a flight may meet the stop at the control point near an end; sets `c`."""
     for j in range(TERMS):
         c[j] = 4.0 * here[k, j] + 2.0 * length * slopes[k, j] - there[k, j]
     c[0] -= 4.0 * abs(length) * rounding[k]
@@ -172,7 +174,7 @@ def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
     m, q, c = system.m, system.q, np.empty(TERMS)
     pt, pt_Y = parameters(parameters_at(system, X)), parameters(parameters_at(system, Y))
     for i in range(q):
-        # A difference of flights must not change the number of their steps.
+        # The flights of a difference must have the same number of steps.
         n = 1 + max(steps_of(pt, m, X, q, i), steps_of(pt_Y, m, Y, q, i))
         zeros, zeros_Y = zeros_of(pt.R, X, q, i), zeros_of(pt_Y.R, Y, q, i)
         zeros = min(zeros[0], zeros_Y[0]), min(zeros[1], zeros_Y[1])
@@ -188,7 +190,7 @@ def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
 
 @jit
 def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
-    """Whether both parameters may turn back twice: the control points of their derivative."""
+    """Whether both parameters may turn back twice, by the control points of their derivative."""
     together, middle, bend, size = 0.0, 0.0, 0.0, 0.0
     cosine = inner(tangent, tangent_Y, system.q)
     for j in range(2 * system.q, X.size):
@@ -201,10 +203,10 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 
 @jit
 def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
-    """Whether a step may hide roots of the test functions, or points that are no orbits.
+    """Whether a step may hide roots of the test functions, or points that are not orbits.
 
-    X, tangent and tests are the unknowns, the direction and the test functions where it begins,
-    those of Y where it ends; `length` is that of the step along the first tangent.
+    X, tangent and tests are the unknowns, the direction and the test functions at its start; Y,
+    tangent_Y and tests_Y those at its end. `length` is its length along the first tangent.
     """
     if _turns_far(system, X, Y):
         return True
@@ -213,7 +215,7 @@ def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
         slopes = length * tests[1, i], length_Y * tests_Y[1, i]
         if _may_hide(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
             return True
-    # The free oscillation touches the stop once a period, and never crosses it.
+    # The free oscillation touches the stop once per period, and never crosses it.
     free = system.condition == GRAZE and system.q == 1
     if not free and _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         return True

@@ -1,7 +1,7 @@
-"""A family of orbits over free parameters, on whose points a continuation goes.
+"""A family of orbits over free parameters; a continuation moves along its points.
 
-A point is a vector X of phases and scaled speeds in turn, then of parameters over their spans
-(``corrector.py``).
+A point is a vector X of phases and scaled speeds, alternating, then of parameters in units of their
+spans (``corrector.py``).
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from vibroimpact.orbits.flights import first_penetration, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator, one_of
 
-#: What all orbits of a family have in common: nothing, or a bifurcation.
+#: The condition that all orbits of a family meet: none, or a bifurcation.
 CONDITIONS = {"": NONE, "flip": FLIP, "fold": FOLD, "graze": GRAZE}
 _NAMES = [field.name for field in fields(Oscillator)]
-#: Time steps of all evaluations of the flights in a direction, after which no point is found.
+#: Most time steps of all evaluations of the flights in one direction; then no point is found.
 MOST_WORK = 2**24
-#: Iterations of the corrector.
+#: Most iterations of the corrector.
 _MOST_ITERATIONS = 8
-#: A speed smaller than this, in the unit of speed, is zero to rounding: a graze.
+#: A speed below this, in the unit of speed, is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
-#: A touch that is known to be one misses the stop by less than this share of the clearance.
+#: By rounding, a flight that is known to touch the stop passes it by at most this share of the
+#: clearance.
 _TOUCHES = 1e-9
-#: A force smaller than this share of its range is zero where orbits vanish with it: their
-#: equations are singular there.
+#: Where orbits vanish with the force, a force below this share of its range counts as zero: the
+#: equations of the orbits are singular there.
 _VANISHES = 1e-9
 
 
@@ -46,7 +47,7 @@ class ContinuationParameter:
 
     @classmethod
     def of(cls, osc: Oscillator, name: str, low: float, high: float) -> ContinuationParameter:
-        """Check a range; TypeError or ValueError if there is no such parameter or range."""
+        """Check a range; TypeError or ValueError if the parameter or the range is not valid."""
         one_of("parameter", name, _NAMES)
         for value in (low, high):
             replace(osc, **{name: value})
@@ -71,32 +72,33 @@ class ContinuationParameter:
 
 @dataclass(frozen=True)
 class Violation:
-    """Why a point is no orbit within the ranges.
+    """Why a point is not an orbit within the ranges.
 
-    Of the kind ``edge``, ``speed`` (an impact has left the stop), ``penetration`` (a flight meets
-    the stop before its end) or ``rest`` (the mass cannot leave the stop).
+    Its kind is ``edge``, ``speed`` (an impact leaves the stop instead of meeting it),
+    ``penetration`` (a flight meets the stop before its end) or ``rest`` (the mass cannot leave the
+    stop).
     """
 
     kind: str
-    at: int  # number of the parameter, the impact or the flight
-    where: float = math.nan  # the edge's value; the phase where a flight meets the stop
+    at: int  # index of the parameter, the impact or the flight
+    where: float = math.nan  # value of the edge, or phase where a flight meets the stop
 
 
 class Point(NamedTuple):
-    """A point of a path, and what is known of it."""
+    """A point of a path, and its properties."""
 
     X: np.ndarray  # the unknowns, (2 q + k,)
     tangent: np.ndarray  # the direction of the path, (2 q + k,)
     tests: np.ndarray  # the test functions and their slopes along it (``detection.py``), (2, n)
-    turn: float  # how high a flight turns that comes near the stop (``first_penetration``)
+    turn: float  # greatest height of a turning point near the stop (``first_penetration``)
     violation: Violation | None
 
 
 class OrbitFamily:
     """The orbits of m forcing periods and q >= 1 impacts over at most two free parameters.
 
-    All are at the bifurcation `kind`, in which the impact `graze` grazes. The other parameters are
-    those of the first orbit, and by default the unit of speed is.
+    With a `kind`, all of them are at this bifurcation; at a graze the impact number `graze` grazes.
+    The other parameters are those of the first orbit, and so is the unit of speed by default.
     """
 
     def __init__(
@@ -127,7 +129,7 @@ class OrbitFamily:
         return X[2 * self.q :] * self.spans
 
     def kept(self, X: np.ndarray) -> np.ndarray:
-        """Return the free parameters at points, on an edge where they are within its rounding."""
+        """Return the free parameters at points; a value within rounding of an edge becomes it."""
         values = X[..., 2 * self.q :] * self.spans
         for j, parameter in enumerate(self.parameters):
             for edge in (parameter.low, parameter.high):
@@ -135,9 +137,9 @@ class OrbitFamily:
         return values
 
     def without_force(self, X: np.ndarray) -> np.ndarray | None:
-        """Return the limit of orbits that vanish with the force; None if they do not beside X.
+        """Return the limit at which orbits vanish with the force; None if X is not beside it.
 
-        They do where there is no clearance, as x and v are proportional to f.
+        They vanish if the clearance is 0, since x and v are then proportional to f.
         """
         for j, parameter in enumerate(self.parameters):
             at = 2 * self.q + j
@@ -149,11 +151,11 @@ class OrbitFamily:
         return None
 
     def oscillator(self, X: np.ndarray) -> Oscillator:
-        """Return the oscillator at a point, its parameters kept to their ranges."""
+        """Return the oscillator at a point; its parameters stay in their ranges."""
         return replace(self.osc, **dict(zip(self.names, self.kept(X).tolist(), strict=True)))
 
     def impacts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return phases and speeds at points; a speed that is zero to rounding is zero."""
+        """Return phases and speeds at points; a speed that is zero to rounding becomes zero."""
         phases, speeds = X[..., : 2 * self.q : 2], X[..., 1 : 2 * self.q : 2]
         return phases, np.where(np.abs(speeds) < _ZERO_SPEED, 0.0, speeds) * self.speed
 
@@ -170,17 +172,17 @@ class OrbitFamily:
     ) -> np.ndarray | None:
         """Return the point of the family in planes through X; None if none is found.
 
-        None also once all points together have taken more than ``MOST_WORK`` time steps.
+        None also once all calls together have taken more than ``MOST_WORK`` time steps.
         """
         X, system = X.copy(), system or self.system
         if system.work[0] > MOST_WORK or not corrector.correct(system, X, planes, most):
             return None
         if system.condition == GRAZE and len(planes) < len(self.parameters):
-            X[2 * system.graze + 1] = 0.0  # the speed is, to rounding
+            X[2 * system.graze + 1] = 0.0  # it is zero to rounding
         return X
 
     def bifurcation(self, X: np.ndarray, kind: str, graze: int = 0) -> np.ndarray | None:
-        """Return the bifurcation near a point of a branch; None as of `corrected`."""
+        """Return the bifurcation near a point of a branch; None in the cases of `corrected`."""
         system = self.system._replace(condition=CONDITIONS[kind], graze=graze)
         return self.corrected(X, np.empty((0, X.size)), system=system)
 
@@ -199,27 +201,27 @@ class OrbitFamily:
         return float(corrector.inner(X, Y, self.q))
 
     def distance(self, X: np.ndarray, Y: np.ndarray) -> float:
-        """Return how far two points are apart."""
+        """Return the distance of two points."""
         return math.sqrt(self.inner(X - Y, X - Y))
 
     def stable(self, point: Point) -> bool:
-        """Whether both multipliers are inside the unit circle (Jury); at a bifurcation not."""
+        """Whether both multipliers are inside the unit circle (Jury); False at a bifurcation."""
         h, R, omega, *_ = parameters_at(self.system, point.X)
         flip, fold = point.tests[0, -2:]
         return bool(flip * fold > 0.0) and determinant(h, R, omega, self.m, self.q) < 1.0
 
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
-        """Return a point of a path in the direction of a tangent."""
+        """Return the point X of a path that has this tangent."""
         tests = test_functions(self.system, X, tangent, self.bounds)
         violation, turn = self.violation(X)
         return Point(X, tangent, tests, turn, violation)
 
     def test(self, number: int, X: np.ndarray) -> float:
-        """Return a test function."""
+        """Return one of the test functions."""
         return float(test_functions(self.system, X, np.zeros(X.size), self.bounds)[0, number])
 
     def margin(self, point: Point, violation: Violation) -> float:
-        """Return what is zero where a violation begins, and negative beyond; NaN if unknown."""
+        """Return a number that is 0 where a violation begins, negative beyond; NaN if unknown."""
         if violation.kind == "speed":
             return float(point.X[2 * violation.at + 1])
         if violation.kind == "edge":
@@ -230,18 +232,18 @@ class OrbitFamily:
         return -point.turn if violation.kind == "penetration" and seen else math.nan
 
     def allows(self, point: Point) -> bool:
-        """Whether a point is an orbit, or violates what makes it one only by rounding."""
+        """Whether a point is an orbit, or fails to be one only by rounding."""
         return point.violation is None or self.margin(point, point.violation) > -ROUNDING
 
     def slowest(self, X: np.ndarray) -> float:
-        """Return the slowest speed, on a curve of grazes that of the other impacts; inf if none."""
+        """Return the slowest speed; on a curve of grazes that of the other impacts, inf if none."""
         speeds = X[1 : 2 * self.q : 2]
         if self.kind == "graze":
             speeds = np.delete(speeds, self.system.graze)
         return float(speeds.min(initial=math.inf))
 
     def violation(self, X: np.ndarray) -> tuple[Violation | None, float]:
-        """Say why a point is no orbit, and how high a flight turns that comes near the stop."""
+        """Return why a point is not an orbit, and the greatest height of a turn near the stop."""
         for j, (axis, value) in enumerate(
             zip(self.parameters, self.values(X).tolist(), strict=True)
         ):

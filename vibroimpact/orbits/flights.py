@@ -1,26 +1,27 @@
-"""The flights of an orbit between its impacts: what closes them, the derivatives, and the proof.
+"""The flights of an orbit between its impacts: their equations, derivatives, and a proof.
 
-An orbit of m forcing periods with q impacts is known by the phases theta_i and the speeds before
+An orbit of m forcing periods with q impacts is given by the phases theta_i and the speeds before
 impact v_i, i = 1..q. Flight i leaves the stop at theta_i with the speed -R v_i and ends after
-tau_i = (theta_{i+1} - theta_i) / omega; the last one ends at theta_1 + 2 pi m. With x(tau), x'(tau)
-its exact state there, the orbit is a root of the 2q equations
+tau_i = (theta_{i+1} - theta_i) / omega; the last flight ends at theta_1 + 2 pi m. With x(tau),
+x'(tau) the exact state at the end of a flight, the orbit is a root of the 2q equations
 
     x(tau_i) - clearance = 0,    x'(tau_i) - v_{i+1} = 0.
 
-With M the matrix of the flow over the flight, a- the acceleration at its end and a+ the one just
-after its launch, the derivatives of flight i are
+Let M be the matrix of the flow over the flight, a- the acceleration at its end and a+ the
+acceleration just after its launch. The derivatives of flight i are
 
     d/d theta_{i+1} = (x', a-) / omega,          d/d v_{i+1} = (0, -1),
     d/d theta_i = -M (-R v_i, a+) / omega,       d/d v_i = M (0, -R).
 
-Nothing is divided by a speed: the equations stay regular where an impact grazes. Every flight is
-taken in equal steps on the Taylor series of ``step.series``, which is the exact flow to rounding.
+There is no division by a speed, so the equations stay regular where an impact grazes. Every flight
+is taken in equal steps on the Taylor series of ``step.series``, which is the exact flow to
+rounding.
 
-A root may pass through the stop between its impacts. It does not where no flight meets the stop
-before its end. That is proved on every step as the rule ``exact`` does it, by
-``step.series.first_crossing``; the roots at the launch and at the landing are divided out.
+A root may pass through the stop between its impacts. It does not if no flight meets the stop before
+its end. This is proved for every step as in the rule ``exact``, by ``step.series.first_crossing``;
+the roots at the launch and at the landing are divided out.
 
-Unknowns are scaled: speeds by V, displacements by V / omega, so that all are of the order of 1.
+Unknowns are scaled, speeds by V and displacements by V / omega, so that all are of order 1.
 """
 
 from __future__ import annotations
@@ -43,14 +44,14 @@ from vibroimpact.step.series import (
 )
 from vibroimpact.step.trigonometry import sin_cos
 
-#: A flight counts as below the stop where it passes it by less than so many roundings.
+#: A flight counts as below the stop if it passes the stop by less than this number of roundings.
 _ROUNDINGS = 32.0 * 2.0**-52
-#: The limit of the work: time steps of a repetition.
+#: Most time steps of a repetition.
 MOST_ORBIT_STEPS = 2**15
 
 
 class TimeSteps(NamedTuple):
-    """The steps of a flight: how many, how long, as a phase too, and the equation."""
+    """The steps of a flight: their number, their length as time and as phase, and the equation."""
 
     n: int
     T: float
@@ -60,7 +61,7 @@ class TimeSteps(NamedTuple):
 
 @jit
 def parameters(values):
-    """Return the parameters in an array of six by name."""
+    """Return the ``Parameters`` stored in an array of six."""
     return Parameters(values[0], values[1], values[2], values[3], values[4], values[5])
 
 
@@ -71,14 +72,14 @@ def values_of(osc: Oscillator) -> np.ndarray:
 
 @jit
 def time_steps(values, m, q):
-    """Return about how many time steps the flights of a repetition are divided into."""
+    """Return the approximate number of time steps that the flights of a repetition take."""
     pt = parameters(values)
     return abs(m * 2.0 * math.pi * ((2.0 * pt.h + pt.p) / pt.omega + 1.0) / LONGEST_STEP) + q
 
 
 @jit
 def _divide(tau, pt, least):
-    """Divide a flight into time steps, `least` at the least."""
+    """Divide a flight into time steps, at least `least`."""
     n = max(float(least), math.ceil((2.0 * pt.h + pt.p + pt.omega) * tau / LONGEST_STEP))
     T = tau / n
     return TimeSteps(int(n), T, pt.omega * T, coefficients_of(pt))
@@ -117,10 +118,11 @@ def phase_of_landing(m, X, q, i):
 def residuals(values, m, speed, X, q):
     """Return the residuals of all flights and their derivatives.
 
-    Of X, shape (2 q, ...), are looked at the phase of each impact, and its speed in units of
-    `speed`, in turn. F, shape (q, 2), is inf where an impact does not come after the one before
-    it, or where the repetition has more time steps than ``MOST_ORBIT_STEPS``. A and B, shape
-    (q, 2, 2), are the derivatives with respect to the impact before the flight and that after it.
+    X, shape (2 q, ...), begins with the phase of each impact and its speed in units of `speed`,
+    alternating; further elements are ignored. F, shape (q, 2), is inf if an impact does not come
+    after the previous one, or if the repetition has more time steps than ``MOST_ORBIT_STEPS``. A
+    and B, shape (q, 2, 2), are the derivatives with respect to the impact before the flight and the
+    impact after it.
     """
     pt = parameters(values)
     F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
@@ -153,14 +155,14 @@ def residuals(values, m, speed, X, q):
 
 @jit
 def _without_launch(c, zeros):
-    """Divide the polynomial of a flight's first step by u, its root at the launch."""
+    """Divide the polynomial of the first step of a flight by u^zeros, its root at the launch."""
     for j in range(TERMS):
         c[j] = c[j + zeros] if j + zeros < TERMS else 0.0
 
 
 @jit
 def _without_landing(c):
-    """Divide the polynomial of a flight's last step by 1 - u, its root at the landing."""
+    """Divide the polynomial of the last step of a flight by 1 - u, its root at the landing."""
     total = 0.0
     for j in range(TERMS - 1, 0, -1):
         total -= c[j]
@@ -172,14 +174,14 @@ def _without_landing(c):
 
 @jit
 def zeros_of(R, X, q, i):
-    """Return how often flight i has a root at its launch and at its landing: twice at a graze."""
+    """Return the multiplicities of the roots of flight i at both ends: 1, or 2 at a graze."""
     landing = X[1 if i + 1 == q else 2 * i + 3]
     return 2 if R * X[2 * i + 1] == 0.0 else 1, 2 if landing == 0.0 else 1
 
 
 @jit
 def steps_of(pt, m, X, q, i):
-    """Return in how many steps flight i is taken."""
+    """Return the number of steps in which flight i is taken."""
     return _divide((phase_of_landing(m, X, q, i) - X[2 * i]) / pt.omega, pt, 1).n
 
 
@@ -187,9 +189,9 @@ def steps_of(pt, m, X, q, i):
 def polynomials(pt, m, speed, X, q, i, n, zeros):
     """Return x - clearance on flight i, divided by its roots at both ends, and its rounding.
 
-    The flight is taken in n steps at the least; `zeros` says how often the roots at its launch and
-    its landing are divided out. The polynomial of each step, shape (n, TERMS), is in powers of u
-    from 0 to 1; its rounding, shape (n,), is of the value.
+    The flight is taken in at least n steps. `zeros` are the multiplicities of the roots at launch
+    and landing that are divided out. The polynomial of each step, shape (n, TERMS), is in powers of
+    u from 0 to 1. The rounding, shape (n,), is that of its value.
     """
     flight = _divide((phase_of_landing(m, X, q, i) - X[2 * i]) / pt.omega, pt, n)
     C, rounding = np.empty((flight.n, TERMS)), np.zeros(flight.n)
@@ -206,7 +208,7 @@ def polynomials(pt, m, speed, X, q, i, n, zeros):
 
 @jit
 def is_below(c):
-    """Whether a polynomial is below zero on [0, 1], by its ends and its second derivative."""
+    """Whether a polynomial is proved negative on [0, 1] by its ends and its second derivative."""
     end, bend = 0.0, 0.0
     for j in range(TERMS):
         end += c[j]
@@ -216,13 +218,13 @@ def is_below(c):
 
 @jit
 def first_penetration(values, m, speed, X, q):
-    """Find the first flight that meets the stop before its end; arguments as of `residuals`.
+    """Find the first flight that meets the stop before its end; arguments as for `residuals`.
 
-    An impact of speed 0 grazes, and is a double root of both its flights. Returned are the number
-    of the flight, -1 if none does, which is the proof that the orbit stays below the stop between
-    its impacts; the phase where it meets the stop, that of its launch where it cannot leave the
-    stop; and the greatest height at which a flight that comes near the stop turns, divided by the
-    flight's roots, -inf if none does.
+    An impact of speed 0 grazes, and is a double root of both its flights. Returns the number of the
+    flight; the phase where it meets the stop, or that of its launch if it cannot leave the stop;
+    and the greatest height of a turning point near the stop, divided by the roots of its flight,
+    -inf if there is none. The number is -1 if no flight meets the stop. This proves that the orbit
+    stays below the stop between its impacts.
     """
     pt, highest = parameters(values), -math.inf
     for i in range(q):
@@ -246,7 +248,7 @@ def first_penetration(values, m, speed, X, q):
 def highest_turn(values, theta, v, tau):
     """Return the greatest local maximum of x - clearance in a flight of length tau; -inf if none.
 
-    It begins with the impact at phase `theta` with the speed `v` before it.
+    The flight begins with the impact at phase `theta` with the speed `v` before it.
     """
     pt = parameters(values)
     flight, c = _divide(tau, pt, 1), np.empty(TERMS)
@@ -256,7 +258,7 @@ def highest_turn(values, theta, v, tau):
         depth = 0.0
         for j in range(TERMS):
             depth += abs(c[j])
-        # So far below the stop it is met nowhere, and every turning point is seen.
+        # This far below the stop no root is found, so the search sees every turning point.
         c[0] -= 2.0 * depth
         _, turn = first_crossing(c, 0, 1.0)
         highest = max(highest, turn + 2.0 * depth)
@@ -265,7 +267,7 @@ def highest_turn(values, theta, v, tau):
 
 @jit
 def state_after(values, theta, v, tau):
-    """Return x - clearance, x' and x'' at a time after the impact at phase `theta`, speed `v`."""
+    """Return x - clearance, x' and x'' a time tau after the impact at phase theta with speed v."""
     pt = parameters(values)
     if not tau > 0.0:
         y, u = 0.0, -pt.R * v

@@ -1,20 +1,21 @@
 """One-impact orbits: their speed, phase, Floquet multipliers and existence.
 
 An orbit with one impact in n forcing periods, T = 2 pi n / omega, leaves the stop at the phase
-theta = omega t0 with the speed R v and is back with the speed v at the same phase. With the
-exact flow of eq. (1) over T (M from the state, G from the force)
+theta = omega t0 with the speed R v and returns with the speed v at the same phase. With the exact
+flow of eq. (1) over T (M from the state, G from the force)
 
     (sigma, v) = M (sigma, -R v) + G (sin theta, cos theta),    sigma the clearance,
 
-that is two equations, linear in (v, sin theta, cos theta): a line, to be cut with the cylinder
-sin^2 + cos^2 = 1. Its direction d is the cross product of the two equations' normals. Nothing
-is divided by p^2 - omega^2 or sin(Om T), so h = p, h > p, h = 0 with omega = p, and h = 0 with
-omega = 2p are not special. An intersection is an orbit if v > 0. At clearance 0 the line passes
-through the origin and there is one. Otherwise there may be two or none, and the two meet in a
-fold where the line touches the cylinder.
+these are two equations that are linear in (v, sin theta, cos theta). They describe a line, whose
+intersections with the cylinder sin^2 + cos^2 = 1 are sought. The direction d of the line is the
+cross product of the normals of the two equations. There is no division by p^2 - omega^2 or
+sin(Om T), so h = p, h > p, h = 0 with omega = p, and h = 0 with omega = 2p are not special. An
+intersection is an orbit if v > 0. At clearance 0 the line passes through the origin, and there is
+one such intersection. Otherwise there may be two or none; the two meet in a fold where the line
+touches the cylinder.
 
-Multipliers. With F- = (v, a-) and F+ = (-R v, a+) the rates before and after the impact, and
-D = diag(1, -R) its rule, the saltation matrix is D + (F+ - D F-) (1, 0) / v, where
+Multipliers. Let F- = (v, a-) and F+ = (-R v, a+) be the rates before and after the impact, and
+D = diag(1, -R) the impact rule. The saltation matrix is D + (F+ - D F-) (1, 0) / v, where
 
     a- = -2 h v - p^2 sigma - f sin theta,    a+ = 2 h R v - p^2 sigma - f sin theta.
 
@@ -23,11 +24,13 @@ In a+ + R a- the damping cancels: (1 + R) a, with a = -f sin theta - p^2 sigma, 
     P = S M,    S = [[-R, 0], [(1 + R) a / v, -R]],    det P = R^2 exp(-2 h T),
     trace P = -R (M00 + M11) + (1 + R) (a / v) M01.
 
-The multipliers are the eigenvalues of P. A flip (period doubling) is 1 + trace + det = 0, a fold
-1 - trace + det = 0. The latter is (omega / v) (d_s sin theta + d_c cos theta), so it has opposite
-signs at the two ends of the line's chord. Along d the speed increases: d_v = det G >= 0, as
-G = (I - M) X with X the steady response, det X = omega f^2 / D. Hence it is positive on the faster
-orbit and negative on the slower, a saddle, for every clearance; at clearance 0 there is no fold.
+The multipliers are the eigenvalues of P. At a flip (period doubling) 1 + trace + det = 0, at a fold
+1 - trace + det = 0. The latter sum is (omega / v) (d_s sin theta + d_c cos theta), so it has
+opposite signs at the two ends of the chord of the line. Along d the speed increases:
+d_v = det G >= 0, as G = (I - M) X with X the steady response and
+det X = omega f^2 / ((p^2 - omega^2)^2 + 4 h^2 omega^2). Hence, for every clearance, the sum is
+positive on the faster orbit and negative on the slower one, which is a saddle. At clearance 0 there
+is no fold.
 """
 
 from __future__ import annotations
@@ -45,15 +48,16 @@ from vibroimpact.step.contact import pressing
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 
 _EPS = float(np.finfo(float).eps)
-#: More forcing periods than this between two impacts are refused.
+#: Most forcing periods between two impacts; more are refused.
 MOST_FLIGHT_PERIODS = 100_000
-# A flight of more radians, of all its rates together, would take seconds to search for a touch.
+# Longest flight, in radians of all its rates together. A longer one would take seconds to search
+# for a touch.
 _LONGEST_FLIGHT = 2e6
 
 
 @dataclass(frozen=True)
 class OneImpactOrbit:
-    """A periodic orbit with one impact in `n` forcing periods; NaN where there is none.
+    """A periodic orbit with one impact in `n` forcing periods; all NaN if there is none.
 
     Attributes
     ----------
@@ -66,8 +70,8 @@ class OneImpactOrbit:
     trace, determinant : float
         Of the monodromy matrix.
     peak : float
-        Largest local maximum of x - clearance strictly between the impacts [length]; -inf where
-        there is none. Zero is a graze.
+        Largest local maximum of x - clearance strictly between the impacts [length]; -inf if there
+        is none. Zero is a graze.
     """
 
     n: int
@@ -89,7 +93,7 @@ class OneImpactOrbit:
 
     @property
     def stable(self) -> bool:
-        """Whether it exists and both multipliers are inside the unit circle."""
+        """Whether the orbit exists and both multipliers are inside the unit circle."""
         return self.exists and bool(np.all(np.abs(self.multipliers) < 1.0))
 
 
@@ -107,8 +111,8 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
     """Return [M00, M01, G00, G01, M10, M11, G10, G11] over `n` forcing periods, and 1 - M00.
 
     For h < p and far from resonance the flow is written in closed form: with A the complex steady
-    response, G = (I - M) (A, i omega A). The angle Om T is reduced exactly, so that the small
-    coefficients near a multiple of the natural period have all their digits. Elsewhere it is the
+    response, G = (I - M) (A, i omega A). The angle Om T is reduced exactly, so that coefficients
+    that are small near a multiple of the natural period keep all their digits. Otherwise it is the
     map of ``integrators.exact``.
     """
     T = n * osc.forcing_period
@@ -132,10 +136,11 @@ def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
 
 
 def _one_minus_xx(xx: float, xv: float, osc: Oscillator, T: float) -> float:
-    """Return 1 - xx without the cancellation where T is nearly a multiple of the natural period.
+    """Return 1 - xx without cancellation where T is nearly a multiple of the natural period.
 
-    det M = exp(-2 h T), vv = xx - 2 h xv and vx = -p^2 xv make
-    (xx - h xv)^2 = exp(-2 h T) - (p^2 - h^2) xv^2, whose difference from 1 is small with T and xv.
+    From det M = exp(-2 h T), vv = xx - 2 h xv and vx = -p^2 xv follows
+    (xx - h xv)^2 = exp(-2 h T) - (p^2 - h^2) xv^2. The difference of this from 1 is small where T
+    and xv are small.
     """
     root = xx - osc.h * xv
     if root <= 0.0:
@@ -145,13 +150,13 @@ def _one_minus_xx(xx: float, xv: float, osc: Oscillator, T: float) -> float:
 
 
 def _solve(osc: Oscillator, n: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return the map of the flight, and all (v, sin, cos) where the line cuts the cylinder."""
+    """Return the map of the flight, and each (v, sin, cos) where the line cuts the cylinder."""
     T = n * osc.forcing_period
     (xx, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = _flow(osc, n)
     R, sigma = osc.R, osc.clearance
     first, second = np.array([-R * xv, xs, xc]), np.array([-1.0 - R * vv, vs, vc])
     line = np.cross(first, second)
-    # What the two terms of its last components are made of, before they cancel.
+    # Size of the terms in the last two components of the line, before they cancel.
     terms = (1.0 + R) * math.hypot(xs, xc) + R * min(T, 1.0 / osc.p) * math.hypot(vs, vc)
     across = math.hypot(line[1], line[2])
     flow = np.array([[xx, xv], [vx, vv]])
@@ -172,9 +177,9 @@ def _solve(osc: Oscillator, n: int) -> tuple[np.ndarray, list[np.ndarray]]:
 def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]:
     """Return all orbits with one impact in `n` forcing periods, the slower first.
 
-    All solutions of the impact conditions with v > 0 are returned, also those whose flight
-    passes the stop (`exists` is False). A family with an undetermined speed, as without a
-    force, has no member here.
+    All solutions of the impact conditions with v > 0 are returned, even if their flight passes the
+    stop (`exists` is then False). A family of orbits whose speed is not determined, for example
+    without a force, is left out.
 
     Parameters
     ----------
@@ -185,19 +190,19 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     Returns
     -------
     tuple of OneImpactOrbit
-        None to two; at clearance 0 at most one.
+        Zero to two orbits; at most one at clearance 0.
 
     Raises
     ------
     TypeError
-        If `osc` is no Oscillator.
+        If `osc` is not an Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``, the flight is too long, because
-        omega is far below h or p, or its numbers overflow or underflow.
+        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``; if the flight is too long,
+        because omega is far below h or p; or if its numbers overflow or underflow.
 
     Notes
     -----
-    For clearance 0 and h = 0 this is, with k = pi n p / omega,
+    For clearance 0 and h = 0 the speed is given, with k = pi n p / omega, by
     v^2 {[(1 + R) cot(k) / (2 p)]^2 + [(1 - R) / (2 omega)]^2} = f^2 / (p^2 - omega^2)^2.
     """
     refuse_other("osc", osc, Oscillator)
@@ -221,7 +226,7 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
 def _orbit(
     osc: Oscillator, n: int, flow: np.ndarray, v: float, s: float, c: float
 ) -> OneImpactOrbit:
-    """Return the orbit with that speed, sin theta and cos theta."""
+    """Return the orbit with this speed, sin theta and cos theta."""
     phase = math.atan2(s, c) % (2.0 * math.pi)
     phase = 0.0 if phase == 2.0 * math.pi else phase
     kick = (1.0 + osc.R) * pressing(math.sin(phase), osc.at(osc.clearance)[0]) / v
@@ -236,9 +241,9 @@ def _orbit(
 
 
 def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
-    """Return the orbit with one impact in `n` forcing periods; of two, the faster.
+    """Return the orbit with one impact in `n` forcing periods; if there are two, the faster.
 
-    The slower of two is a saddle and never stable; `one_impact_orbits` returns it too.
+    The slower of two is a saddle and never stable; `one_impact_orbits` returns it, too.
 
     Parameters
     ----------
@@ -249,15 +254,15 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
     Returns
     -------
     OneImpactOrbit
-        Where the impact conditions have no solution with v > 0, all its numbers are NaN and
-        `exists` and `stable` are False.
+        If the impact conditions have no solution with v > 0, all its numbers are NaN, and `exists`
+        and `stable` are False.
 
     Raises
     ------
     TypeError
-        If `osc` is no Oscillator.
+        If `osc` is not an Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``, the flight is too long, because
-        omega is far below h or p, or its numbers overflow or underflow.
+        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``; if the flight is too long,
+        because omega is far below h or p; or if its numbers overflow or underflow.
     """
     return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))

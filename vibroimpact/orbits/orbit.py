@@ -1,8 +1,8 @@
-"""A periodic orbit as its impacts, with its Floquet multipliers and its states at a section.
+"""A periodic orbit given by its impacts, with its Floquet multipliers and its states at a section.
 
 The sum of the multipliers is -c1 / c2, with det(S + mu T) = c0 + c1 mu + c2 mu^2
-(``corrector.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller keeps
-its digits.
+(``corrector.py``). Their product is known: R^(2q) exp(-4 pi h m / omega). So the smaller multiplier
+loses no digits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vibroimpact.oscillator import Oscillator
 
 @dataclass(frozen=True, eq=False)
 class PeriodicOrbit:
-    """A periodic orbit, known by its impacts.
+    """A periodic orbit, given by its impacts.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class PeriodicOrbit:
     m : int
         Forcing periods per repetition.
     phases : ndarray, shape (q,)
-        omega t of the impacts, increasing, within 2 pi m; the first in [0, 2 pi).
+        omega t of the impacts, increasing, over less than 2 pi m; the first is in [0, 2 pi).
     speeds : ndarray, shape (q,)
         Speeds before the impacts [length/time], >= 0; zero where an impact grazes.
     """
@@ -40,12 +40,12 @@ class PeriodicOrbit:
 
     @property
     def q(self) -> int:
-        """Impacts per repetition; 0 is the free oscillation."""
+        """Impacts per repetition; 0 for the free oscillation."""
         return len(self.phases)
 
     @cached_property
     def multipliers(self) -> np.ndarray:
-        """Both Floquet multipliers, complex, the larger first: infinite at a graze or overflow."""
+        """Both Floquet multipliers, complex, the larger first; infinite at a graze or overflow."""
         o = self.oscillator
         if self.q == 0:
             rate = np.sqrt(complex(o.h * o.h - o.p * o.p))
@@ -59,7 +59,7 @@ class PeriodicOrbit:
 
     @cached_property
     def characteristic(self) -> tuple[float, float, float]:
-        """c0, c1, c2 of c0 + c1 mu + c2 mu^2, which is zero at the multipliers, also at a graze."""
+        """c0, c1, c2 of c0 + c1 mu + c2 mu^2, whose roots are the multipliers, also at a graze."""
         return characteristic(*linearised(self)[1:])
 
     @property
@@ -70,7 +70,7 @@ class PeriodicOrbit:
     def sections(self, phase: float = 0.0) -> np.ndarray:
         """Return x and v at omega t = `phase` mod 2 pi, in time order, shape (m, 2).
 
-        An impact at `phase` itself gives the state after it.
+        For an impact at `phase` itself this is the state after it.
         """
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
         return np.array([self._state(theta) for theta in at.tolist()])
@@ -114,13 +114,13 @@ def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) ->
 
 
 def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
-    """Return phases and scaled speeds in turn, shape (2 q,), and the unit of speed."""
+    """Return phases and scaled speeds, alternating, shape (2 q,), and the unit of speed."""
     speed = unit_of_speed(orbit.oscillator, orbit.speeds)
     return np.column_stack([orbit.phases, orbit.speeds / speed]).ravel(), speed
 
 
 def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
-    """Return a speed of the order of those of an orbit: the greatest, or one of the system."""
+    """Return a typical speed of an orbit: its greatest, or that of the system if it is greater."""
     largest = float(np.abs(speeds).max(initial=0.0))
     return max(largest, osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance)) or 1.0
 
@@ -137,11 +137,11 @@ def free_orbit(osc: Oscillator) -> PeriodicOrbit:
 
 
 def dynamic_stiffness(osc: Oscillator) -> complex:
-    """Return the amplitude of the force over that of the steady motion without impacts."""
+    """Return the amplitude of the force divided by that of the steady motion without impacts."""
     return complex((osc.p - osc.omega) * (osc.p + osc.omega), 2.0 * osc.h * osc.omega)
 
 
 def steady_response(osc: Oscillator) -> complex:
-    """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf in resonance."""
+    """Return A of the steady motion without impacts, x = Im A exp(i omega t); inf at resonance."""
     stiffness = dynamic_stiffness(osc)
     return -osc.f / stiffness if stiffness else complex(math.inf)

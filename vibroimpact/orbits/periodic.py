@@ -1,6 +1,6 @@
-"""Periodic orbits are found by Newton's method from a motion or a guess, and proved to exist.
+"""Find periodic orbits by Newton's method from a motion or a guess, and prove that they exist.
 
-The unknowns are the phases and speeds of the impacts, the equations those of ``flights.py``.
+The unknowns are the phases and speeds of the impacts; the equations are those of ``flights.py``.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from vibroimpact.step.contact import IMPACT, REST
 from vibroimpact.step.recorder import trace
 from vibroimpact.step.scheme import scheme_of
 
-#: More impacts per repetition are not solved for.
+#: Most impacts per repetition of an orbit that is solved for.
 MOST_IMPACTS = 4096
-#: A motion is not followed over more time steps, impacts and sections than these.
+#: Most time steps, and most impacts and sections, over which a motion is followed.
 _MOST_FOLLOWED = 16 * MOST_ORBIT_STEPS
-#: Newton's method starts from the given state, and then from where the motion is later, after so
-#: many repetitions.
+#: Newton's method starts from the given state, then from later states of the motion, after these
+#: numbers of repetitions.
 _LATER = (0, 1, 4, 16, 64, 256)
-#: Iterations at the most: many, because beside a flip the first ones gain a third each.
+#: Most iterations. Near a flip each of the first ones removes only a third of the error.
 _MOST_ITERATIONS = 80
-#: An orbit misses its impacts by less than this share of its size.
+#: The impacts of an orbit miss the stop by less than this share of its size.
 _RESIDUAL = 1e-11
-#: How far beside a flipped orbit that of twice the period is sought: from beyond it, Newton's
-#: method comes down to it.
+#: Distances from a flipped orbit at which the search for the orbit of twice the period starts. They
+#: begin beyond that orbit, from where Newton's method comes down to it.
 _DISTANCES = (1e-1, 1e-2, 1e-3, 1e-4)
-#: An orbit repeats after a part of itself where its impacts do to within the first; where they do
-#: only to within the second, it may be that part, off because it is beside its flip.
+#: An orbit repeats a part of itself if its impacts do so to within the first. If they do so only to
+#: within the second, it may still be that part, inaccurate because the part is near its flip.
 _RETURN_TOLERANCE, _NEARLY = 1e-7, 1e-4
-#: What a root of the flights' equations violates that is no orbit.
+#: Why a root of the equations of the flights is not an orbit, by the kind of its violation.
 _VIOLATIONS = {
     "speed": "an impact would leave the stop instead of meeting it: its speed is negative",
     "rest": "the mass cannot leave the stop: it rests",
@@ -52,43 +52,43 @@ _VIOLATIONS = {
 
 
 class OrbitError(ValueError):
-    """There is no periodic orbit where one was sought; the text says why."""
+    """There is no periodic orbit where one was sought; the text gives the reason."""
 
 
 def periodic_orbit(
     osc: Oscillator, x: float, v: float, m: int = 1, phase: float = 0.0
 ) -> PeriodicOrbit:
-    """Find the periodic orbit of `m` forcing periods that a section state leads to.
+    """Find the periodic orbit of `m` forcing periods to which a section state leads.
 
-    The motion is followed over `m` forcing periods; its impacts are where Newton's method starts.
-    If that ends at no orbit, the motion is followed longer, several times over, as far as 16 times
-    ``MOST_ORBIT_STEPS`` time steps go.
+    The motion is followed over `m` forcing periods; Newton's method starts from its impacts. If
+    this does not lead to an orbit, the motion is followed longer, several times over, up to 16
+    times ``MOST_ORBIT_STEPS`` time steps.
 
     Parameters
     ----------
     osc : Oscillator
     x, v : float
-        Where to begin: a state at the section [length, length/time].
+        State at the section from which to begin [length, length/time].
     m : int
-        Forcing periods after which the orbit is to repeat; it may do so after a divisor of them.
-        They are ``MOST_ORBIT_STEPS`` time steps at the most: m (1 + (2 h + p) / omega) < 6831.
+        Forcing periods after which the orbit repeats; it may also repeat after a divisor of them.
+        They must take at most ``MOST_ORBIT_STEPS`` time steps: m (1 + (2 h + p) / omega) < 6831.
     phase : float
         omega t mod 2 pi of the section, in [0, 2 pi) [rad].
 
     Returns
     -------
     PeriodicOrbit
-        It stays below the stop between its impacts, which is proved; stable or not.
+        Stable or not. It is proved to stay below the stop between its impacts.
 
     Raises
     ------
     OrbitError
-        If there is none: the motion rests on the stop, or what Newton's method ends at is no orbit.
-        If it is not sought, because `m` periods are too many time steps, or have more than
-        ``MOST_IMPACTS`` impacts, or because the motion has too many.
+        If there is no such orbit: the motion rests on the stop, or Newton's method does not end at
+        an orbit. If the orbit is not sought, because `m` periods take too many time steps or have
+        more than ``MOST_IMPACTS`` impacts, or because the motion has too many impacts.
     TypeError, ValueError
-        If `osc` is no Oscillator, the state is not of numbers or beyond the stop, or `m` or `phase`
-        is not in its range.
+        If `osc` is not an Oscillator, the state is not numeric or is beyond the stop, or `m` or
+        `phase` is out of range.
     """
     refuse_other("osc", osc, Oscillator)
     m = whole("m", m, 1, MOST_ORBIT_STEPS)
@@ -111,7 +111,7 @@ def periodic_orbit(
 def _impacts_from(
     osc: Oscillator, state: tuple[float, float], m: int, phase: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray] | str]:
-    """Yield phases and speeds of the impacts in `m` periods of a motion, ever later; or why not."""
+    """Yield phases and speeds of the impacts in `m` periods, ever later in a motion; or why not."""
     before = 0
     for later in _LATER:
         periods = m * (later - before + 1)
@@ -141,7 +141,7 @@ def _impacts_from(
 def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
     """Find the orbit near a guess of its impacts by Newton's method, and prove that it is one.
 
-    The phases and speeds, shape (q,), are in time order. The orbit is that of the least m after
+    The phases and speeds, shape (q,), are in time order. The orbit returned has the least m after
     which it repeats. OrbitError if there is none.
     """
     q = len(phases)
@@ -153,12 +153,12 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
     family = OrbitFamily(PeriodicOrbit(osc, m, phases, speeds), ())
     converged = correct(family.system, family.start, np.empty((0, 2 * q)), _MOST_ITERATIONS)
     orbit = family.orbit(family.start)
-    # Twice around an orbit at its flip, the iteration ends in rounding.
+    # If the guess is an orbit at its flip taken twice, the iteration ends in rounding.
     if not converged and not np.abs(linearised(orbit)[0]).max() < _NEARLY**2:
         raise OrbitError("Newton's method does not converge")
     for misses, part in _parts(orbit):
-        # Beside the flip of an orbit, one of twice the period is found that is off by up to
-        # `_NEARLY`, and may be the orbit itself: it is that while it has not flipped.
+        # Near the flip of an orbit, a root of twice the period may differ from it by up to
+        # `_NEARLY` and still be the same orbit. It is the same if that orbit has not flipped.
         shorter = solved(osc, *part)
         if misses <= _RETURN_TOLERANCE or shorter.stable:
             return shorter
@@ -169,7 +169,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
 
 
 def refuse_long(osc: Oscillator, m: int, q: int) -> None:
-    """Refuse an orbit whose impacts or time steps are more than are solved for."""
+    """Raise an OrbitError if an orbit has more impacts or time steps than are solved for."""
     if q > MOST_IMPACTS:
         raise OrbitError(f"{q:,} impacts are more than the {MOST_IMPACTS:,} that are solved for")
     steps = time_steps(values_of(osc), m, 0)
@@ -181,7 +181,7 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
 
 
 def violation(orbit: PeriodicOrbit) -> str:
-    """Say why a root of the flights' equations is no orbit; nothing if it is one."""
+    """Return why a root of the equations of the flights is not an orbit; empty if it is one."""
     missed = np.abs(linearised(orbit)[0]).max()
     if not missed < _RESIDUAL:
         return f"its impacts miss the stop by {missed:.1e} of its size"
@@ -191,9 +191,9 @@ def violation(orbit: PeriodicOrbit) -> str:
 
 
 def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Find the stable orbit of twice the period beside an orbit that has flipped.
+    """Find the stable orbit of twice the period near an orbit that has flipped.
 
-    OrbitError if it has not, or none is found.
+    OrbitError if the orbit has not flipped, or none is found.
     """
     mu = orbit.multipliers[0]
     if orbit.q == 0 or mu.imag or not -math.inf < mu.real < -1.0:
@@ -217,7 +217,7 @@ def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:
 
 
 def least(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Return an orbit as one of the fewest periods: itself, or the part that it repeats."""
+    """Return an orbit with its least period: itself, or the part that it repeats."""
     for misses, (m, phases, speeds) in _parts(orbit):
         if misses <= _RETURN_TOLERANCE:
             return PeriodicOrbit(orbit.oscillator, m, phases, speeds)
@@ -227,7 +227,7 @@ def least(orbit: PeriodicOrbit) -> PeriodicOrbit:
 def _parts(
     orbit: PeriodicOrbit,
 ) -> Iterator[tuple[float, tuple[int, np.ndarray, np.ndarray]]]:
-    """Yield the parts that an orbit nearly repeats, and by how much it misses; shortest first."""
+    """Yield the parts that an orbit nearly repeats, and their deviations; the shortest first."""
     z = scaled(orbit)[0].reshape(-1, 2)
     for k in range(orbit.m, 1, -1):
         if orbit.m % k or orbit.q % k:

@@ -1,13 +1,13 @@
-"""The special points of a step: flips, folds, cusps, meetings, and how a path ends, to rounding.
+"""The special points of a step, located to rounding: flips, folds, cusps, meetings, and ends.
 
-The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). A
-graze is where an impact's speed is zero, or where a flight between two impacts touches the stop.
-Both count as an impact of speed zero, so one condition finds them. An orbit of twice the period
-becomes one of half its period where its two halves change places.
+The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). At a
+graze the speed of an impact is zero, or a flight between two impacts touches the stop. Both count
+as an impact of speed zero, so one condition finds them. An orbit of twice the period becomes one of
+half its period where its two halves change places.
 
-On a curve of folds, cusps are where the parameters turn back together. A curve of grazes meets
-curves of flips and of folds where the middle coefficient of det(S + mu T) vanishes; these end
-there, and wherever else their orbit grazes.
+Cusps are points on a curve of folds where both parameters turn back together. A curve of grazes
+meets curves of flips and folds where the middle coefficient of det(S + mu T) vanishes. The curves
+of flips and folds end there, and wherever else their orbit grazes.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from vibroimpact.orbits.orbit import PeriodicOrbit
 #: A bifurcation that was found belongs to the path if it is closer to it than this, in scaled
 #: unknowns.
 NEARBY_DISTANCE = 1e-3
-#: An impact that is slower than this where a path ends grazes, in the unit of speed; so does a
-#: flight that turns so near the stop. Where all impacts of a long orbit graze at once, Newton's
-#: method fails at 1e-6.
+#: At the end of a path, an impact slower than this, in the unit of speed, grazes; so does a flight
+#: that turns as near to the stop. The value is not smaller because Newton's method fails at 1e-6
+#: where all impacts of a long orbit graze at once.
 _GRAZES = 1e-5
 
 
 def special_points(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the kinds and the unknowns of the special points within a step, in order.
 
-    They are the flips and folds of a branch, the cusps of a curve of folds, and the ``flip`` and
-    ``fold`` whose curves meet a curve of grazes.
+    These are the flips and folds of a branch, the cusps of a curve of folds, and on a curve of
+    grazes the ``flip`` and ``fold`` where curves of these kinds meet it.
     """
     if step.family.kind == "":
         located = [(step.place(X), kind, X) for kind, X in _bifurcations(step)]
         for _, kind, X in sorted(located, key=lambda item: item[0]):
             yield kind, X
     elif step.family.kind == "graze":
-        # Without damping the coefficient may be zero along the whole curve; then only rounding
-        # decides its sign.
+        # Without damping the coefficient may be zero along the whole curve; its sign is then
+        # rounding.
         crosses = _crossing(step, -2) is not None
         meeting = step.root(partial(step.family.test, -2)) if crosses else None
         if meeting is not None:
@@ -92,8 +92,9 @@ def _heading(step: PathStep, X: np.ndarray) -> np.ndarray:
 def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     """Return how a path that is not closed ends, its last point, and the orbit there.
 
-    It ends at an ``edge``, ``lost``, in a ``graze``, in ``rest`` if the force presses then, or in
-    ``penetration``. At the graze of a branch the orbit has the impact of speed zero.
+    It ends at an ``edge``, in a ``graze``, in ``rest`` if the force presses at the graze, in
+    ``penetration``, or is ``lost``. At the graze of a branch the orbit has the impact of speed
+    zero.
     """
     family, X, violation = step.family, step.end.X, step.violation
     kind = "lost" if violation is None or violation.kind == "speed" else "penetration"
@@ -112,7 +113,7 @@ def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
 def _graze(
     family: OrbitFamily, X: np.ndarray, violation: Violation
 ) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
-    """Return the graze beside the end of a branch, as `ending` does; None if there is none."""
+    """Return the graze near the end of a branch, as `ending` does; None if there is none."""
     grazing, Y, index = family, X, violation.at
     if violation.kind == "penetration":
         grazing, Y = _with_touch(family, X, violation)
@@ -131,7 +132,7 @@ def _with_touch(
 ) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family and the point with one more impact, of speed zero.
 
-    The impact is at the top of the flight that crosses the stop.
+    This impact is at the highest point of the flight that crosses the stop.
     """
     at, values = violation.at, parameters_at(family.system, X)
     omega, theta, v = family.oscillator(X).omega, X[2 * at], X[2 * at + 1] * family.speed
@@ -172,13 +173,13 @@ def halving(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
 
 
 def _unlike(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
-    """Return by how much the second half of an orbit differs from the first, shape (q / 2, 2)."""
+    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
     z = X[: 2 * family.q].reshape(2, -1, 2)
     return z[1] - z[0] - np.array([math.pi * family.m, 0.0])
 
 
 def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a flip X as a point of the orbits of twice the period, and the direction they take.
+    """Return a flip X as a point of the orbits of twice the period, and their direction there.
 
     `speed` is the unit of speed of the orbits of twice the period.
     """
