@@ -1,1 +1,1 @@
-"""Measurements of the methods themselves: accuracy, speed and stability, each from runs."""
+"""Measurements of the methods: accuracy, speed and stability, all from runs."""

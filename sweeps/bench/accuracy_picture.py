@@ -1,4 +1,4 @@
-"""The work-precision diagram: errors over the cost of a forcing period, one line per method."""
+"""The work-precision diagram: error over cost of a forcing period, with one line per method."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sweeps.bench.work_precision import MEAN, METHOD, NO_DIGIT, efficient_fronti
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact.step.integrators import INTEGRATORS
 
-#: Title, scene and kind of error of the panels; the first is the wide one.
+#: Title, scene and kind of error of each panel; the first panel is the wide one.
 PANELS = (
     ("section state, geometric mean of five scenes", MEAN, ORBIT_ERRORS[0]),
     ("impact time, same scenes", MEAN, ORBIT_ERRORS[1]),
@@ -26,12 +26,12 @@ PANELS = (
     ("section state: chatter and rest", CHATTER.name, ORBIT_ERRORS[0]),
     ("section state: near grazing", GRAZING.name, ORBIT_ERRORS[0]),
 )
-# Colours of Okabe and Ito. A rule has a colour, an integrator a marker.
+# Colours of Okabe and Ito. Each rule has a colour, each integrator a marker.
 _GREEN, _PURPLE, _SKY, _YELLOW = "#009E73", "#CC79A7", "#56B4E9", "#F0E442"
 RULES = {"plain": VERMILION, "reduced-step": BLUE, "cubic": _GREEN, "exact": "black"}
 MARKERS = dict(zip(INTEGRATORS, "x+^sDov<>PXp", strict=False))
 PEER_COLOURS = {"SciPy RK45": ORANGE, "SciPy DOP853": _PURPLE, "heyoka": _SKY}
-# The methods whose order is written beside their line.
+# The methods whose order is written next to their line.
 _LABELLED = (
     Method("exact", "plain"),
     Method("exact", "reduced-step"),
@@ -46,8 +46,8 @@ _BAND: dict[str, Any] = {"color": _YELLOW, "linewidth": 6.0, "alpha": 0.6}
 def picture(measured: pd.DataFrame) -> Figure:
     """Draw a panel per kind of error, with its lines, their orders and the efficient frontier.
 
-    `measured` is from `work_precision.with_orders`. Of a single scene, as a sweep, there are the
-    first three of ``PANELS``.
+    `measured` is from `work_precision.with_orders`. For a single scene, such as a sweep, only the
+    first three of ``PANELS`` are drawn.
     """
     main = main_scene(measured)
     panels: Sequence[tuple[str, str, str]] = PANELS
@@ -78,13 +78,13 @@ def picture(measured: pd.DataFrame) -> Figure:
 
 
 def _seconds(measured: pd.DataFrame, peers: bool) -> tuple[float, float]:
-    """Return a range of the abscissa: with the peers, which may be far slower, or without."""
+    """Return the range of the abscissa, with or without the peers, which may be far slower."""
     ours = measured if peers else measured[measured["steps_per_period"].notna()]
     return 0.7 * ours["seconds_per_period"].min(), 3.0 * ours["seconds_per_period"].max()
 
 
 def _draw_panel(panel: Axes, drawn: pd.DataFrame) -> None:
-    """Draw what has a place on a logarithmic chart, with a right digit."""
+    """Draw the errors that have a right digit and a place on a logarithmic chart."""
     panel.set(xscale="log", yscale="log")
     panel.grid(color="#DDDDDD", linewidth=0.4)
     slowest = panel.get_xlim()[1]
@@ -113,7 +113,7 @@ def _look(method: Method) -> dict[str, Any]:
 
 
 def _label_orders(panel: Axes, drawn: pd.DataFrame) -> None:
-    """Write orders beyond the fine ends of their lines, apart from one another and from points."""
+    """Write orders at the fine ends of their lines, clear of one another and of points."""
     finest = drawn.groupby(METHOD, sort=False).tail(1).dropna(subset="measured_order")
     ends = [one for one in finest.itertuples() if (one.integrator, one.impact) in _LABELLED]
     ours = drawn[drawn["impact"].isin(list(RULES))]
@@ -152,7 +152,7 @@ def _note(panel: Axes, height: float, text: str, colour: str) -> None:
 
 
 def _handles(measured: pd.DataFrame) -> tuple[list[Line2D], int]:
-    """Return the legend, and its columns: of rules, of integrators, and of peers if any."""
+    """Return the entries of the legend, and the number of its columns, with one for any peers."""
     rows = measured[METHOD].drop_duplicates().itertuples(index=False)
     peers = [Method(*row) for row in rows if row.impact not in RULES]
     columns = [

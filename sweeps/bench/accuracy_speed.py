@@ -1,9 +1,9 @@
 """Accuracy against speed: the errors of every method on every scene, and its cost per period.
 
-All methods run interleaved, each round over all of them, so that a drift of the machine affects
-all alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of steps
-from n to 1.1 n, a different number in every round, so that impacts fall on other places within a
-step. Errors are root mean squares over the rounds.
+All methods run interleaved, each round over all of them, so that a drift of the machine affects all
+of them alike; the best time of the rounds counts. A rung n of the ladder stands for numbers of
+steps from n to 1.1 n, a different number in every round, so that impacts fall on different places
+within a step. Errors are root mean squares over the rounds.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from sweeps.bench.scenes import (
 )
 from sweeps.config.sweep import SweepConfig
 
-#: Steps of one timed run at least, all points together; with fewer, the call itself would be timed.
+#: Least steps of a timed run, all points together; with fewer, mainly the call would be timed.
 _LEAST_WORK = 1_500_000
-#: What a peer finds of an orbit; the state between its steps is beyond this comparison.
+#: The errors that are measured for a peer; the state between its steps is not compared.
 _PEER_KINDS = ("section state", "impact time", "impact speed")
 
-#: The columns of the table of measurements, and the types of those that may have no value.
+#: The columns of the table of measurements; below, the types of those that may have no value.
 COLUMNS = [
     "scene",
     "error_kind",
@@ -70,7 +70,7 @@ class Plan:
     tolerances : tuple of float
         Relative tolerances of the peers.
     thinning : int
-        Every so many-th point of a scene is given to the peers.
+        Only every such point of a scene is given to the peers.
     """
 
     ladder: tuple[int, ...] = (12, 25, 50, 100, 200, 400, 800, 1600, 3200)
@@ -92,7 +92,7 @@ QUICK = Plan(
 
 
 def plan_of(config: SweepConfig, plan: Plan) -> Plan:
-    """Return what to measure of a sweep: no peers, and also the fewest steps of exact impacts."""
+    """Return a plan for a sweep: without peers, and also with the fewest steps of exact impacts."""
     scene = of_sweep(config)
     ladder = {*plan.ladder, least_steps(EXACT, scene.points)}
     return replace(plan, scenes=(scene,), ladder=tuple(sorted(ladder)), peers=())
@@ -105,17 +105,18 @@ def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = Fals
     ----------
     plan : Plan
     threads : int, optional
-        Threads of the kernel; all by default. Peers have one.
+        Threads of the kernel; all by default. Peers use one.
     progress : bool
         Whether to show the runs done and the time left on stderr.
 
     Returns
     -------
     DataFrame
-        A row for each error, with the columns ``scene``; ``error_kind``, of `Scene.errors`;
-        ``integrator`` and ``impact``, of a peer its name and ``events``; ``steps_per_period``, none
-        where the solver chooses them; ``tolerance``, of a peer alone; ``error``, free of units, NaN
-        or inf where the method failed; and ``seconds_per_period``, of the forcing.
+        A row for each error, with the columns ``scene``; ``error_kind``, as in `Scene.errors`;
+        ``integrator`` and ``impact``, for a peer its name and ``events``; ``steps_per_period``,
+        missing if the solver chooses them; ``tolerance``, only for a peer; ``error``,
+        dimensionless, NaN or inf if the method failed; and ``seconds_per_period``, per forcing
+        period.
     """
     runs, peer_runs = list(_runs(plan)), list(_peer_runs(plan))
     rows: list[tuple] = []
@@ -136,7 +137,7 @@ def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = Fals
         for turn in range(plan.rounds):
             for run in runs:
                 scene, rung, method = run
-                if run not in failed:  # it might never end
+                if run not in failed:  # a failed run might never end
                     steps = _steps(rung, turn, plan.rounds)
                     results, seconds = _timed(scene, method, steps, threads)
                     errors = scene.errors(truths[scene.name], results)
@@ -157,7 +158,7 @@ def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = Fals
 
 
 def _runs(plan: Plan) -> Iterator[_Run]:
-    """Yield the runs of a round: of each scene and rung all methods in turn."""
+    """Yield the runs of a round: for each scene and rung, all methods in turn."""
     for scene in plan.scenes:
         for rung in plan.ladder:
             for method in plan.methods:
@@ -166,12 +167,12 @@ def _runs(plan: Plan) -> Iterator[_Run]:
 
 
 def _steps(rung: int, turn: int, rounds: int) -> int:
-    """Return the steps of one round, spread evenly by the golden ratio."""
+    """Return the number of steps in one round; the golden ratio spreads the rounds evenly."""
     return rung + round(max(rounds, 0.1 * rung) * (0.618034 * turn % 1.0))
 
 
 def _peer_runs(plan: Plan) -> Iterator[tuple[Scene, str, float]]:
-    """Yield what the peers can do: a complete chatter has more events than they can count."""
+    """Yield the runs of peers; without a complete chatter, whose events would never end."""
     for scene in plan.scenes:
         if scene is not CHATTER and scene.impacts:
             for name in plan.peers:
@@ -194,7 +195,7 @@ def _timed(
 
 
 def _root_mean_square(values: pd.Series) -> float:
-    return float(np.sqrt(np.mean(values.to_numpy() ** 2)))  # of NaN: NaN
+    return float(np.sqrt(np.mean(values.to_numpy() ** 2)))  # NaN if a value is NaN
 
 
 def _peer_errors(

@@ -1,7 +1,7 @@
-"""General solvers with events, to compare with: SciPy, and heyoka with the extra ``peers``.
+"""General solvers with events, for comparison: SciPy, and heyoka with the extra ``peers``.
 
-They are driven as their users would drive them. Neither knows a rest, so a complete chatter would
-have no end for them.
+They are used as their users would use them. Neither of them knows rests, so a complete chatter
+would never end for them.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 from sweeps.bench.scenes import EXACT, Scene, least_steps
 from vibroimpact import integrate
 
-#: Runs are repeated for so long, at least once.
+#: Runs are repeated for at least this time, at least once.
 _LEAST_SECONDS = 0.1
 
 
 class Flight(NamedTuple):
-    """A motion as a solver computed it: last state, times and speeds of the impacts."""
+    """A motion computed by a solver: its last state, and times and speeds of its impacts."""
 
     x: float
     v: float
@@ -31,12 +31,12 @@ class Flight(NamedTuple):
     impact_v: list[float]
 
 
-#: (point, x, v, t, end) -> Flight: follow one oscillator from the state (x, v) at t.
+#: (point, x, v, t, end) -> Flight: follows one oscillator from the state (x, v) at t.
 Follow = Callable[[Any, float, float, float, float], Flight]
 
 
 def solve_ivp(method: str, tolerance: float) -> Follow:
-    """Return SciPy's `solve_ivp` with a terminal event, started anew after every impact."""
+    """Return SciPy's `solve_ivp` with a terminal event, restarted after every impact."""
     from scipy.integrate import solve_ivp
 
     def follow(point: Any, x: float, v: float, t: float, end: float) -> Flight:
@@ -65,7 +65,7 @@ def solve_ivp(method: str, tolerance: float) -> Follow:
             if solution.status == 1:
                 impact_t.append(t)
                 impact_v.append(v)
-                # The root at the launch itself must not be found again.
+                # Start below the stop, so that the root at the launch is not found again.
                 x, v = stop - 1e-13, -R * v
         return Flight(x, v, impact_t, impact_v)
 
@@ -112,15 +112,15 @@ def heyoka(tolerance: float) -> Follow:
 
 @dataclass(frozen=True)
 class Peer:
-    """A solver to compare with.
+    """A solver for comparison.
 
     Attributes
     ----------
     name : str
     prepare : callable
-        From a relative tolerance, what follows a motion.
+        Returns, for a relative tolerance, the function that follows a motion.
     module : str
-        What must be installed.
+        The module that must be installed.
     """
 
     name: str
@@ -129,7 +129,7 @@ class Peer:
 
     @property
     def installed(self) -> bool:
-        """Whether it can be run here."""
+        """Whether the solver can be run here."""
         return importlib.util.find_spec(self.module) is not None
 
     def run(self, scene: Scene, tolerance: float) -> tuple[dict[str, np.ndarray], float]:
@@ -140,7 +140,7 @@ class Peer:
         results : dict of str to ndarray
             As from `Scene.run`; the deepest penetration is not known.
         seconds : float
-            Per forcing period, the best of several runs, without the preparation.
+            Seconds per forcing period, the best of several runs, without the preparation.
         """
         points = scene.points
         first = integrate(

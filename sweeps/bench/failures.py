@@ -1,7 +1,7 @@
 """Where the methods fail: a scene for each failure, a figure measured in a run, and its limit.
 
-The method ``to the letter`` is the paper's procedure unchanged, ``vibroimpact.paper``. It starts
-from rest at the stop, so figures that need another start are not measured for it.
+The method ``to the letter`` is the paper's procedure taken literally, ``vibroimpact.paper``. It
+starts from rest at the stop, so figures that need another start are not measured for it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sweeps.text import table
 from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
 
 LETTER = Method("newmark", "to the letter")
-#: Without ``exact`` under the rules of time stepping, which fails here as ``rk4`` does.
+#: The integrator ``exact`` with the rules of time stepping is left out: it fails as ``rk4`` does.
 METHODS: Sequence[Method] = (
     LETTER,
     *(
@@ -29,31 +29,31 @@ METHODS: Sequence[Method] = (
     EXACT,
 )
 
-#: Steps per period, where not said otherwise; the rule ``exact`` takes its own.
+#: Steps per period, unless said otherwise; the rule ``exact`` chooses its own.
 STEPS = 100
-#: Behind a figure that is a failure.
+#: Marks a figure that is a failure.
 MARK = "!"
-# As many columns as 80 letters hold.
+# Columns of a table that fit into 80 characters.
 _PER_TABLE = 4
-#: Of a CSV file.
+#: Columns of the CSV file.
 COLUMNS = ("method", "figure", "scene", "value")
 
 Figures = Mapping[tuple[Method, str], float]
 
 #: The chatter of a slow force, which ends at 12.41264; the mass then rests for 8.53.
 CHATTER = Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0)
-#: Long chatters that never end: nothing rests.
+#: Long chatters that never become complete: nothing rests.
 ENDLESS = (Oscillator(h=0.5, R=0.8, omega=0.6, f=1.0), Oscillator(h=0.5, R=0.95, omega=0.4, f=1.0))
 #: The paper's fully dissipative case: four impacts per period, the slowest at the speed 0.0365.
 PAPER = Oscillator(h=0.5, R=0.5, omega=1.0, f=1.0)
 PAPER_IMPACTS, PAPER_SLOWEST = 80, 0.036454221377120
 #: The first flight touches the stop at this time, at the speed 0.0039.
 GRAZE, GRAZE_TIME = Oscillator(h=0.1, R=0.8, omega=3.0383, f=1.0), 2.8308
-#: Free motion that loses nothing.
+#: Free motion without any loss.
 FREE = Oscillator(h=0.0, R=1.0, omega=101.37 / 100.0, f=0.0)
 #: Two attractors: 1 impact in 1 period, and 3 impacts in 2 periods.
 COEXISTING = Oscillator(h=0.02, R=0.8, omega=1.3, f=1.0)
-#: At four steps per period p T = pi here, beyond every limit but that of an unlimited integrator.
+#: At four steps per period p T = pi, beyond the limit of every integrator that has one.
 COARSE, COARSE_STEPS = Oscillator(h=0.0, R=0.8, omega=0.5, f=1.0), 4
 
 
@@ -63,17 +63,17 @@ class Failure(NamedTuple):
     Attributes
     ----------
     name : str
-        Of the figure.
+        Name of the figure.
     scene : str
-        What is run, and what the figure is.
+        What is run, and what the figure means.
     digits : str
         Format of the figure.
     fails : callable
         Whether a figure is a failure.
     to_the_letter : bool
-        Whether it can be measured of the method ``to the letter``.
+        Whether it can be measured for the method ``to the letter``.
     measure : callable
-        The figure of a method; NaN where it cannot be measured.
+        Returns the figure of a method; NaN if it cannot be measured.
     """
 
     name: str
@@ -90,7 +90,7 @@ FAILURES: list[Failure] = []
 def _failure(
     name: str, scene: str, digits: str, fails: Callable[[float], bool], to_the_letter: bool = True
 ) -> Callable[[Callable[[Method], float]], None]:
-    """Enter the function that is decorated into ``FAILURES``."""
+    """Return a decorator that adds a function to ``FAILURES``."""
     return lambda measure: FAILURES.append(
         Failure(name, scene, digits, fails, to_the_letter, measure)
     )
@@ -108,7 +108,7 @@ def measure(methods: Sequence[Method] = METHODS) -> Figures:
 
 
 def tables(figures: Figures) -> Iterator[str]:
-    """Yield the failures, a row per method, in tables that fit a terminal, with their scenes."""
+    """Yield the figures in tables that fit a terminal, a row per method, with their scenes."""
     yield f"Where methods fail ({MARK}), at {STEPS} steps per period unless said otherwise\n"
     methods = dict.fromkeys(method for method, _ in figures)
     for start in range(0, len(FAILURES), _PER_TABLE):
@@ -122,7 +122,7 @@ def tables(figures: Figures) -> Iterator[str]:
 
 
 def shown(failure: Failure, figure: float) -> str:
-    """Write a figure, marked where it is a failure."""
+    """Return a figure as text, marked if it is a failure."""
     if math.isnan(figure):
         return ""
     if math.isinf(figure) and not failure.fails(figure):
@@ -181,7 +181,7 @@ def _impacts_at_rest(method: Method) -> float:
     "each, where nothing rests",
     ".0f",
     lambda count: count > 0,
-    to_the_letter=False,  # the procedure to the letter has no rests
+    to_the_letter=False,  # the literal procedure has no rests
 )
 def _false_rests(method: Method) -> float:
     runs = [simulate(oscillator, 20, *method, _steps(method)) for oscillator in ENDLESS]
@@ -209,7 +209,7 @@ def _penetration(method: Method) -> float:
     to_the_letter=False,
 )
 def _smallest_touch(method: Method) -> float:
-    """Bisect for the depth: the free flight x = cos t, started 2.5 steps before its top."""
+    """Bisect for the depth, with the free flight x = cos t that starts 2.5 steps before its top."""
     T = 2.0 * math.pi / STEPS
     x0, v0 = math.cos(2.5 * T), math.sin(2.5 * T)
     missed, seen = -40.0, 40.0
@@ -266,7 +266,7 @@ def _slowest_impact(method: Method) -> float:
 
 @_failure(
     "astray",
-    "h = 0.02, R = 0.8, omega = 1.3, two attractors: of 64 starts, those that end on the other",
+    "h = 0.02, R = 0.8, omega = 1.3, two attractors: of 64 starts, those that end on the wrong one",
     ".0f",
     lambda count: count > 0,
     to_the_letter=False,

@@ -1,9 +1,9 @@
-"""The paper's three cases, without and with its procedure, and with its procedure to the letter.
+"""The paper's three cases: without its procedure, with it, and with it taken literally.
 
-The procedure suppresses the penetration, and is of order 2 instead of 1. Taken to the letter it
-is of order 1 where h > 0, because eq. (10) carries the acceleration across the impact, and it
-stalls in a chatter. ``vibroimpact.paper`` is the procedure to the letter; ``plain`` and
-``reduced-step`` are the rules of the kernel without and with it.
+The procedure suppresses the penetration, and is of order 2 instead of 1. Taken literally it is of
+order 1 where h > 0, because eq. (10) carries the acceleration across the impact, and it stalls in a
+chatter. ``vibroimpact.paper`` is the literal procedure, named ``to the letter`` here; ``plain`` and
+``reduced-step`` are the rules of the kernel without and with the procedure.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from vibroimpact.step.scheme import IMPACT_RULES
 
 #: Steps per period in the paper, and the forcing periods over which impacts are counted.
 STEPS, PERIODS = 100, 20
-#: Steps per period of the errors; each is the root mean square over ``SPREAD`` of them from
-#: there to 1.6 times as many, since it jumps with the phase of the impact within its step.
+#: Steps per period of the errors. Each error is the root mean square over ``SPREAD`` numbers of
+#: steps from there to 1.6 times as many, since it jumps with the phase of the impact in its step.
 LADDER, SPREAD = (25, 50, 100, 200, 400, 800, 1600), 8
-#: The error is that of the times and speeds of so many impacts from rest.
+#: The error is that of the times and speeds of the first impacts from rest, this many.
 FIRST = 4
 
 CASES: Mapping[str, Oscillator] = {
@@ -38,7 +38,7 @@ CASES: Mapping[str, Oscillator] = {
     )
 }
 
-#: A motion whose chatter completes, and the numbers of steps with which it is approached.
+#: A motion with a complete chatter, and the steps per period with which it is approached.
 CHATTER = Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0)
 STALLING = (100, 1000, 10_000)
 
@@ -52,7 +52,7 @@ PROCEDURES: Mapping[str, Callable[[Oscillator, int, int], Trajectory | PaperRun]
 
 @dataclass(frozen=True)
 class Measured:
-    """All that was measured.
+    """All measurements.
 
     Attributes
     ----------
@@ -60,16 +60,16 @@ class Measured:
         Steps per period of the errors.
     cases : DataFrame
         By case and procedure: ``deepest``, the deepest penetration, and ``impacts``, the number of
-        impacts in ``PERIODS`` forcing periods at the paper's step; ``errors``, inf where an impact
-        was lost for good; and their ``order``, fitted to the three smallest steps. Also the
+        impacts in ``PERIODS`` forcing periods, both at the paper's step; ``errors``, inf if an
+        impact is missing; and their ``order``, fitted to the three smallest steps. Also the
         ``impacts`` of the ``exact`` motion.
     chatter : Trajectory
         The exact motion of ``CHATTER`` over its first period.
     stalls : dict of int to PaperRun
-        The procedure to the letter, by steps per period.
+        The literal procedure, by steps per period.
     resolved : dict of (str, str) to (float, float)
-        By integrator and impact rule, the impacts per period and the speed of the slowest that
-        are found of the fully dissipative case at the paper's step.
+        By integrator and impact rule: impacts per period and speed of the slowest impact found in
+        the fully dissipative case at the paper's step.
     """
 
     ladder: Sequence[int]
@@ -88,7 +88,7 @@ class Measured:
 def measure(
     ladder: Sequence[int] = LADDER, spread: int = SPREAD, stalling: Sequence[int] = STALLING
 ) -> Measured:
-    """Run everything.
+    """Run all cases and measure them.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def measure(
     spread : int
         Runs per error.
     stalling : sequence of int
-        Steps per period with which the procedure is run into the chatter.
+        Steps per period with which the literal procedure is run into the chatter.
     """
     return Measured(
         ladder=ladder,
@@ -162,7 +162,7 @@ def _resolved() -> dict[tuple[str, str], tuple[float, float]]:
 
 
 def tables(measured: Measured) -> str:
-    """Return as tables what `measure` returned."""
+    """Return the results of `measure` as tables."""
     at, end = f"with T = 2 pi/{STEPS}", measured.chatter.rests[0, 0]
     names = list(PROCEDURES)
     scene = f"h = {CHATTER.h:g}, R = {CHATTER.R:g}, omega = {CHATTER.omega:g}"

@@ -24,12 +24,12 @@ _LOOKS = {
     "to the letter": ("with it, to the letter", ORANGE, "^"),
     "exact": ("exact", "black", ""),
 }
-#: What is drawn of the first period; all its impacts are there.
+#: The part of the first period that is drawn; it contains all impacts.
 _TIMES, _DISPLACEMENTS = (4.3, 6.6), (-0.12, 0.16)
 
 
 def picture(measured: paper.Measured) -> Figure:
-    """Draw one row per case, then the stall and the impacts that every method finds."""
+    """Draw a row per case, then the stall, and the impacts that every method finds."""
     figure = Figure(figsize=(5.4, 8.8), layout="constrained")
     rows = figure.add_gridspec(2, 1, height_ratios=(3.0, 1.3))
     panels = rows[0].subgridspec(3, 2).subplots(squeeze=False)
@@ -77,7 +77,7 @@ def _draw_stop(panel: Axes, name: str, case: pd.DataFrame) -> None:
 
 
 def _draw_errors(panel: Axes, ladder: Sequence[int], case: pd.DataFrame) -> None:
-    """Draw the error over the steps per period, with the order that it falls with."""
+    """Draw the error over the steps per period, and write its order."""
     for line, key in enumerate(paper.PROCEDURES):
         _, colour, marker = _LOOKS[key]
         panel.loglog(
@@ -115,7 +115,7 @@ def _draw_stalls(panel: Axes, measured: paper.Measured) -> None:
 
 
 def _draw_resolved(panel: Axes, measured: paper.Measured) -> None:
-    """Draw which methods find the impacts of the dissipative case, as a table."""
+    """Draw a table of which methods find the impacts of the dissipative case."""
     rules, integrators = list(IMPACT_RULES), list(INTEGRATORS)
     panel.set(xlim=(-0.6, len(rules) - 0.4), ylim=(len(integrators) - 0.5, -0.5))
     for (integrator, rule), (impacts, slowest) in measured.resolved.items():

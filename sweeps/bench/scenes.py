@@ -1,10 +1,10 @@
 """Scenes on which the methods are compared, and the errors of a run.
 
-A scene is not one point but 64 neighbours of it: whole blocks of lanes, as a sweep has them, and
-impacts that fall on different places within a step. Or it is 64 points of a sweep. Errors are root
-mean squares over them, against the rule ``exact``, and free of units: displacements, speeds and
-times are divided by V / omega, V and 2 pi / omega, with V the speed of the fastest true impact of
-the point, or of its section where it has no impact.
+A scene is not a single point but 64 neighbours of it: this fills whole blocks of lanes, as in a
+sweep, and impacts fall on different places within a step. A scene may also be 64 points of a sweep.
+Errors are root mean squares over these points, against the rule ``exact``, and are dimensionless:
+displacements, speeds and times are divided by V / omega, V and 2 pi / omega. V is the speed of the
+fastest true impact of the point, or a speed of its section if it has no impact.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES
 
-#: Neighbours of a scene's point.
+#: Number of points in a scene, neighbours of one point.
 NEIGHBOURS = 64
-#: The last impacts of a run that are kept, to find the counterparts of the true ones among them.
+#: Number of last impacts of a run that are kept, to find the counterparts of the true impacts.
 _KEPT = 8
 
-#: The errors of an orbit, as the pictures name them.
+#: The kinds of errors of an orbit, as in the pictures.
 ORBIT_ERRORS = ("section state", "impact time", "impact speed", "deepest penetration")
 
 
@@ -62,13 +62,13 @@ class Scene:
     phase : float
         omega t of the section; no impact is near it.
     impacts : int
-        How many of the last true impacts are compared.
+        Number of the last true impacts that are compared.
     recorded : int
-        Forcing periods before the section in which they lie.
+        Forcing periods before the section that contain these impacts.
     at_section : bool
-        Whether the points start at a section, not at t = 0.
+        Whether the points start at a section instead of at t = 0.
     timed : int or None
-        Forcing periods of a run that is timed, where those to the section are too few for it.
+        Forcing periods of a timed run, if those to the section are too few.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Scene:
         kept: int = _KEPT,
         periods: int | None = None,
     ) -> dict[str, np.ndarray]:
-        """Run all points, `copies` times over, with one method; returns as `integrate` does."""
+        """Run all points, `copies` times over, with one method; results as of `integrate`."""
         return integrate(
             np.tile(self.points, copies),
             **method._asdict(),
@@ -103,18 +103,18 @@ class Scene:
         )
 
     def truth(self) -> dict[str, np.ndarray]:
-        """Run all points with exact impacts, on steps of their own; returns as `integrate` does."""
+        """Run all points with exact impacts, on their own steps; results as of `integrate`."""
         return self.run(EXACT, 2 * least_steps(EXACT, self.points), kept=self.impacts)
 
     def errors(
         self, truth: Mapping[str, np.ndarray], run: Mapping[str, np.ndarray]
     ) -> dict[str, float]:
-        """Return the RMS errors of a run by kind, of those in ``ORBIT_ERRORS``.
+        """Return the RMS errors of a run by kind, with keys in ``ORBIT_ERRORS``.
 
-        States are compared directly or through an impact, and every true impact with the one found
-        at the nearest phase. Where none was found it counts as half a period late, and as without
-        speed. The section of a failed run has the error NaN. Without true impacts there are no
-        errors of these.
+        States are compared directly or through an impact. Every true impact is compared with the
+        impact found at the nearest phase. If none was found, it counts as half a period late and
+        as without speed. The section of a failed run has the error NaN. Errors of impacts are left
+        out if there are no true impacts.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class Scene:
         )
         V = truth["fastest_impact"]
         V = np.where(V > 0.0, V, np.hypot(omega * true_end[:, 0], true_end[:, 1]))
-        V = np.where(V > 0.0, V, 1.0)  # it never moves
+        V = np.where(V > 0.0, V, 1.0)  # the point never moves
         units = np.stack([V / omega, V], axis=1)
         phase, v = truth["impact_phase"], truth["impact_v"]
         real = np.isfinite(phase)
@@ -155,23 +155,23 @@ class Scene:
 
 
 def least_steps(method: Method, points: np.ndarray) -> int:
-    """Return the fewest steps per forcing period that a method takes at these points."""
+    """Return the fewest steps per forcing period that a method needs at these points."""
     if method.impact != EXACT.impact:
         return 1
     return int(steps_needed(points["h"], points["p"], points["omega"]).max())
 
 
 def _around(oscillator: Oscillator, offsets: Iterable[float]) -> np.ndarray:
-    """Return points with omega (1 + offset), which start at rest."""
+    """Return points that start at rest, with omega (1 + offset)."""
     return np.concatenate(
         [replace(oscillator, omega=oscillator.omega * (1.0 + offset)).at() for offset in offsets]
     )
 
 
 _OFFSETS = np.linspace(-0.005, 0.005, NEIGHBOURS)
-# The speed of an impact grows with the root of the distance from its graze: most are small.
+# The speed of an impact grows with the root of the distance from its graze; so most are small.
 _GRAZE_OFFSETS = np.geomspace(1e-8, 1e-3, NEIGHBOURS // 2)
-#: Where the first flight from rest touches the stop (h = 0.1).
+#: The omega at which the first flight from rest touches the stop (h = 0.1).
 _GRAZE = 3.03833647460949767
 
 
@@ -179,7 +179,7 @@ def _regular(name: str, h: float, R: float, omega: float, **options: Any) -> Sce
     return Scene(name, _around(Oscillator(h=h, R=R, omega=omega, f=1.0), _OFFSETS), **options)
 
 
-#: Motions without a rest or a graze: methods have their orders there.
+#: Motions without rests and grazes, on which methods show their orders.
 REGULAR = (
     _regular("conservative impacts", 0.5, 1.0, 1.0, periods=20, phase=math.pi, impacts=2),
     _regular("conservative motion", 0.0, 0.5, 1.0, periods=20, phase=math.pi, impacts=2),
@@ -210,7 +210,8 @@ SCENES = (*REGULAR, CHATTER, GRAZING)
 def of_sweep(config: SweepConfig) -> Scene:
     """Return points spread over a sweep, each from the state at the end of its record.
 
-    They are followed for one forcing period: longer, the errors of chaotic motions would say
+    They are followed for one forcing period: over a longer time the errors of chaotic motions would
+    say nothing. Each point is computed from its own start.
     nothing. Each point is computed from its own start.
 
     Raises

@@ -1,7 +1,7 @@
 """Forcing periods per second on this machine, and their share of its peak.
 
-The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of
-the affine map is eight of them; the share counts no other work of a method. All runs are
+The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of the
+affine map takes eight of them; the share counts no other work of a method. All runs are
 interleaved, and the best round of each counts, in wall time.
 """
 
@@ -24,10 +24,10 @@ from vibroimpact.step.scheme import default_steps
 #: Multiply-adds in a step of the affine map.
 PER_STEP = 8
 
-#: In turn: sums side by side in vector registers, multiply-adds on each at a time, and how often.
+#: Sums side by side in vector registers; multiply-adds on a sum at a time; repetitions of both.
 _SUMS, _CHAIN, _TIMES = 64, 8, 40_000
 
-#: What is timed, by name: arguments of `integrate`.
+#: What is timed, by name: the arguments of `integrate`.
 WORKS: Mapping[str, Mapping[str, Any]] = {
     "plain": {"integrator": "newmark", "impact": "plain"},
     "reduced-step": {"integrator": "newmark", "impact": "reduced-step"},
@@ -40,7 +40,7 @@ _ROUNDS = 10
 
 
 class Speed(NamedTuple):
-    """What was measured of one work.
+    """The measurement of one work.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Speed(NamedTuple):
     periods : dict of int to float
         Forcing periods per second, by number of threads.
     share : float
-        Of one thread's peak, that the multiply-adds of its steps are.
+        Share of the peak of one thread that the multiply-adds of the steps reach.
     """
 
     steps: int
@@ -58,7 +58,7 @@ class Speed(NamedTuple):
 
 
 def _points(name: str, count: int) -> np.ndarray:
-    if name == "exact, chatter":  # which takes longer: a sixteenth of the points
+    if name == "exact, chatter":  # takes longer, so only a sixteenth of the points
         points = Oscillator(h=0.05, R=0.5, omega=0.1, f=1.0).at().repeat(count // 16)
         points["omega"] = np.linspace(0.1, 0.6, count // 16)
     else:
@@ -70,16 +70,16 @@ def _points(name: str, count: int) -> np.ndarray:
 def measure(
     count: int = 4096, periods: int = 300, progress: bool = False
 ) -> tuple[float, dict[str, Speed]]:
-    """Time every work on one thread and on all.
+    """Time every work on one thread and on all threads.
 
     Parameters
     ----------
     count : int
-        Points.
+        Number of points.
     periods : int
-        Forcing periods of each, of which the last third is recorded.
+        Forcing periods per point; the last third is recorded.
     progress : bool
-        Whether to show on stderr how far it is.
+        Whether to show the progress on stderr.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def measure(
     }
     runs["peak", 1] = lambda: _multiply_adds(sums, _TIMES)
     best = dict.fromkeys(runs, np.inf)
-    # The first round also compiles, if need be.
+    # The first round also compiles, if necessary.
     for key in track(
         list(runs) * (_ROUNDS + 1),
         "compiling, then timing",
@@ -120,7 +120,7 @@ def measure(
 
 
 def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
-    """Return what `measure` returned as a table."""
+    """Return the results of `measure` as a table."""
     threads = list(next(iter(speeds.values())).periods)
     speed_up = ["speed-up"] if len(threads) > 1 else []
     names = ["one thread" if n == 1 else f"{n} threads" for n in threads]
@@ -139,7 +139,7 @@ def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
 
 @jit(refcounts=False)
 def _multiply_adds(sums, times):  # type: ignore[no-untyped-def]  # numba types it
-    """Do nothing but fused multiply-adds; each sum waits only for its own."""
+    """Do only fused multiply-adds; each sum waits only for its own."""
     widest_vectors()
     for _ in range(times):
         for i in range(_SUMS):

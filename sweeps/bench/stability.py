@@ -1,7 +1,7 @@
 """The longest stable step: in closed form, from the map of a step, and from runs; with a chart.
 
-Without force and stop, eq. (1) has the single number zeta = h / p, and a step adds p T. The runs
-use the kernel.
+Without force and stop, eq. (1) has one parameter, zeta = h / p; a step adds p T. The runs use the
+kernel.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import is_stable, spectral_radius
 
-#: h / p of the table: none, light, half critical, critical, twice critical.
+#: Values of h / p in the table: none, light, half critical, critical, twice critical.
 ZETAS = np.array([0.0, 0.1, 0.5, 1.0, 2.0])
-#: A limit beyond this p T counts as none.
+#: A limit of p T beyond this counts as no limit.
 LONGEST = 10.0
-#: The chart goes up to this p T and this h / p.
+#: Greatest p T and h / p in the chart.
 CHART = (4.0, 2.0)
 
-#: Steps of a run, and of a quick one. Growth by less than ``SEEN`` / steps a step is not seen.
+#: Steps of a run, and of a quick run. Growth of less than ``SEEN`` / steps per step is not seen.
 STEPS, STEPS_QUICK = 200_000, 20_000
 SEEN = 1.5 * math.log(2.0)
 
 _PER_PERIOD = 100
-# A bracket of the limit is cut into so many parts, which fill the lanes of the kernel, so often.
+# A bracket of the limit is cut this often, each time into so many parts as fill the kernel's lanes.
 _PARTS, _CUTS = 7, 9
 
-# Blue where motion decays, the darker the faster; orange where it grows. In grey, too, the lightest
-# of all is next to the limit, and the limit is drawn.
+# Blue where motion decays, darker where it decays faster; orange where it grows. In greyscale, too,
+# the lightest colour is next to the limit, which is drawn.
 _LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0)
 _COLOURS = ListedColormap(
     ["#08519C", "#3C8CC3", "#86BCDC", "#D6E6F4", "#FDD9B0", "#F6A54C", "#D97706", "#8F4600"]
 )
 _NORM = BoundaryNorm(_LEVELS, _COLOURS.N, extend="max")
-# Rounding may lift a marginal radius above 1.
+# Rounding may lift a marginal radius above 1 by less than this.
 _MARGIN = 1e-9
 
-#: Of each integrator, by what it is from, the greatest stable p T at ``ZETAS``; inf: every step is.
+#: By integrator and source, the greatest stable p T at ``ZETAS``; inf where every step is stable.
 Limits = Mapping[str, Mapping[str, np.ndarray]]
 
 
 def limits(quick: bool = False) -> Limits:
     """Return the limits of every integrator, by name; `quick` shortens the runs.
 
-    They are ``closed``, from the table of integrators, ``radius``, from the spectral radius of the
-    map, and ``run``, from runs.
+    The sources are ``closed``, the table of integrators; ``radius``, the spectral radius of the
+    map; and ``run``, the growth in runs.
     """
     steps = STEPS_QUICK if quick else STEPS
     return {
@@ -68,7 +68,7 @@ def limits(quick: bool = False) -> Limits:
 
 
 def table_of(limits: Limits) -> str:
-    """Return a row per integrator and h / p, and a single one where there is no limit."""
+    """Return a table with a row per integrator and h / p, or a single row if there is no limit."""
     rows = [["integrator", "h/p", "closed form", "spectral radius", "in a run"]]
     for name, limit in limits.items():
         values = np.array([*limit.values()]).T
@@ -96,7 +96,7 @@ def rows(limits: Limits) -> Iterator[tuple[str, str, str, float]]:
 def picture(quick: bool = False) -> Figure:
     """Draw a panel per integrator: the spectral radius of a step, and the limit in closed form.
 
-    The radius is over p T and h / p, on a coarser mesh if it is `quick`.
+    The radius is drawn over p T and h / p, on a coarser mesh if `quick`.
     """
     columns, rows = (81, 41) if quick else (401, 201)
     step, zeta = np.linspace(0.0, CHART[0], columns), np.linspace(0.0, CHART[1], rows)
@@ -129,14 +129,14 @@ def picture(quick: bool = False) -> Figure:
 def grows(integrator: str, step: np.ndarray, zeta: np.ndarray, steps: int) -> np.ndarray:
     """Whether free motion grows in a run of the kernel.
 
-    It does where its greatest section in the last third of the run is more than twice that in the
-    first third, or no number any more.
+    It grows if its greatest section in the last third of the run is more than twice that in the
+    first third, or is not a number.
 
     Parameters
     ----------
     integrator : str
     step, zeta : ndarray
-        p T and h / p, of shapes that broadcast.
+        p T and h / p; their shapes must broadcast.
     steps : int
         Length of the run.
 
@@ -169,7 +169,7 @@ def _unstable(integrator: str, step: np.ndarray) -> np.ndarray:
 
 
 def _first(unstable: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Return the least p T at which `unstable` holds, at each of ``ZETAS``; inf beyond LONGEST."""
+    """Return the least p T at which `unstable` holds, for each of ``ZETAS``; inf beyond LONGEST."""
     low, high = np.zeros_like(ZETAS), np.full_like(ZETAS, LONGEST)
     none = ~unstable(high)
     columns = np.arange(ZETAS.size)

@@ -1,4 +1,4 @@
-"""Means over scenes, orders, the efficient frontier and tables for the terminal, of measurements.
+"""Means over scenes, orders, the efficient frontier, and tables for the terminal.
 
 The columns are those of `sweeps.bench.accuracy_speed.measure`. The rows of one scene, kind of error
 and method are a line of the chart.
@@ -15,28 +15,28 @@ import pandas as pd
 from sweeps.bench.scenes import CHATTER, EXACT, GRAZING, ORBIT_ERRORS, REGULAR
 from sweeps.text import table
 
-#: The scene that stands for the mean of all regular ones.
+#: Name of the scene that stands for the mean of all regular scenes.
 MEAN = "regular scenes"
-#: An error above this says nothing: no digit is right.
+#: An error above this has no right digit.
 NO_DIGIT = 1.0
-#: What tells the lines of the chart from one another, and a method from the others.
+#: The columns that identify a method, and a line of the chart.
 METHOD = ["integrator", "impact"]
 LINE = ["scene", "error_kind", *METHOD]
 
-# An order is fitted to the finest steps, to errors that are small but far from the reference's.
+# An order is fitted to the finest steps whose errors are small but far above the reference's error.
 _FITTED, _LARGEST, _ABOVE_FLOOR = 5, 0.1, 10.0
 
 STATE, PENETRATION = ORBIT_ERRORS[0], ORBIT_ERRORS[-1]
-#: The steps per period, and of the peers the tolerance, at which errors are shown.
+#: The steps per period, and for peers the tolerance, at which errors are shown.
 STEPS, TOLERANCE = 100, 1e-9
 #: The errors for which the cheapest method is named.
 TARGETS = (1e-2, 1e-4, 1e-8, 1e-12)
 
 
 def means(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return geometric means over the regular scenes, of errors and seconds.
+    """Return geometric means of errors and seconds over the regular scenes.
 
-    Where a method failed in one of them, it has no mean.
+    A method that failed in one of the scenes has no mean.
     """
     regular = measured[measured["scene"].isin([scene.name for scene in REGULAR])]
     same = [*LINE[1:], "steps_per_period", "tolerance"]
@@ -47,7 +47,7 @@ def means(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def main_scene(measured: pd.DataFrame) -> str:
-    """Return the scene that is shown first: the mean of the regular ones, else the first."""
+    """Return the scene to show first: the mean of the regular scenes, or else the first scene."""
     return MEAN if (measured["scene"] == MEAN).any() else str(measured["scene"].iloc[0])
 
 
@@ -64,12 +64,12 @@ def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float =
     steps, errors : sequences of the same length
         From coarse to fine.
     floor : float
-        The error of the reference: what is not ten times above it is not fitted.
+        The error of the reference. Only errors ten times above it are fitted.
 
     Returns
     -------
     float
-        NaN with fewer than three errors to fit.
+        NaN if there are fewer than three errors to fit.
     """
     e = np.array(errors)
     good = np.flatnonzero((e > _ABOVE_FLOOR * floor) & (e < _LARGEST) & (e > 0.0))[-_FITTED:]
@@ -79,9 +79,9 @@ def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float =
 
 
 def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return the same line by line, each from coarse to fine, with the column ``measured_order``.
+    """Return the measurements line by line, from coarse to fine, and add ``measured_order``.
 
-    It is NaN for the reference, and for peers.
+    It is NaN for the reference and for peers.
     """
     exact = measured[(measured[METHOD] == list(EXACT)).all(axis=1)]
     floors = exact.groupby(["scene", "error_kind"])["error"].max()
@@ -97,25 +97,25 @@ def with_orders(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def efficient_frontier(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return the measurements with no smaller error at the same or lower cost, cheapest first."""
+    """Return the measurements with the least error at the same or lower cost, cheapest first."""
     by_cost = measured.dropna(subset="error").sort_values(["seconds_per_period", "error"])
     least = by_cost["error"].clip(upper=NO_DIGIT).cummin().shift(fill_value=NO_DIGIT)
     return by_cost[by_cost["error"] < least]
 
 
 def cheapest(measured: pd.DataFrame, error: float) -> pd.DataFrame:
-    """Return the cheapest measurement that reaches an error; none if there is none."""
+    """Return the cheapest measurement that reaches an error; empty if there is none."""
     return measured[measured["error"] <= error].nsmallest(1, "seconds_per_period")
 
 
 def of_methods(measured: pd.DataFrame) -> str:
-    """Return the orders, the errors and the cost of every method.
+    """Return a table of the orders, the errors and the cost of every method.
 
     Parameters
     ----------
     measured : DataFrame
-        From `with_orders`: of one scene, or of all with the geometric means over the
-        regular ones.
+        From `with_orders`: of one scene, or of all scenes with the geometric means over the regular
+        scenes.
     """
     main = main_scene(measured)
     columns = {"order": main}
@@ -153,7 +153,7 @@ def of_methods(measured: pd.DataFrame) -> str:
 
 
 def of_targets(measured: pd.DataFrame) -> str:
-    """Return the cheapest method for each of ``TARGETS``."""
+    """Return a table of the cheapest method for each of ``TARGETS``."""
     rows = [("error", *METHOD, "steps", "ns/period")]
     main = main_scene(measured)
     states = measured[(measured["scene"] == main) & (measured["error_kind"] == STATE)]
