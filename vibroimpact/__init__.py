@@ -1,4 +1,4 @@
-"""A forced oscillator with impacts: its motion, many at once, and its periodic orbits."""
+"""A forced oscillator with impacts: one motion, many motions at once, and periodic orbits."""
 
 import lazy_loader
 

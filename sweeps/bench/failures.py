@@ -65,7 +65,7 @@ class Failure(NamedTuple):
     name : str
         Name of the figure.
     scene : str
-        What is run, and what the figure means.
+        Description of the run and of the figure.
     digits : str
         Format of the figure.
     fails : callable

@@ -26,7 +26,7 @@ STEPS, PERIODS = 100, 20
 #: Steps per period of the errors. Each error is the root mean square over ``SPREAD`` numbers of
 #: steps from there to 1.6 times as many, since it jumps with the phase of the impact in its step.
 LADDER, SPREAD = (25, 50, 100, 200, 400, 800, 1600), 8
-#: The error is that of the times and speeds of the first impacts from rest, this many.
+#: Number of first impacts from rest whose times and speeds the error covers.
 FIRST = 4
 
 CASES: Mapping[str, Oscillator] = {

@@ -1,7 +1,7 @@
 """Forcing periods per second on this machine, and their share of its peak.
 
 The peak is the measured rate of fused multiply-adds in a loop that does nothing else. A step of the
-affine map takes eight of them; the share counts no other work of a method. All runs are
+affine map takes eight of them; the share counts only these. All runs are
 interleaved, and the best round of each counts, in wall time.
 """
 

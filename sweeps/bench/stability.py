@@ -33,7 +33,7 @@ STEPS, STEPS_QUICK = 200_000, 20_000
 SEEN = 1.5 * math.log(2.0)
 
 _PER_PERIOD = 100
-# A bracket of the limit is cut this often, each time into so many parts as fill the kernel's lanes.
+# A bracket of the limit is cut ``_CUTS`` times; the ``_PARTS`` fill the lanes of the kernel.
 _PARTS, _CUTS = 7, 9
 
 # Blue where motion decays, darker where it decays faster; orange where it grows. In greyscale, too,

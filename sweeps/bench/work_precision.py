@@ -147,8 +147,7 @@ def of_methods(measured: pd.DataFrame) -> str:
         f"{of if main == MEAN else f'of the {main}'}\n\n"
         f"{table(rows, words=2)}\n\n"
         "No order: fewer than three errors below 0.1 and above rounding.\n"
-        "Steps beyond a limit of stability are run like the others; their impacts may bound\n"
-        "what they let grow.\n"
+        "Steps beyond a limit of stability are run, too; impacts may limit the growth.\n"
     )
 
 

@@ -139,7 +139,7 @@ def read(path: Path) -> bytes | None:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, also beside other processes; OSError if that fails."""
+    """Write a file whole or not at all, safe beside other processes; OSError if that fails."""
     make_folder(path.parent)
     descriptor, draft = tempfile.mkstemp(dir=path.parent)
     try:

@@ -97,7 +97,7 @@ def set_propagators(workspace, points, grid):
 
 @jit(refcounts=False)
 def force_lanes(lanes, added, s, c):
-    """Compute what force and clearance add to each lane in a step, from sine and cosine there."""
+    """Set `added` to what a step adds to each lane, from a phase with sine `s` and cosine `c`."""
     widest_vectors()
     for i in range(LANES):
         f = FORCING + i

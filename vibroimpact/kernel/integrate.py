@@ -77,8 +77,8 @@ def integrate(
         counts 0.
 
         With `lyapunov` also ``lyapunov`` : (n, 2), per unit time, the larger first. Both are -inf
-        after a rest, which erases the past; the second is -inf after an impact with R = 0, of which
-        only the phase matters for what follows.
+        after a rest, which erases the past; the second is -inf after an impact with R = 0, because
+        the motion after it depends only on its phase.
 
     Raises
     ------

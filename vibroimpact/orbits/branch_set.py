@@ -33,7 +33,7 @@ _FOLLOW = {"": branch, "flip": doubled_branch, "graze": grazing_branch}
 
 @dataclass
 class BranchSet:
-    """Branches over a range of a parameter, none of them twice."""
+    """Branches over a range of a parameter, each only once."""
 
     parameter: str
     low: float

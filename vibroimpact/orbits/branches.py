@@ -208,7 +208,7 @@ class Path(NamedTuple):
 
 
 def both_directions(family: OrbitFamily, tangent: np.ndarray) -> Branch:
-    """Continue a family from its start along a tangent and, unless that closes, against it."""
+    """Continue a family along a tangent and, unless that path closes, also against it."""
     forward = _path(family, family.start, tangent)
     if forward.closed:
         return _as_branch(family, forward)

@@ -97,8 +97,8 @@ class Point(NamedTuple):
 class OrbitFamily:
     """The orbits of m forcing periods and q >= 1 impacts over at most two free parameters.
 
-    With a `kind`, all of them are at this bifurcation; at a graze the impact number `graze` grazes.
-    The other parameters are those of the first orbit, and so is the unit of speed by default.
+    With a `kind`, all orbits are at this bifurcation; at a graze, `graze` is the index of the
+    grazing impact. The first orbit gives the other parameters and, by default, the unit of speed.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class OrbitFamily:
         return values
 
     def without_force(self, X: np.ndarray) -> np.ndarray | None:
-        """Return the limit at which orbits vanish with the force; None if X is not beside it.
+        """Return the limit at which orbits vanish with the force; None if X is not near it.
 
         They vanish if the clearance is 0, since x and v are then proportional to f.
         """

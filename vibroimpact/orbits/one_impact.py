@@ -98,7 +98,7 @@ class OneImpactOrbit:
 
 
 def _radians(osc: Oscillator, n: int) -> float:
-    """Return the length of the flight in radians of all its rates together."""
+    """Return the length of the flight in radians, (2h + p + omega) t."""
     return (2.0 * osc.h + osc.p + osc.omega) * n * osc.forcing_period
 
 

@@ -104,7 +104,7 @@ def multipliers_of(trace: float, determinant: float) -> np.ndarray:
 
 
 def orbit_of(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> PeriodicOrbit:
-    """Return an orbit whose first impact is in [0, 2 pi)."""
+    """Return the orbit with these impacts, shifted so that the first is in [0, 2 pi)."""
     turns = np.floor(phases / (2.0 * math.pi))
     within = phases - 2.0 * math.pi * m * np.floor(turns / m)
     order = np.argsort(within, kind="stable")
@@ -120,7 +120,7 @@ def scaled(orbit: PeriodicOrbit) -> tuple[np.ndarray, float]:
 
 
 def unit_of_speed(osc: Oscillator, speeds: np.ndarray) -> float:
-    """Return a typical speed of an orbit: its greatest, or that of the system if it is greater."""
+    """Return a typical speed of an orbit: its greatest, or the system's if that is greater."""
     largest = float(np.abs(speeds).max(initial=0.0))
     return max(largest, osc.f / (osc.p + osc.omega) + osc.p * abs(osc.clearance)) or 1.0
 

@@ -149,9 +149,9 @@ def _with_touch(
 
 
 def halving(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return where within a step of a branch the orbit becomes one of half the period, and that.
+    """Return the point in a step of a branch where the orbit halves its period, and the half orbit.
 
-    None if it does not.
+    None if the step has no such point.
     """
     family, q = step.family, step.family.q
     if family.kind or family.m % 2 or q % 2:

@@ -63,7 +63,7 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
 
     Once `interrupt` is set the run ends within a forcing period. Once it has more rows than
     `most_rows` it ends within a step. Its status is then ``PENDING``. Returns the number of rows
-    that the log needs, of which those beyond its length are not written, and the status.
+    that the log needs (rows beyond its length are not written), and the status.
     """
     scratch, (method, lead, grid) = new_scratch(), scheme
     rule, integrator = method

@@ -175,7 +175,7 @@ def scheme_of(
 
 
 def _phase(phase: object) -> float:
-    """Return the phase of a section as a float, or refuse it."""
+    """Return the phase of a section as a float; ValueError if it is not valid."""
     if not isinstance(phase, bool) and isinstance(phase, Real):
         if phase < 2.0 * math.pi and not phase < 0.0:
             return float(phase)
