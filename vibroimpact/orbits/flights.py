@@ -127,7 +127,7 @@ def residuals(values, m, speed, X, q):
     pt = parameters(values)
     F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
     coefficients, M = np.empty(TERMS), np.empty((2, 2))
-    length, longest = speed / pt.omega, 4.0 * math.pi * m / pt.omega  # beyond rounding
+    length, longest = speed / pt.omega, 4.0 * math.pi * m / pt.omega  # twice a repetition
     if not time_steps(values, m, 0) <= MOST_ORBIT_STEPS:
         F[:], A[:], B[:] = math.inf, math.nan, math.nan
         return F, A, B
