@@ -1,16 +1,16 @@
-"""Every error, as one tree. The text of an error is one paragraph."""
+"""The errors of the package, all derived from `SweepError`. The text of each is one paragraph."""
 
 
 class SweepError(Exception):
-    """What was asked for was not done; the text says why."""
+    """The request could not be fulfilled; the text says why."""
 
 
 class Refused(SweepError):  # noqa: N818 - the counterpart of Failed
-    """The request is wrong, and nothing was begun; a command exits with 2."""
+    """The request is wrong and no work was started; a command exits with 2."""
 
 
 class Failed(SweepError):  # noqa: N818 - the counterpart of Refused
-    """The work was begun and did not reach its end; a command exits with 1."""
+    """The work was started but not completed; a command exits with 1."""
 
 
 class ConfigError(Refused, ValueError):
@@ -18,4 +18,4 @@ class ConfigError(Refused, ValueError):
 
 
 class StoreError(Refused):
-    """A file is not the file of a sweep, or cannot be used as asked."""
+    """A file is not a sweep file, or cannot be used as requested."""

@@ -1,4 +1,4 @@
-"""The grid of a sweep: its axes, its points, and the blocks in which these are computed."""
+"""The grid of a sweep: its axes, its points, and the blocks in which the points are computed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibroimpact.oscillator import POINT, mesh, parameters_of
 
 Block = tuple[slice, ...]
 
-#: The axis of a sweep over the rows of a table.
+#: Name of the axis of a sweep over the rows of a table.
 TABLE = "point"
 
 
@@ -28,7 +28,7 @@ def block_points(block: Block) -> int:
 
 
 def as_table(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return columns of equal length as a structured array, the values of the axis ``TABLE``."""
+    """Combine columns of equal length into a structured array: the values of axis ``TABLE``."""
     length = len(next(iter(columns.values())))
     table = np.empty(length, [(name, values.dtype) for name, values in columns.items()])
     for name, values in columns.items():
@@ -36,15 +36,15 @@ def as_table(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     return table
 
 
-@dataclass(frozen=True, eq=False)  # of arrays; a `SweepConfig` is compared without it
+@dataclass(frozen=True, eq=False)  # arrays do not compare; `SweepConfig` compares without the grid
 class Grid:
     """The Cartesian product of the swept axes.
 
     Parameters
     ----------
     axes : mapping of str to ndarray
-        The swept parameters and their values, slowest first; or ``TABLE`` alone, with a structured
-        array: a field for every column, named like a parameter or carried along.
+        The swept parameters and their values, slowest first. For a table, only ``TABLE`` with a
+        structured array, which has a field for each parameter and each further column.
     fixed : mapping of str to float
         The value of every parameter that is not swept.
     """
@@ -54,7 +54,7 @@ class Grid:
 
     @property
     def swept(self) -> dict[str, np.ndarray]:
-        """The values of every parameter that is not fixed, along its axis."""
+        """The values along its axis of each parameter that is not fixed."""
         parts = (parameters_of(axis, values) for axis, values in self.axes.items())
         return {name: values for part in parts for name, values in part.items()}
 
@@ -71,12 +71,13 @@ class Grid:
     def blocks(self, size: int, whole: str | None = None) -> Iterator[Block]:
         """Split the grid into boxes of at most `size` points, in C order.
 
-        Together the boxes cover every point once. All have one shape, but those at the end of the
-        axis that is cut. The axis `whole` is not split, even where it alone is longer than `size`.
+        The boxes cover each point exactly once. All have the same shape, except those at the end of
+        the split axis. The axis `whole` is never split, even if it is longer than `size`.
         """
         room = max(1, size // (1 if whole is None else len(self.axes[whole])))
         cuts_of_axes: list[list[slice]] = []
-        # From the last axis on: whole while there is room, then in parts, then value by value.
+        # Backwards from the last axis: whole axes while they fit, then one axis in parts, and every
+        # axis before it value by value.
         for name, values in reversed(list(self.axes.items())):
             n = len(values)
             parts = 1 if name == whole else math.ceil(n / room)
@@ -92,12 +93,12 @@ class Grid:
         return mesh(self.within(block), self.fixed)
 
     def within(self, block: Block) -> dict[str, np.ndarray]:
-        """Return the values along each axis in a block."""
+        """Return the values of each axis in a block."""
         pairs = zip(self.axes.items(), block, strict=True)
         return {name: values[cut] for (name, values), cut in pairs}
 
     def numbered(self, numbers: np.ndarray) -> np.ndarray:
-        """Return points of dtype POINT by their numbers, counted in C order over the grid."""
+        """Return the points, of dtype POINT, with these indices in C order over the grid."""
         points = np.empty(len(numbers), POINT)
         for name, value in self.fixed.items():
             points[name] = value
@@ -108,11 +109,12 @@ class Grid:
         return points
 
     def spread(self, count: int) -> np.ndarray:
-        """Return about `count` points spread evenly over the grid, the same in every call.
+        """Return about `count` points spread evenly over the grid, the same at every call.
 
-        The longest axis is divided evenly, ends included; the k-th point lies at the fraction k
-        sqrt(prime) mod 1 of each other axis: Richtmyer's sequence, Niederreiter (1978), Bull. Am.
-        Math. Soc. 84, 957-1041. Points that coincide are taken once; of a smaller grid, all are.
+        The longest axis is divided evenly, ends included. On each other axis the k-th point lies at
+        the fraction k sqrt(prime) mod 1: Richtmyer's sequence, Niederreiter (1978), Bull. Am. Math.
+        Soc. 84, 957-1041. Coinciding points are returned once. A grid of at most `count` points is
+        returned completely.
         """
         if self.size <= count:
             return self.points(tuple(slice(0, n) for n in self.shape))

@@ -1,13 +1,14 @@
-"""One way to cancel work: a flag is set, and the work looks at it at places where it can end.
+"""Cancelling work: a flag is set, and the work checks it at places where it can stop safely.
 
-A handler of a signal that raises an exception raises it between any two steps of Python: inside a
-lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the exception. So
-while a sweep is run the handlers of Ctrl-C and SIGTERM only set a flag, and `check` raises
-`Cancelled` at known places: between two blocks, while a file is written or verified, and while a
-result is waited for. The work of another thread has a flag of its own, which also the kernel reads.
+A signal handler that raises an exception may raise it between any two instructions of Python:
+inside a lock of h5py, whose exit then fails, or in a callback of LLVM, which swallows the
+exception. Therefore, while a sweep runs, the handlers of Ctrl-C and SIGTERM only set a flag, and
+`check` raises `Cancelled` at known places: between two blocks, while a file is written or verified,
+and while waiting for a result. Work in another thread has a flag of its own, which the kernel reads
+as well.
 
-This file imports nothing that takes time: the command line listens for signals before it imports
-anything else.
+This file imports no slow modules, because the command line installs the signal handlers before it
+imports anything else.
 """
 
 from __future__ import annotations
@@ -24,58 +25,58 @@ if TYPE_CHECKING:
 
 _SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if sys.platform == "win32":
-    _SIGNALS.append(signal.SIGBREAK)  # Ctrl-Break, and what ends a group of processes
+    _SIGNALS.append(signal.SIGBREAK)  # Ctrl-Break, which is also sent to end a process group
 _came = False
 _this_thread = threading.local()
 
 
 class Cancelled(BaseException):
-    """The work was cancelled, because a signal came or nobody needs the result any more.
+    """The work was cancelled by a signal, or because its result is no longer needed.
 
-    It is no ``Exception``, so that no library takes it for a failure.
+    It derives from ``BaseException``, so that libraries do not handle it as an ordinary error.
     """
 
 
 def came() -> bool:
-    """Whether a signal came."""
+    """Whether a signal was received."""
     return _came
 
 
 def check() -> None:
-    """Raise `Cancelled` if a signal came, or the flag of this thread is set."""
+    """Raise `Cancelled` if a signal was received or the flag of this thread is set."""
     flag = thread_flag()
     if _came or (flag is not None and flag[0]):
         raise Cancelled
 
 
 def thread_flag() -> np.ndarray | None:
-    """Return the flag that ends the work of this thread, or None if the thread has no flag."""
+    """Return the cancellation flag of this thread, or None if it has none."""
     return getattr(_this_thread, "flag", None)
 
 
 def set_thread_flag(flag: np.ndarray | None) -> None:
-    """Let `check` raise in this thread once `flag`, int64 of shape (1,), is set."""
+    """Make `check` raise in this thread once `flag`, an int64 array of shape (1,), is set."""
     _this_thread.flag = flag
 
 
 def listen() -> None:
-    """Let both signals set the flag from now on, if they are not ignored, as under ``nohup``."""
+    """Make the signals set the flag, except those that are ignored, for example by ``nohup``."""
     for number in _SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _set)
 
 
 def ignore() -> None:
-    """Let neither change how the process ends."""
+    """Ignore the signals, so that they cannot change the exit code of the process."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def raised_at_once() -> Iterator[None]:
-    """Raise where the block is when a signal comes that otherwise sets the flag.
+    """Raise `Cancelled` in the block as soon as a signal arrives, not only at the next `check`.
 
-    This is for work that writes nothing of value, or waits for others.
+    This is for work that writes nothing valuable, or that waits for others.
     """
     noted = [number for number in _SIGNALS if signal.getsignal(number) is _set]
     if threading.current_thread() is not threading.main_thread():
@@ -85,7 +86,7 @@ def raised_at_once() -> Iterator[None]:
             signal.signal(number, _raise)
         check()
         yield
-        check()  # where it was swallowed
+        check()  # a library may have swallowed the exception
     finally:
         for number in noted:
             signal.signal(number, _set)
@@ -93,10 +94,10 @@ def raised_at_once() -> Iterator[None]:
 
 @contextmanager
 def raised_by_check() -> Iterator[None]:
-    """Let Ctrl-C set the flag in the block, which then ends by KeyboardInterrupt as without it.
+    """Make Ctrl-C set the flag in the block; KeyboardInterrupt is raised when the block stops.
 
-    In the main thread, and only where the handler of Python itself would raise: another program
-    that has handlers of its own keeps them.
+    This applies to the main thread and only to Python's default handler: a program that has
+    installed a handler of its own keeps it.
     """
     global _came
     if (

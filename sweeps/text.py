@@ -1,4 +1,4 @@
-"""How messages and tables show words and numbers."""
+"""Formatting of words and numbers for messages and tables."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 
 def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
-    """Return the valid word that is most like `name` in any case; None if all differ too much.
+    """Return the valid word most similar to `name`, ignoring case; None if none is similar.
 
-    `least` is the share of the letters that must agree, from 0 to 1.
+    `least` is the smallest similarity accepted, from 0 to 1, as defined by `difflib`.
     """
     folded = {word.casefold(): word for word in valid}
     match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=least)
@@ -19,25 +19,25 @@ def nearest(name: str, valid: Iterable[str], least: float = 0.5) -> str | None:
 
 
 def suggestion(word: str | None) -> str:
-    """Ask whether a word was meant, as an addition to an error; nothing if there is none."""
+    """Return " (did you mean WORD?)" to append to an error; "" without a word."""
     return f" (did you mean {word}?)" if word else ""
 
 
 def printable(text: str) -> str:
-    """Escape what a terminal would obey or hide: all but printable characters and line ends."""
+    """Escape all except printable characters and newlines: a terminal would obey or hide them."""
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def shortened(text: str, most: int = 80) -> str:
-    """Put a text on one line, and cut it to at most so many characters."""
+    """Put a text on one line, cut to at most `most` characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 3] + "..."
 
 
 def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
-    """Align the columns of rows of equal length, two spaces apart.
+    """Align the columns of rows of equal length, separated by two spaces.
 
-    The first `words` columns are aligned left, the others right; by default all left.
+    The first `words` columns are aligned left and the others right. By default all are left.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     left = len(widths) if words is None else words
@@ -50,35 +50,35 @@ def table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
 
 
 def shortest(value: float) -> str:
-    """Write a number with as many digits as it needs: 7, not 7.0."""
+    """Write a number with the fewest digits that identify it: 7, not 7.0."""
     return repr(float(value)).removesuffix(".0")
 
 
 def in_units(unit: str, units: Mapping[str, str]) -> str:
-    """Write a unit in those chosen for length and time: mm/s^2 for length/time^2."""
+    """Replace length and time in a unit by the units chosen for them: mm/s^2 for length/time^2."""
     return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)
 
 
 def shown_range(values: Sequence[float | str]) -> str:
-    """Write what values range over, as in 0.5 .. 0.9; every one of them where they are words."""
+    """Write the range of values, for example 0.5 .. 0.9; if they are words, list each one."""
     if any(isinstance(value, str) for value in values):
         return ", ".join(sorted({str(value) for value in values}))
     low, high = min(map(float, values)), max(map(float, values))
     if low == high:
         return f"{low:.6g}"
-    digits = 6  # and more where these do not show a hundredth of the range
+    digits = 6  # more if needed to resolve a hundredth of the range
     while digits < 17 and abs(high - low) < 10.0 ** (2 - digits) * max(abs(low), abs(high)):
         digits += 1
     return f"{low:.{digits}g} .. {high:.{digits}g}"
 
 
 def shown_count(number: int, noun: str) -> str:
-    """Write a number of things, as in 1 point or 1,200 points."""
+    """Write a number of things, for example 1 point or 1,200 points."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
 def shown_bytes(size: float) -> str:
-    """Write a size in bytes with its unit, as in 1.2 GB."""
+    """Write a size given in bytes with a suitable unit, for example 1.2 GB."""
     units = ["B", "kB", "MB", "GB", "TB"]
     while size >= 1000.0 and len(units) > 1:
         size /= 1000.0
@@ -87,7 +87,7 @@ def shown_bytes(size: float) -> str:
 
 
 def shown_duration(seconds: float) -> str:
-    """Write a time in seconds with the unit that suits it; "unknown" for NaN."""
+    """Write a duration given in seconds with a suitable unit; "unknown" for NaN."""
     if math.isnan(seconds):
         return "unknown"
     for limit, unit, size in ((90, "s", 1), (5400, "min", 60), (172800, "h", 3600)):

@@ -1,4 +1,4 @@
-"""Checks of one part of a configuration beside another: enough steps, and what can be refined."""
+"""Checks that involve several groups of a configuration: enough steps, and allowed refinement."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from vibroimpact.step.stability import least_stable_steps
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
-# Values of h looked at together: a long axis costs time, no memory.
+# Number of values of h examined at once, to bound the memory for a long axis.
 _CHUNK = 1 << 16
 
 
 def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
-    """Return the two points of a grid that need the most steps, with h, p and omega alone.
+    """Return the two points of a grid that need the most steps, with only h, p and omega set.
 
-    Of a table, all points are returned. Of a grid, the first has the largest h and p, with which
-    exact impacts need the shortest step. At the second the integrator needs the most steps to be
-    stable. The longest stable T is not monotone in h: that of Euler is 2h / p^2, then falls; that
-    of Runge-Kutta has a minimum at h = 0.54 p. But along p, at any h, it has no minimum within the
-    axis, so that the ends of p will do.
+    For a table, all points are returned. For a grid, the first point has the largest h and p, where
+    exact impacts need the shortest step. At the second, the integrator needs the most steps to be
+    stable. Every value of h is examined, because the longest stable step T is not monotone in h:
+    for Euler T rises as 2h / p^2 and then falls, and for Runge-Kutta it has a minimum at
+    h = 0.54 p. Of p the two ends suffice: at any h, T has no minimum between them.
     """
     if any(isinstance(value, np.ndarray) for _, value in oscillator.items()):
         columns = {name: as_array(value) for name, value in oscillator.items()}
@@ -82,7 +82,7 @@ def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
 
 
 def refuse_refinement(sweep: SweepConfig, axis: str) -> None:
-    """Refuse to refine a sweep that cannot be refined along an axis."""
+    """Refuse refinement along an axis if the sweep does not allow it."""
     name, axes = si_name(axis, sweep.rig), si_values(sweep.grid.axes, sweep.rig)
     if list(axes) != [name]:
         swept = ", ".join(axes) or "none"

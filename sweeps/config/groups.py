@@ -1,6 +1,6 @@
-"""The groups of a configuration, each checked on its own: what may be given in them.
+"""The groups of a configuration with their keys; each group is checked on its own.
 
-The names, ranges and defaults of the parameters are those of ``vibroimpact.oscillator.PARAMETERS``.
+The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, MOST_STEPS
 
-#: What can be computed of each point beside what is always recorded.
+#: Optional quantities of each point, in addition to those that are always recorded.
 DIAGNOSTICS = ("period", "lyapunov")
 
-#: The ways along an axis that is followed.
+#: Directions in which an axis can be followed.
 DIRECTIONS = ("up", "down", "both")
 
 
 def choice(meaning: str, table: Collection[str], default: str) -> Any:
-    """Return a field for a name out of a table."""
+    """Return the field of a key whose value is one of the names in a table."""
     text = f"{meaning}: {', '.join(table)}"
     return Field(default, description=text, json_schema_extra={"enum": [*table]})
 
@@ -68,7 +68,7 @@ def parameter_field(parameter: Parameter) -> Any:
 
 
 def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
-    """Put the bounds of a parameter into every form of its values, for editors."""
+    """Add the bounds of a parameter to the JSON schema of each form of its values."""
     bounds: dict[str, Any] = {"type": "number"}
     if parameter.low > -math.inf:
         bounds["exclusiveMinimum" if parameter.low_open else "minimum"] = parameter.low
@@ -80,7 +80,7 @@ def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
 
 
 def refuse_out_of_bounds(value: Any, parameter: Parameter) -> Any:
-    """Return values; refuse those that are out of the bounds of a parameter."""
+    """Return the values unchanged; refuse those outside the bounds of a parameter."""
     for extreme in extremes(value):
         if not parameter.accepts(extreme):
             contains = "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
@@ -89,12 +89,12 @@ def refuse_out_of_bounds(value: Any, parameter: Parameter) -> Any:
 
 
 class ParameterConfig(Group):
-    """Parameters of ``PARAMETERS``, each a number, a list or a range, and within its bounds."""
+    """Parameters out of ``PARAMETERS``: each a number, a list or a range, within its bounds."""
 
     @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse values that are out of the bounds of their parameter."""
+        """Refuse values outside the bounds of their parameter."""
         return refuse_out_of_bounds(value, PARAMETERS[str(info.field_name)])
 
 
@@ -140,7 +140,7 @@ class MethodConfig(Group):
     @model_validator(mode="before")
     @classmethod
     def _no_accuracy(cls, given: object) -> object:
-        """Refuse the key of an earlier version, by which the program chose the method."""
+        """Refuse the key ``accuracy``, with which earlier versions chose the method."""
         if isinstance(given, dict) and "accuracy" in given:
             raise MisplacedError(
                 ("method", "accuracy"),
@@ -165,18 +165,18 @@ class MethodConfig(Group):
 
 
 class TrajectoryConfig(Group):
-    """Which samples of the motion are kept."""
+    """Which samples of the trajectory are recorded."""
 
     every: Whole = integer("time steps from one sample to the next", 1, MOST_PERIODS)
 
 
 def _false(value: object) -> object:
-    """Read false as YAML does: the loader leaves every scalar a text."""
+    """Convert the text "false" to False, since the loader keeps every scalar as text."""
     return False if isinstance(value, str) and value.lower() == "false" else value
 
 
 class RecordConfig(Group):
-    """What is kept of each point."""
+    """Which results of each point are recorded."""
 
     transient: Whole = integer(
         "forcing periods computed before anything is kept", 0, MOST_PERIODS, 200
@@ -214,7 +214,7 @@ class RecordConfig(Group):
 
 
 def _followable(name: str) -> str:
-    """Refuse what is no axis that can be followed."""
+    """Refuse a name that is not an axis that can be followed."""
     if name in StartConfig.model_fields:
         raise ValueError("is a start, which every point but the first has from its neighbour")
     if name not in OscillatorConfig.model_fields:
@@ -238,7 +238,7 @@ class FollowConfig(Group):
 
 
 def _unit(quantity: str) -> Any:
-    """Return the field for the name of a unit."""
+    """Return the field of a unit's name."""
     return Field(
         quantity,
         pattern=r"^[^\W\d_]{1,12}$",
@@ -247,7 +247,7 @@ def _unit(quantity: str) -> Any:
 
 
 class UnitsConfig(Group):
-    """What the units of the numbers are called; nothing is converted."""
+    """Names of the units; no number is converted."""
 
     length: str = _unit("length")
     time: str = _unit("time")
@@ -255,7 +255,7 @@ class UnitsConfig(Group):
 
 
 class RefineConfig(Group):
-    """Where points are added."""
+    """Where points are added to the grid."""
 
     axis: Annotated[str, one_of(PARAMETERS)] = Field(
         description=f"the only swept axis, in increasing order: one of {', '.join(PARAMETERS)}, "
@@ -268,5 +268,5 @@ class RefineConfig(Group):
 
 
 def key_list(group: type[Group]) -> str:
-    """Say which keys a group has."""
+    """List the keys of a group, for a message."""
     return f"a mapping with keys among {', '.join(group.model_fields)}"

@@ -7,16 +7,16 @@ from typing import Any
 from sweeps.config.rig import RigConfig
 from sweeps.config.sweep import SweepConfig
 
-#: The name of the JSON schema, of this shape of the configuration; nothing is fetched from there.
+#: Identifier of the JSON schema, which is not an address: nothing is downloaded.
 _SCHEMA_ID = "urn:vibroimpact:sweep-schema"
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of the configuration file, with the bounds of every number."""
+    """Return the JSON schema of a configuration file, including the bounds of every number."""
     about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": _SCHEMA_ID}
     schema = SweepConfig.model_json_schema()
     del schema["required"]
-    # What is required is given as a number, a list or a range, or is a column of a table.
+    # Required parameters may also be columns of a table, so they are required only without one.
     needed = {
         "oscillator": schema["$defs"]["OscillatorConfig"].pop("required"),
         "rig": schema["$defs"]["RigConfig"].pop("required"),

@@ -1,6 +1,6 @@
-"""Reading a configuration file: YAML whose every key remembers its line, and errors in words.
+"""Reading a configuration file: the line of every YAML key is kept for the errors.
 
-Every error names the file, the line, the key, what was given and what is allowed.
+Each error names the file, the line, the key, the given value and the allowed values.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import yaml
 from pydantic import ValidationError
 
 from sweeps.config.groups import key_list
-from sweeps.config.messages import dotted, explained, shown, source_of, without_echoes
+from sweeps.config.messages import dotted, explained, shown, source_of, without_misspelt
 from sweeps.config.points import read_points
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Key, null
 from sweeps.errors import ConfigError
 from sweeps.text import shortened, shown_count
 
-#: A longer file is none that was typed; a long axis is better given as a range.
+#: Longest file accepted, in bytes: long axes should be ranges.
 _MOST_BYTES = 250_000
-#: The schema has four levels.
+#: Most levels of nesting accepted; a valid configuration has four.
 _DEEPEST = 16
-#: Of more errors the first are said, and the number of the others.
+#: Most errors reported; of the others only the number is given.
 _MOST_ERRORS = 8
 
 
@@ -37,11 +37,11 @@ def load_config(
     Parameters
     ----------
     source : str, Path or mapping
-        A YAML file, or what loading one would give: a mapping of its keys, in which arrays of
-        NumPy may stand for lists, and a DataFrame or a structured array for ``points``.
+        A YAML file, or a mapping with the keys of such a file. In a mapping, NumPy arrays may
+        replace lists, and ``points`` may be a DataFrame or a structured array.
     overrides : sequence of str
-        ``dotted.key=value`` with the value in YAML, each replacing or adding one key. The last
-        name may be one of a range: ``oscillator.omega.start=2.71``.
+        Each is ``dotted.key=value``, with the value in YAML, and replaces or adds one key. The key
+        may lie inside a range: ``oscillator.omega.start=2.71``.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def load_config(
     Raises
     ------
     ConfigError
-        If a file cannot be read, is not YAML, or asks for what is not allowed.
+        If a file cannot be read, is not valid YAML, or has a key or value that is not allowed.
     """
     if isinstance(source, Mapping):
         given = {key: value if key == "points" else _plain(value) for key, value in source.items()}
@@ -62,10 +62,11 @@ def load_config(
 def parse_config(
     text: str, origin: str, name: str, overrides: Sequence[str] = (), **table: Any
 ) -> SweepConfig:
-    """Read the configuration of a sweep from a text of YAML, as `load_config` does from a file.
+    """Read the configuration of a sweep from YAML text, as `load_config` does from a file.
 
-    The `origin` is where the text is from, for the errors; the sweep has this name if the text
-    gives none. Of the file of a sweep, the ``points`` of its `table` are not in the text.
+    `origin` tells errors where the text comes from. `name` is the name of the sweep if the text
+    gives none. `table` holds ``points`` if the text comes from a sweep file, which stores the table
+    apart from the text.
     """
     sources: dict[Key, str] = {}
     data = _parse(text, origin, (), sources)
@@ -78,12 +79,12 @@ def parse_config(
 def _checked(
     data: dict[str, Any], origin: str, sources: dict[Key, str], overrides: Sequence[str]
 ) -> SweepConfig:
-    """Return the configuration that `data` with `overrides` describe, or refuse them in words."""
+    """Return the configuration of `data` with `overrides`; raise ConfigError if it is not valid."""
     for override in overrides:
         _override(data, override, sources)
     if null(data.get("points")) is not None:
         source = source_of(("points",), sources, origin)
-        try:  # a file that an override names is in the working folder
+        try:  # the path of a table given by an override is relative to the working folder
             folder = Path() if source.startswith("override") else Path(origin).parent
             data["points"] = read_points(data["points"], folder)
         except ValueError as error:
@@ -91,7 +92,7 @@ def _checked(
     try:
         return SweepConfig.model_validate(data)
     except ValidationError as refusal:
-        errors = without_echoes(refusal.errors())
+        errors = without_misspelt(refusal.errors())
         texts = [explained(error, data, sources, origin) for error in errors[:_MOST_ERRORS]]
         if (more := len(errors) - _MOST_ERRORS) > 0:
             texts.append(f"{origin}: and {shown_count(more, 'error')} more")
@@ -99,7 +100,7 @@ def _checked(
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of Python as YAML has it: mappings, lists and numbers, none of NumPy's."""
+    """Convert a Python value to plain mappings, lists and numbers, without NumPy types."""
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -108,7 +109,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(path: Path) -> str:
-    """Read a file, which is to be short and in UTF-8."""
+    """Read a UTF-8 file of at most ``_MOST_BYTES`` bytes."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -123,16 +124,16 @@ def _text(path: Path) -> str:
 
 
 class _Loader(yaml.BaseLoader):
-    """Scalars stay the text that was typed, which the schema reads and the messages repeat.
+    """A loader that keeps each scalar as typed: the schema converts it, and messages quote it.
 
-    So ``1e-3`` is the number that YAML 1.1 takes for a text, and ``010`` or ``1:30`` are not the
-    8 and the 90 that it makes of them.
+    So ``1e-3`` is a number, although YAML 1.1 reads it as text, and ``010`` and ``1:30`` do not
+    become 8 and 90 as in YAML 1.1.
     """
 
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node as PyYAML does; refuse aliases, tags and too many levels."""
+        """Compose a node as PyYAML does; refuse aliases, tags and too deep nesting."""
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
             problem = "aliases and tags are not allowed"
@@ -147,7 +148,7 @@ class _Loader(yaml.BaseLoader):
 
 
 def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
-    """Read YAML that stands at `key`, noting in `sources` where every key comes from."""
+    """Parse YAML text as the value of `key`, and note the origin of every key in `sources`."""
     try:
         node = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -155,7 +156,7 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise ConfigError(f"{origin}{place}: not valid YAML: {error.problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
-        # The last two are of an escaped character that there is not, as "\\U00110000".
+        # ValueError and OverflowError come from invalid escapes, for example "\\U00110000".
         raise ConfigError(f"{origin}: not valid YAML: {shortened(str(error), 300)}") from None
 
     def line_of(at: yaml.Node) -> str:
@@ -167,7 +168,7 @@ def _parse(text: str, origin: str, key: Key, sources: dict[Key, str]) -> object:
 def _tree(
     node: yaml.Node, line_of: Callable[[yaml.Node], str], key: Key, sources: dict[Key, str]
 ) -> object:
-    """Return the text, list or mapping of a node that stands at `key`."""
+    """Convert the node at `key` to a text, a list or a mapping."""
     sources.setdefault(key, line_of(node))
     if isinstance(node, yaml.SequenceNode):
         return [_tree(item, line_of, (*key, i), sources) for i, item in enumerate(node.value)]
@@ -191,7 +192,7 @@ def _tree(
 
 
 def _text_of(node: yaml.Node, source: str) -> str:
-    """Return the text of a scalar, in which two escapes of 16 bits may make one character."""
+    """Return the text of a scalar, joining two 16-bit escapes that form one character."""
     try:
         return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
     except UnicodeDecodeError:
@@ -200,7 +201,7 @@ def _text_of(node: yaml.Node, source: str) -> str:
 
 
 def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
-    """Set one key in `data`, as an override asks."""
+    """Apply one override to `data`."""
     origin = f"override {shortened(override)}"
     name, equals, value = override.partition("=")
     key = tuple(name.strip().split("."))

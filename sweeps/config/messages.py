@@ -1,4 +1,4 @@
-"""Errors of a configuration in words: where, what was typed and what is allowed."""
+"""Messages for the errors of a configuration: the place, what was typed and what is allowed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import Group, Key, MisplacedError, Range, null
 from sweeps.text import nearest, shortened, suggestion
 
-#: What pydantic calls an error of a number or a truth value, in the words of the messages.
+#: The wording of pydantic's error types for numbers and truth values.
 _PROBLEMS = {
     "float_parsing": "is not a number",
     "float_type": "is not a number",
@@ -26,16 +26,16 @@ _PROBLEMS = {
 }
 
 
-def without_echoes(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out that a key is missing where it is only misspelt."""
+def without_misspelt(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """Remove the errors about a missing key that is only misspelt, which has its own error."""
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
     replaced = {(*loc[:-1], meant(str(loc[-1]), _located(loc)[1].model_fields)) for loc in unknown}
     return [error for error in errors if error["type"] != "missing" or error["loc"] not in replaced]
 
 
 def _keys_elsewhere() -> Iterator[str]:
-    """Yield every key of the configuration, dotted, but those of ranges."""
-    # The last of two equal names is meant; that is not the mere name of a unit.
+    """Yield every key of the configuration as dotted text, except the keys of ranges."""
+    # If two keys share a name, `meant` suggests the last one: so the names of units come first.
     for name, field in sorted(
         SweepConfig.model_fields.items(), key=lambda item: item[0] != "units"
     ):
@@ -45,12 +45,12 @@ def _keys_elsewhere() -> Iterator[str]:
 
 
 def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], path: str) -> str:
-    """Say in one line where an error of pydantic is, what was given and what is allowed."""
+    """Write a pydantic error in one line: the place, the given value and the allowed values."""
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, MisplacedError):
-        key = _as_given(reason.key, data)
+        key = _key_given(reason.key, data)
         return f"{source_of(key, sources, path)}: {dotted(key)}: {reason}"
-    key, group, expected = _located(_as_given(error["loc"], data))
+    key, group, expected = _located(_key_given(error["loc"], data))
     where = f"{source_of(key, sources, path)}: "
     if error["type"] == "missing":
         return f"{where}{dotted(key)} is missing; expected: {expected}"
@@ -65,42 +65,42 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     return f"{where}{typed} {problem}; expected: {expected}"
 
 
-def _as_given(loc: Key, data: Any) -> Key:
-    """Return the place of the rig that a place of the oscillator is made of, if there is a rig."""
+def _key_given(loc: Key, data: Any) -> Key:
+    """Return the key that the user gave: of the rig, if the oscillator was converted from one."""
     if null(data.get("rig")) is None or loc[:1] != ("oscillator",):
         return loc
     return "rig", *(QUANTITIES[str(k)].name if k in QUANTITIES else k for k in loc[1:2]), *loc[2:]
 
 
 def _located(loc: Key) -> tuple[Key, type[Group], str]:
-    """Return the key at pydantic's `loc`, the group it is in, and what is expected there."""
+    """Return the key at pydantic's `loc`, its group, and the description of its valid values."""
     key: list[str | int] = []
     group: type[Group] = SweepConfig
-    inner: type[Group] | None = SweepConfig
+    nested: type[Group] | None = SweepConfig
     expected = ""
     for part in loc:
         if isinstance(part, int):
             key.append(part)
-        elif inner is None:
-            # Not a key: below a value of several forms, pydantic names the form (see `form`).
-            inner = TrajectoryConfig if group is RecordConfig else Range
+        elif nested is None:
+            # This part is not a key: for a value of several forms, pydantic adds the form (`form`).
+            nested = TrajectoryConfig if group is RecordConfig else Range
         else:
             key.append(part)
-            group = inner
+            group = nested
             field = group.model_fields.get(part)
             expected = field.description or "" if field else ""
-            inner = _group_of(field.annotation if field else None)
+            nested = _group_of(field.annotation if field else None)
     return tuple(key), group, expected
 
 
 def _group_of(kind: Any) -> type[Group] | None:
-    """Return the group that a field holds, or may hold beside null."""
+    """Return the type of group that a field holds, also if it may be null; else None."""
     kinds = (kind, *get_args(kind))
     return next((k for k in kinds if isinstance(k, type) and issubclass(k, Group)), None)
 
 
 def _typed(data: Any, key: Key, otherwise: object) -> object:
-    """Return what was typed at `key`, which pydantic may have converted already."""
+    """Return the value at `key` as typed, before any conversion; `otherwise` if there is none."""
     for part in key:
         try:
             data = data[part]
@@ -110,19 +110,19 @@ def _typed(data: Any, key: Key, otherwise: object) -> object:
 
 
 def source_of(key: Key, sources: Mapping[Key, str], path: str) -> str:
-    """Where `key` or the closest group around it comes from."""
+    """Return the origin of `key`, or of the closest group around it."""
     groups = (key[:length] for length in range(len(key), -1, -1))
     return next((sources[group] for group in groups if group in sources), path)
 
 
 def dotted(key: Key) -> str:
-    """Write a key as in an override, cut where it is long: oscillator.h[2]."""
+    """Write a key as in an override, for example oscillator.h[2]; a long one is shortened."""
     parts = (f"[{part}]" if isinstance(part, int) else f".{part or '(nothing)'}" for part in key)
     return shortened("".join(parts)[1:])
 
 
 def shown(value: object) -> str:
-    """Show a value as it was typed, cut where it is long."""
+    """Write a value as it was typed; a long one is shortened."""
     if isinstance(value, dict):
         text = "{" + ", ".join(f"{name}: {shown(item)}" for name, item in value.items()) + "}"
     elif isinstance(value, (list, tuple)):
@@ -132,7 +132,7 @@ def shown(value: object) -> str:
     return shortened(text)
 
 
-#: Other names of each key: symbols of the literature, words of other programs.
+#: Synonyms of each key: symbols of the literature and names in other programs.
 _OTHER_NAMES = {
     "points": "table rows csv",
     "oscillator": "parameters params system model",
@@ -169,16 +169,16 @@ _OTHER_NAMES = {
     "num": "n count number points steps step size increment by delta",
     "spacing": "scale",
 }
-#: Other names of `start` and `stop` in a range; elsewhere these words mean other things.
+#: Synonyms of `start` and `stop` in a range; elsewhere these words have other meanings.
 _OTHER_ENDS = {"start": "from min low lower begin first", "stop": "to max high upper end last"}
 
 
 def meant(name: str, valid: Collection[str], elsewhere: Iterable[str] = ()) -> str | None:
-    """Return the key meant by a name that is not a key, or None.
+    """Return the key probably meant by a name that is not a key, or None.
 
-    It is the key of `valid` that has this name in another case, as another name or but for a
-    letter; else such a key of `elsewhere`, which are dotted; else the key of `valid` that is spelt
-    most alike.
+    The first match counts: a key of `valid` that equals the name except for case, or has it as a
+    synonym; a key of `valid` that differs in a letter or so; a key of `elsewhere` (dotted) that
+    matches exactly or by synonym; the most similar key of `valid`.
     """
     folded = name.casefold().replace("-", "_").replace(" ", "_")
     ends = _OTHER_ENDS if {"start", "stop", "num"} <= {*valid} else {}

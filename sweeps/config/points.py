@@ -1,4 +1,4 @@
-"""The points of a sweep as a table: a CSV file or columns, of which every cell is checked."""
+"""The points of a sweep as a table: a CSV file or columns; every cell is checked."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from vibroimpact.oscillator import PARAMETERS
 
 
 def read_points(given: Any, folder: Path) -> np.ndarray:
-    """Return a table as a structured array, shape (rows,), with a field for every column.
+    """Read a table into a structured array of shape (rows,), with a field for every column.
 
-    `given` is a CSV file, relative to `folder`, a mapping of columns, a DataFrame or a structured
-    array. Columns of parameters hold valid numbers, further ones numbers or texts. Raises
-    ValueError, which names the row, counted from 1, and the column.
+    `given` is a CSV file (relative to `folder`), a mapping of columns, a DataFrame or a structured
+    array. Columns of parameters must hold valid numbers; further columns hold numbers or texts. A
+    ValueError names the column and the row, counted from 1.
     """
     path = folder / given if isinstance(given, str | Path) else None
     try:
@@ -44,12 +44,12 @@ def read_points(given: Any, folder: Path) -> np.ndarray:
 
 
 def with_columns(data: dict[str, Any]) -> dict[str, Any]:
-    """Give the columns of a table to their groups of a configuration; refuse axes beside them."""
+    """Copy the columns of the table into their groups; refuse axes in addition to a table."""
     table, groups = data["points"], {}
     for title, group in (("oscillator", OscillatorConfig), ("start", StartConfig)):
         given = data.get(title, {})
         if not isinstance(given, dict):
-            continue  # which is refused elsewhere
+            continue  # refused by the check of the group
         columns = {name: table[name] for name in table.dtype.names if name in group.model_fields}
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
@@ -60,9 +60,9 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read_csv(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a CSV file: parameters as numbers, or as texts if one is no number."""
+    """Return the columns of a CSV file, those of parameters as numbers if all their cells are."""
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a file without a row
+        warnings.simplefilter("ignore")  # NumPy warns of a file without rows
         names = [name.strip() for name in next(csv.reader([file.readline()]), [])]
         _check_names(names)
         for kind in (float, object):
@@ -92,7 +92,7 @@ def _columns(given: Any) -> dict[str, np.ndarray]:
 
 
 def _check_names(names: list[str]) -> None:
-    """Refuse names that no file can have, that are nearly a parameter's, or of no parameter."""
+    """Refuse a table without a parameter column, misspelt parameters, and malformed names."""
     missing = [name for name in PARAMETERS if name not in names]
     if len(missing) == len(PARAMETERS):
         problem = f"no column of {shortened(', '.join(names))} is a parameter"
@@ -102,7 +102,8 @@ def _check_names(names: list[str]) -> None:
         )
     for name in names:
         word = nearest(name, missing, least=0.8) if name not in PARAMETERS else None
-        if word or not re.fullmatch(r"\w[\w.-]*", name):  # a coordinate, also for other programs
+        # A further column becomes a coordinate of the file, whose name other programs must accept.
+        if word or not re.fullmatch(r"\w[\w.-]*", name):
             raise ValueError(
                 f"unknown column {name or '(nothing)'}{suggestion(word)}; expected: a parameter "
                 f"out of {', '.join(PARAMETERS)}, or another word"
@@ -110,11 +111,12 @@ def _check_names(names: list[str]) -> None:
 
 
 def _checked(name: str, column: np.ndarray) -> np.ndarray:
-    """Return the values of a column; refuse the first that its parameter does not allow."""
+    """Return the values of a column; refuse the first value that its parameter does not allow."""
     numeric = column.dtype.kind in "iuf"
     values = column if numeric else np.array([_number(cell) for cell in column.tolist()], float)
     if name not in PARAMETERS:
-        exact = numeric or (np.abs(values) < 2**53).all()  # a longer serial number is a text
+        # A float64 would round a longer serial number, which therefore stays a text.
+        exact = numeric or (np.abs(values) < 2**53).all()
         return values if exact else np.array([str(cell) for cell in column.tolist()], object)
     wrong = ~PARAMETERS[name].accepts(values)
     if wrong.any():
@@ -127,7 +129,7 @@ def _checked(name: str, column: np.ndarray) -> np.ndarray:
 
 
 def _number(cell: Any) -> float:
-    """Return the number that a cell holds, NaN if it holds none."""
+    """Return the number in a cell, or NaN if the cell is not a number."""
     try:
         plain_number(cell)
         return float(cell)

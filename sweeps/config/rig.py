@@ -1,7 +1,7 @@
-"""A rig in SI units in place of the model's parameters, and what its user reads in SI units.
+"""A rig in SI units in place of the model's parameters, and its quantities in pictures and tables.
 
-``QUANTITIES`` is the only place that converts; it agrees with `Oscillator.from_rig` to the bit. A
-file has the model's names and numbers, and the configuration in it has the rig.
+``QUANTITIES`` is the only place that converts; it agrees bit for bit with `Oscillator.from_rig`. A
+file holds the names and numbers of the model; the configuration stored in it holds the rig.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
 class Quantity(NamedTuple):
-    """What a parameter or a result of the model is of a rig with a mass, and the way back."""
+    """A quantity of the rig, with its conversions from and to the model; both take the mass."""
 
     name: str
     about: Parameter
@@ -28,34 +28,34 @@ class Quantity(NamedTuple):
     in_model: Callable[[float, Any], Any] = lambda mass, value: value
 
 
-def _about(name: str, symbol: str, meaning: str, unit: str) -> Parameter:
-    """Return a quantity of the rig, which has the bounds of a parameter of the model."""
+def _described(name: str, symbol: str, meaning: str, unit: str) -> Parameter:
+    """Describe a quantity of the rig, with the bounds of the parameter `name` of the model."""
     return replace(PARAMETERS[name], symbol=symbol, meaning=meaning, unit=unit, default=None)
 
 
-_MASS = _about("p", "m", "mass", "kg")
+_MASS = _described("p", "m", "mass", "kg")
 _TURN = 2.0 * math.pi
 
-#: By the names of the model.
+#: The quantities of the rig, by the names of the model.
 QUANTITIES: Mapping[str, Quantity] = {
     "h": Quantity(
-        "damping", _about("h", "c", "viscous damping", "N s/m"),
+        "damping", _described("h", "c", "viscous damping", "N s/m"),
         lambda mass, h: 2.0 * mass * h, lambda mass, c: c / (2.0 * mass),
     ),
     "omega": Quantity(
-        "frequency", _about("omega", r"\nu", "forcing frequency", "Hz"),
+        "frequency", _described("omega", r"\nu", "forcing frequency", "Hz"),
         lambda mass, omega: omega / _TURN, lambda mass, nu: _TURN * nu,
     ),
     "f": Quantity(
-        "force", _about("f", "F", "amplitude of the force", "N"),
+        "force", _described("f", "F", "amplitude of the force", "N"),
         lambda mass, f: mass * f, lambda mass, force: force / mass,
     ),
     "p": Quantity(
-        "stiffness", _about("p", "k", "stiffness of the spring", "N/m"),
+        "stiffness", _described("p", "k", "stiffness of the spring", "N/m"),
         lambda mass, p: mass * p**2, lambda mass, k: np.sqrt(k / mass),
     ),
     "clearance": Quantity(
-        "gap", _about("clearance", r"\sigma", "gap", "m"), lambda mass, gap: gap
+        "gap", _described("clearance", r"\sigma", "gap", "m"), lambda mass, gap: gap
     ),
     "impulse": Quantity(
         "impulse", Parameter("J", "impulse on the stop per forcing period", "N s"),
@@ -69,7 +69,10 @@ QUANTITIES: Mapping[str, Quantity] = {
 
 
 class RigConfig(Group):
-    """A rig in SI units, of the arguments of `Oscillator.from_rig`; a column has the model's."""
+    """A rig in SI units, with the arguments of `Oscillator.from_rig`.
+
+    Columns of a table hold values of the model, not of the rig.
+    """
 
     mass: Annotated[Number, Field(gt=0.0)] = Field(
         description=f"mass [kg]: {_MASS.allowed}, the same all over the sweep"
@@ -84,11 +87,11 @@ class RigConfig(Group):
     @field_validator("stiffness", "damping", "force", "frequency", "gap", "R")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse values that are out of the bounds of what they become."""
+        """Refuse values outside the bounds of the parameter they are converted to."""
         return refuse_out_of_bounds(value, PARAMETERS[model_name(str(info.field_name))])
 
     def oscillator(self) -> dict[str, Any]:
-        """Return the parameters of the model, in the order in which those of the rig are given."""
+        """Return the parameters of the model, in the order of the rig's keys."""
         return {
             model_name(name): _converted(self.mass, model_name(name), value)
             for name, value in self.items()
@@ -97,13 +100,13 @@ class RigConfig(Group):
 
 
 class _Converted(Range):
-    """A range of the rig, of which each value is converted."""
+    """A range in the units of the model: the values of a range of the rig, each converted."""
 
     _given: tuple[float, str, Range]
 
     @classmethod
     def of(cls, mass: float, name: str, given: Range) -> Self:
-        """Return a range of the rig as values of a parameter of the model; refuse an overflow."""
+        """Convert a range of the rig to the parameter `name` of the model; refuse an overflow."""
         si = QUANTITIES[name].name
         ends = {end: _converted(mass, name, getattr(given, end)) for end in ("start", "stop")}
         try:
@@ -123,8 +126,8 @@ class _Converted(Range):
 
 
 def _converted(mass: float, name: str, value: Any) -> Any:
-    """Return what a value of a rig is in the model, in the form in which it is given."""
-    if name not in QUANTITIES or isinstance(value, np.ndarray):  # a column is in the model's
+    """Convert a value of the rig to the model's units; a list stays a list, a range a range."""
+    if name not in QUANTITIES or isinstance(value, np.ndarray):  # columns are in model units
         return value
     if isinstance(value, Range):
         return _Converted.of(mass, name, value)
@@ -134,23 +137,23 @@ def _converted(mass: float, name: str, value: Any) -> Any:
 
 
 def model_name(name: str) -> str:
-    """Return the model's name of what a rig calls so; other names stay."""
+    """Return the model's name for a quantity of the rig; other names are returned unchanged."""
     return next((own for own, quantity in QUANTITIES.items() if quantity.name == name), name)
 
 
 def si_name(name: str, rig: RigConfig | None) -> str:
-    """Return what a rig, if there is one, calls a parameter of the model."""
+    """Return the rig's name for a parameter of the model; without a rig, the model's name."""
     return QUANTITIES[name].name if rig is not None and name in QUANTITIES else name
 
 
-def about(name: str, rig: RigConfig | None) -> Parameter:
-    """Return what a parameter of the model is, or of a rig, if there is one."""
+def parameter_of(name: str, rig: RigConfig | None) -> Parameter:
+    """Return the symbol, unit and bounds of a parameter: the rig's, if there is one."""
     in_rig = rig is not None and name in QUANTITIES
     return QUANTITIES[name].about if in_rig else PARAMETERS[name]
 
 
 def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any]:
-    """Return values of the model, by name, as the user of a rig reads them, if there is one."""
+    """Convert values of the model, by name, to names and units of the rig, if there is one."""
     return {
         si_name(name, rig): value
         if rig is None or name not in QUANTITIES or isinstance(value, str)
@@ -160,7 +163,7 @@ def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any
 
 
 def checked_units(units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
-    """Return the names of the units; refuse others than those of a rig, and mass without one."""
+    """Return the names of the units; refuse non-SI names for a rig, and mass without a rig."""
     if "rig" not in info.data:  # refused already
         return units
     rig, si = info.data["rig"], UnitsConfig(length="m", time="s", mass="kg")
@@ -175,7 +178,7 @@ def checked_units(units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
 
 
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
-    """Put a rig in the place of the oscillator, and the columns of a table into the rig."""
+    """Prepare the data of a configuration with a rig: rename followed axes, and add columns."""
     if "oscillator" in data:
         problem = "stands beside oscillator; expected: one of them"
         raise MisplacedError(("rig",), problem)
@@ -191,7 +194,7 @@ def with_rig(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _columns(table: np.ndarray, rig: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return the columns of a table, which are the model's, by the rig's names; refuse others."""
+    """Return the model's columns of a table by the rig's names; refuse conflicts with the rig."""
     names, columns = (
         {name: model_name(name) for name in RigConfig.model_fields},
         table.dtype.names or (),

@@ -1,4 +1,4 @@
-"""The scenes that come with the program: configurations with comments, to begin from."""
+"""The scenes that come with the program: configurations with comments, to start from."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 
 def scenes(ending: str = ".yaml") -> Mapping[str, str]:
-    """Return the text of every scene by its name; with ``.csv``, of those that have one, its table.
+    """Return the text of every scene by its name; with ``.csv``, the tables that belong to scenes.
 
-    They are those of ``configs/``, which a wheel has as ``sweeps/scenes``.
+    The files are those of ``configs/``, which a wheel contains as ``sweeps/scenes``.
     """
     folder: Traversable = files("sweeps") / "scenes"
     if not folder.is_dir():  # in a checkout

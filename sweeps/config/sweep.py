@@ -1,6 +1,6 @@
-"""The configuration of a sweep: what may be asked for, checked, as a `SweepConfig`.
+"""The configuration of a sweep, `SweepConfig`, and the checks that involve several of its groups.
 
-The names, ranges and defaults of the parameters are those of ``vibroimpact.oscillator.PARAMETERS``.
+The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import scales_with_f
 from vibroimpact.step.scheme import MOST_STEPS, default_steps
 
-#: How a complete file can be compressed.
+#: Compressions of a complete file.
 COMPRESSIONS = ("none", "gzip")
 
-# Limits that turn a slip of the keyboard into a message instead of a lack of memory.
+# Limits that turn a typing error into a message instead of a lack of memory.
 _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
 
 
 def _group(meaning: str, group: type[Group]) -> Any:
-    """Return the field of a group of keys that all have a default."""
+    """Return the field of a group whose keys all have a default."""
     text = f"{meaning}: {key_list(group)}"
     return Field(default_factory=group, validate_default=True, description=text)
 
@@ -117,7 +117,7 @@ class SweepConfig(Group):
     @model_validator(mode="before")
     @classmethod
     def _completed(cls, data: Any) -> Any:
-        """Name the output after the sweep, and give the parameters of a rig and a table."""
+        """Name the output after the sweep, and insert the parameters of a rig or a table."""
         if not isinstance(data, dict):
             return data
         if "name" in data and "output" not in data:
@@ -128,7 +128,7 @@ class SweepConfig(Group):
     @field_validator("oscillator", mode="wrap")
     @classmethod
     def _of_the_rig(cls, given: Any, handler: Any, info: ValidationInfo) -> Any:
-        """Take the parameters of a rig, if there is one that is not refused already."""
+        """Take the parameters of the oscillator from the rig, if a valid one is given."""
         if "rig" not in info.data:
             return None
         rig = info.data["rig"]
@@ -137,10 +137,10 @@ class SweepConfig(Group):
     @field_validator("start")
     @classmethod
     def _fits_the_oscillator(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
-        """Refuse a start beyond the stop, and too many points."""
+        """Refuse starts beyond the stop, and grids of too many points."""
         oscillator = info.data.get("oscillator")
         if oscillator is None:
-            return start  # refused already
+            return start  # the oscillator has been refused already
         x0, clearance, where = max(extremes(start.x0)), min(extremes(oscillator.clearance)), ""
         if info.data.get("points") is not None:
             pairs = np.broadcast_arrays(as_array(start.x0), as_array(oscillator.clearance))
@@ -169,7 +169,7 @@ class SweepConfig(Group):
     @field_validator("method")
     @classmethod
     def _enough_steps(cls, method: MethodConfig, info: ValidationInfo) -> MethodConfig:
-        """Refuse too few steps per period; choose them where none are given."""
+        """Refuse too few steps per period; choose the number if none is given."""
         oscillator, steps = info.data.get("oscillator"), method.steps_per_period
         if oscillator is None:
             return method
@@ -191,7 +191,7 @@ class SweepConfig(Group):
     @field_validator("record")
     @classmethod
     def _can_be_recorded(cls, record: RecordConfig, info: ValidationInfo) -> RecordConfig:
-        """Refuse exponents without exact impacts, and too many samples."""
+        """Refuse Lyapunov exponents without exact impacts, and trajectories of too many samples."""
         method = info.data.get("method")
         if method is None or info.data.get("oscillator") is None:
             return record
@@ -214,7 +214,7 @@ class SweepConfig(Group):
     @field_validator("follow", "refine")
     @classmethod
     def _has_neighbours(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse to go along an axis where the points are the rows of a table."""
+        """Refuse to follow or refine a table, which has no axis."""
         if value is not None and info.data.get("points") is not None:
             problem = "needs an axis, which points has not; expected: a range instead of points"
             raise MisplacedError((str(info.field_name),), problem)
@@ -223,7 +223,7 @@ class SweepConfig(Group):
     @field_validator("follow")
     @classmethod
     def _along_an_axis(cls, follow: FollowConfig | None, info: ValidationInfo) -> Any:
-        """Refuse to follow what is not swept."""
+        """Refuse to follow an axis that is not swept."""
         if follow is None or info.data.get("oscillator") is None:
             return follow
         lengths = {name: length(value) for name, value in info.data["oscillator"].items()}
@@ -245,7 +245,7 @@ class SweepConfig(Group):
         return self
 
     def with_record(self, **changes: int) -> Self:
-        """Return this sweep with other numbers in its record, and nothing cached of this one."""
+        """Return a copy of the sweep with changes to ``record``, and with empty caches."""
         record = self.record.model_copy(update=changes)
         made = type(self).model_construct(**{**dict(self), "record": record})
         made._order = self._order
@@ -253,21 +253,21 @@ class SweepConfig(Group):
 
     @property
     def steps(self) -> int:
-        """Steps per forcing period, the same all over the grid."""
+        """Steps per forcing period, the same for all points."""
         steps = self.method.steps_per_period
-        assert steps is not None  # they were chosen where none were given
+        assert steps is not None  # `_enough_steps` has chosen a number if none was given
         return steps
 
     @property
     def integration(self) -> dict[str, Any]:
-        """Integrator, impact rule and steps per period, as `vibroimpact.integrate` takes them."""
+        """Integrator, impact rule and steps per period: keyword arguments of `integrate`."""
         method = self.method
         names = {"integrator": method.integrator, "impact": method.impact}
         return {**names, "steps_per_period": self.steps}
 
     @cached_property
     def spec(self) -> RunSpec:
-        """What is computed of every point."""
+        """The quantities to compute for every point, and the method."""
         record, follow = self.record, self.follow
         return RunSpec(
             **self.integration,
@@ -285,7 +285,7 @@ class SweepConfig(Group):
 
     @cached_property
     def grid(self) -> Grid:
-        """The swept axes, in the order of the file, or the table; and the fixed values."""
+        """The swept axes in the order of the file, or the table, with the fixed values."""
         axes: dict[str, np.ndarray] = {} if self.points is None else {TABLE: self.points}
         fixed: dict[str, float] = {}
         for title in dict.fromkeys("oscillator" if t == "rig" else t for t, _ in self.items()):
@@ -300,21 +300,21 @@ class SweepConfig(Group):
 
     @property
     def directions(self) -> tuple[str, ...]:
-        """The directions in which an axis is followed; empty if no axis is."""
+        """The directions in which an axis is followed; empty if none is followed."""
         if self.follow is None:
             return ()
         return ("up", "down") if self.follow.direction == "both" else (self.follow.direction,)
 
     @property
     def size(self) -> int:
-        """Number of points to compute: those of the grid, in each direction."""
+        """Number of points to compute, counting each direction of a followed axis."""
         return self.grid.size * max(1, len(self.directions))
 
     def to_yaml(self, *, table: bool = True) -> str:
-        """Return the configuration with every default, but without the output and its compression.
+        """Return the configuration as YAML with all defaults, without output and compression.
 
         Loading it gives the same sweep: the same values and steps, and the axes in the same order.
-        It may leave out the table.
+        With ``table=False`` the table of points is left out.
         """
         plain = _plain(self)
         if self.points is None or not table:
@@ -332,12 +332,12 @@ class SweepConfig(Group):
             del plain["units"]
         options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
         text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
-        # If a terminal would obey a character, the text is escaped; YAML reads both forms alike.
+        # Escape control characters, which a terminal would obey; YAML reads both forms alike.
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as YAML has it: groups as mappings, in the order of their keys."""
+    """Convert a value to YAML's types: groups become mappings in the order of their keys."""
     if isinstance(value, Group):
         return {
             name: _plain(item)

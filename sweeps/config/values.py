@@ -1,4 +1,4 @@
-"""The values of a configuration: numbers as typed, lists, ranges, and groups of keys."""
+"""The forms of values in a configuration: numbers, lists, ranges, and groups of keys."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from sweeps.text import nearest, shortest, suggestion
 #: The path to a value in the configuration, for example ("oscillator", "h", 2).
 Key = tuple[str | int, ...]
 
-#: A longer axis is a slip of the keyboard.
+#: Most values along an axis; a longer one is surely a typing error.
 _MOST_VALUES = 10_000_000
 
 
 class MisplacedError(ValueError):
-    """A value that is wrong only beside another one; `key` is where to report it."""
+    """A value that conflicts with another one; `key` is the place to report."""
 
     def __init__(self, key: Key, problem: str) -> None:
         super().__init__(problem)
@@ -42,7 +42,7 @@ class MisplacedError(ValueError):
 
 
 def plain_number(value: object) -> object:
-    """Refuse what Python takes for a number beside numbers: 1_0 for 10, ١ for 1, and True for 1."""
+    """Refuse values that Python accepts as numbers but YAML users do not mean: 1_0, ١, True."""
     text = value if isinstance(value, str) else ""
     if isinstance(value, bool) or "_" in text or not text.isascii():
         raise ValueError("is not a number")
@@ -52,7 +52,7 @@ def plain_number(value: object) -> object:
 
 
 def plain_integer(value: object) -> object:
-    """Refuse the same, and let pydantic read 1e3 as an integer, too."""
+    """Refuse the same values as `plain_number`, and let pydantic accept 1e3 as an integer."""
     value = plain_number(value)
     with contextlib.suppress(ValueError):
         return float(value) if isinstance(value, str) else value
@@ -60,7 +60,7 @@ def plain_integer(value: object) -> object:
 
 
 def _distinct(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Refuse an empty list, and one that has a value twice."""
+    """Refuse an empty list, and a list with a repeated value."""
     if not values:
         raise ValueError("is empty")
     if len(set(values)) < len(values):
@@ -70,12 +70,12 @@ def _distinct(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def null(value: object) -> object:
-    """Read null as YAML does: the loader leaves every scalar a text."""
+    """Convert the texts "null" and "~" to None, since the loader keeps every scalar as text."""
     return None if isinstance(value, str) and value.lower() in ("null", "~") else value
 
 
 def form(value: object) -> str:
-    """Tell the forms of a value apart, so that an error speaks of the form that was meant."""
+    """Return a tag for the form of a value, so that errors refer to the form that was typed."""
     if isinstance(value, (dict, BaseModel)):
         return "<mapping>"
     if isinstance(value, np.ndarray):
@@ -84,7 +84,7 @@ def form(value: object) -> str:
 
 
 def one_of(table: Collection[str]) -> AfterValidator:
-    """Refuse a name that is not in a table, and suggest one that is."""
+    """Return a validator that refuses names outside a table and suggests a similar one."""
 
     def _check(name: str) -> str:
         if name not in table:
@@ -95,13 +95,13 @@ def one_of(table: Collection[str]) -> AfterValidator:
 
 
 def integer(meaning: str, low: int, high: int, default: Any = ...) -> Any:
-    """Return a field for an integer from `low` to `high`; it must be given without a default."""
+    """Return a field for an integer from `low` to `high`; without a default it is required."""
     text = f"{meaning}: an integer from {low} to {high}"
     return Field(default, ge=low, le=high, description=text)
 
 
 class Group(BaseModel):
-    """A mapping of the configuration, which remembers the order of its keys."""
+    """A mapping of the configuration, which keeps the order of its keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -110,14 +110,14 @@ class Group(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _keep_order(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Remember the order in which the keys were given."""
+        """Keep the order in which the keys were given."""
         group = handler(data)
         if isinstance(data, dict):
             group._order = tuple(dict.fromkeys([*data, *cls.model_fields]))
         return group
 
     def items(self) -> Iterator[tuple[str, Any]]:
-        """Yield names and values, the given ones first and in their order."""
+        """Yield names and values: first the given keys in their order, then the defaults."""
         for name in self._order:
             yield name, getattr(self, name)
 
@@ -127,7 +127,7 @@ Whole = Annotated[int, BeforeValidator(plain_integer)]
 
 
 class Range(Group):
-    """The values of an axis, from its first to its last."""
+    """The values of an axis, from the first to the last."""
 
     start: Number = Field(description="first value: a finite number")
     stop: Number = Field(description="last value, included: a finite number")
@@ -136,7 +136,7 @@ class Range(Group):
 
     @model_validator(mode="after")
     def _has_values(self) -> Self:
-        """Refuse a range without values, and one that is too wide."""
+        """Refuse a range that has no values or is too wide."""
         if self.spacing == "log" and min(self.start, self.stop) <= 0.0:
             raise ValueError("has log spacing, which needs start > 0 and stop > 0")
         if (self.num == 1) != (self.start == self.stop):
@@ -147,10 +147,10 @@ class Range(Group):
         return self
 
     def values(self) -> np.ndarray:
-        """Return the values, shape (num,), `start` and `stop` exactly among them."""
+        """Return the values, shape (num,); the first is exactly `start`, the last `stop`."""
         space = np.geomspace if self.spacing == "log" else np.linspace
         low, high = sorted((self.start, self.stop))
-        # Rounding may put a value next to an end on the wrong side of it.
+        # Rounding may move a value near an end beyond that end.
         return np.clip(space(self.start, self.stop, self.num), low, high)
 
 
@@ -158,26 +158,26 @@ Values = Annotated[
     Annotated[Number, Tag("<scalar>")]
     | Annotated[
         tuple[Number, ...],
-        # Not min_length, which counts the valid items only.
+        # min_length would count only the valid items.
         AfterValidator(_distinct),
         Field(json_schema_extra={"minItems": 1}),
         Tag("<list>"),
     ]
     | Annotated[Range, Tag("<mapping>")]
-    # Not typed here: a column of the table of ``points``.
+    # Never typed by a user: a column of the table ``points``.
     | Annotated[SkipJsonSchema[InstanceOf[np.ndarray]], Tag("<column>")],
     Discriminator(form),
 ]
 
 
-#: The forms of a table, of which `sweeps.config.points.read_points` makes a structured array.
+#: The forms of a table; `sweeps.config.points.read_points` makes a structured array of it.
 _COLUMNS = {"type": "object", "additionalProperties": {"type": "array", "minItems": 1}}
 _FORMS = {"anyOf": [{"type": "string"}, _COLUMNS, {"type": "null"}]}
 Table = Annotated[InstanceOf[np.ndarray] | None, BeforeValidator(null), WithJsonSchema(_FORMS)]
 
 
 def extremes(value: float | tuple[float, ...] | Range | np.ndarray) -> tuple[float, ...]:
-    """Return values among which are the least and the greatest."""
+    """Return a few values that include the smallest and the largest one."""
     if isinstance(value, Range):
         return value.start, value.stop
     if isinstance(value, np.ndarray):
@@ -186,12 +186,12 @@ def extremes(value: float | tuple[float, ...] | Range | np.ndarray) -> tuple[flo
 
 
 def as_array(value: float | tuple[float, ...] | Range | np.ndarray) -> np.ndarray:
-    """Return every value in order, shape (n,)."""
+    """Return all values in order, shape (n,)."""
     return value.values() if isinstance(value, Range) else np.atleast_1d(value)
 
 
 def length(value: float | tuple[float, ...] | Range | np.ndarray) -> int:
-    """Return the number of values along an axis, 1 for a column, without making them."""
+    """Return the number of values along an axis without creating them; 1 for a column."""
     if isinstance(value, Range):
         return value.num
     return len(value) if isinstance(value, tuple) else 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.config.rig import about, si_name, si_values
+from sweeps.config.rig import parameter_of, si_name, si_values
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
@@ -39,7 +39,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     units = dict(sweep.units.items())
     axes = [
-        _axis(shown, values, in_units(about(name, sweep.rig).unit, units))
+        _axis(shown, values, in_units(parameter_of(name, sweep.rig).unit, units))
         for name, own in sweep.grid.swept.items()
         for shown, values in si_values({name: own}, sweep.rig).items()
     ]

@@ -11,7 +11,7 @@ import xarray as xr
 
 from sweeps.analysis.rig import in_si
 from sweeps.analysis.selection import COORDINATES, config_of
-from sweeps.config.rig import about, si_name
+from sweeps.config.rig import parameter_of, si_name
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -76,14 +76,17 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     values = {name: drawn[si_name(name, rig)] for name in PARAMETERS}
     parts = mass + [
         _JOINT.join(
-            [f"${about(name, rig).symbol}={mathtext(float(value))}$", *_named_unit(value).split()]
+            [
+                f"${parameter_of(name, rig).symbol}={mathtext(float(value))}$",
+                *_named_unit(value).split(),
+            ]
         )
         for name, value in values.items()
-        if not value.dims and float(value) != about(name, rig).default
+        if not value.dims and float(value) != parameter_of(name, rig).default
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else the legend says it
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
-        symbol = about(config.follow.axis, rig).symbol
+        symbol = parameter_of(config.follow.axis, rig).symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
     if record is None:
         kept = config.record
