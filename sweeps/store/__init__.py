@@ -1,6 +1,7 @@
-"""The HDF5 file of a sweep: what it holds, how it is created, written, verified and read.
+"""The HDF5 file of a sweep: its content, and how it is created, written, verified and read.
 
-Only this room imports h5py. What the others use of it is listed here, and imported on first use.
+Only this room imports h5py. The names that other rooms use are listed here and imported on first
+use.
 """
 
 import lazy_loader

@@ -1,9 +1,9 @@
 """The complete file of a sweep: written in one pass, verified before HDF5 opens it, and read.
 
-HDF5 loops or crashes on some damaged files: of the bytes of a small sweep, about one in a thousand,
-with one bit flipped, hung or killed it. So a trailer follows what HDF5 has written, which HDF5 does
-not look at: the checksum of every part of the file, and which variable lies there. It is found
-from the end of the file without HDF5, which opens only what fits.
+HDF5 hangs or crashes on some damaged files: one flipped bit in about one of a thousand bytes of a
+small sweep was enough. Therefore a trailer follows the data of HDF5, which ignores it. The trailer
+lists the parts of the file, with the variable and the checksum of each. It is read from the end of
+the file without HDF5, and HDF5 opens the file only if the checksums agree.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from vibroimpact.status import Status
 if TYPE_CHECKING:
     import xarray as xr
 
-#: How the trailer ends: size and checksum of the table before it, magic.
+#: The end of the trailer: size and checksum of the table before it, magic.
 _END = struct.Struct("<QI8s")
-#: The name in the table of what is no data of a variable: coordinates, attributes, HDF5's own.
+#: Name in the table for bytes outside the data of variables: coordinates, attributes, metadata.
 _REST = "rest"
-#: Bytes under one checksum at most, so that several threads have work.
+#: Most bytes under one checksum, so that several threads can share the work.
 _PIECE = 1 << 22
 
 #: A part of the file: variable, start, size and checksum.
@@ -53,9 +53,9 @@ Row = tuple[str, int, int, int]
 
 
 class _Draft(io.FileIO):
-    """A file that HDF5 writes into, and that keeps an error for later.
+    """A file for HDF5 to write to, whose `write` never fails but keeps the error for later.
 
-    HDF5 kills the process when it cannot write while it closes a file, on a full disk, say.
+    If a write fails while HDF5 closes a file, for example on a full disk, HDF5 kills the process.
     """
 
     error: BaseException | None = None
@@ -70,7 +70,7 @@ class _Draft(io.FileIO):
         return len(data)
 
     def refuse_error(self) -> None:
-        """Raise the error that was kept."""
+        """Raise the kept error, if there is one."""
         if self.error is not None:
             raise self.error
 
@@ -83,7 +83,7 @@ def write_file(
     *,
     compressed: bool,
 ) -> None:
-    """Write the complete file of a sweep in place of an empty one.
+    """Write the complete file of a sweep to `path`, where there is an empty file.
 
     `parts` yields the boxes of a variable with their results, and `seconds` returns the duration.
     """
@@ -98,7 +98,7 @@ def write_file(
                         dataset[box] = array
                         draft.refuse_error()
                 file.attrs["duration"] = seconds()
-        finally:  # instead of what HDF5 says of it
+        finally:  # this error tells more than the error of HDF5 that follows from it
             draft.refuse_error()
     with h5py.File(path, "r") as file:
         spans = [(*span, name) for name in schema.variables for span in _spans(file[name])]
@@ -114,7 +114,7 @@ def write_file(
 
 
 def _spans(dataset: h5py.Dataset) -> list[tuple[int, int]]:
-    """Return start and size of the parts of a file that hold the data of a variable."""
+    """Return start and size of each part of the file that holds data of a variable."""
     if dataset.chunks is None:
         return [(dataset.id.get_offset(), dataset.nbytes)] if dataset.nbytes else []
     chunks: list[tuple[int, int]] = []
@@ -129,10 +129,10 @@ def _spans(dataset: h5py.Dataset) -> list[tuple[int, int]]:
 
 
 def _checksums(path: Path, rows: Iterable[Row]) -> list[int]:
-    """Return the checksum of the part of a file that each row names."""
+    """Return the checksum of the part of the file in each row."""
 
     def checksum(row: Row) -> int:
-        if row[0] != _REST:  # which is also read to say what an interrupted run has done
+        if row[0] != _REST:  # this part is also read after an interrupt, to report what was done
             check()
         with path.open("rb") as file:
             file.seek(row[1])
@@ -143,10 +143,10 @@ def _checksums(path: Path, rows: Iterable[Row]) -> list[int]:
 
 
 def check_file(path: Path, *, verify: bool = True) -> None:
-    """Refuse what is not the complete file of a sweep, or is damaged.
+    """Refuse a file that is not a complete sweep file, or that is damaged.
 
-    Without `verify`, only what is not the data of a variable is compared with its checksums.
-    Raises StoreError, which names the damaged variables.
+    Without `verify`, the data of variables are not compared with their checksums. The StoreError
+    names the damaged variables.
     """
     try:
         with open_regular(path) as file:
@@ -177,7 +177,7 @@ def check_file(path: Path, *, verify: bool = True) -> None:
 
 
 def _rows(file: io.BufferedReader) -> list[Row] | None:
-    """Return the table of a file; None if there is none that is sound and covers the file."""
+    """Return the table of a file; None without a sound table that covers the whole file."""
     size = os.fstat(file.fileno()).st_size
     file.seek(max(0, size - _END.size))
     end = file.read()
@@ -198,15 +198,16 @@ def _rows(file: io.BufferedReader) -> list[Row] | None:
 def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     """Open the file of a sweep; its arrays are read when they are used.
 
-    Of a sweep that is not complete the journal beside `path` is opened; points that are not in it
-    have the status ``PENDING``.
+    If the sweep is not complete, the journal beside `path` is opened. Points that it does not
+    contain have the status ``PENDING``.
 
     Parameters
     ----------
     path : str or Path
+        The file of the sweep, also while only its journal exists.
     verify : bool
-        Whether to compare the data with their checksums, which reads the whole file once.
-        Everything else is compared with its own in any case.
+        Whether to compare the data with their checksums, which reads the whole file once. The rest
+        of the file is always compared with its checksums.
 
     Returns
     -------
@@ -215,14 +216,14 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     Raises
     ------
     StoreError
-        If there is no such file, it is not a readable sweep of this format, or it is damaged.
+        If the file does not exist, is not a readable sweep of this format, or is damaged.
     """
-    import xarray as xr  # which a short run would wait for
+    import xarray as xr  # slow to import
 
     path = Path(path)
     try:
         if content(path) in (None, Content.NOTHING):
-            with suppress(FileNotFoundError):  # there is none, or a run has just completed the file
+            with suppress(FileNotFoundError):  # no journal, or a run has just completed the file
                 from sweeps.store.partial import open_journal
 
                 return open_journal(Journal(journal_path(path), verify=verify))
@@ -233,20 +234,20 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
 
 
 def schema_of(path: Path) -> Schema:
-    """Return the schema of a complete file, verified."""
+    """Verify a complete file and return its schema."""
     check_file(path)
     with h5py.File(path, "r") as file:
         return schema_in(file)
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
-    """Read variables with one value for each point of a complete file, and the duration [s]."""
+    """Return variables with a single value per point, and the duration of the run [s]."""
     check_file(path, verify=False)
     with h5py.File(path, "r") as file:
         return {name: file[name][()] for name in names}, float(file.attrs["duration"])
 
 
 def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
-    """Count the points of a sweep by outcome, also where there is none, from its ``status``."""
+    """Count the points of a sweep with each outcome, including the outcomes without points."""
     values = np.asarray(variables["status"])
     return {status: int(np.count_nonzero(values == status)) for status in Status}

@@ -1,11 +1,11 @@
-"""The journal of a sweep that is not complete: its blocks, in the order in which they came.
+"""The journal of an incomplete sweep: its blocks, in the order in which they were computed.
 
-It begins with a header: the schema of the sweep as an HDF5 file without data, and before it its
-size and checksum. An entry for every block follows: a head with the number of the block, a checksum
-of the head and one of each array; then the arrays, in the order of the schema. An entry is on the
-disk before the next one is begun. So a kill or a loss of power damages the last entry alone, whose
-checksums do not fit then: its block counts as not computed, as does one that is damaged later.
-Where the head of an entry is damaged, so do all that follow, whose place it tells.
+It begins with a header: the size and the checksum of the schema, then the schema as an HDF5 file
+without data. An entry for each block follows. Its head has the number of the block, a checksum of
+the head and one of each array; then come the arrays, in the order of the schema. An entry is on the
+disk before the next one is started, so a kill or a loss of power can damage only the last entry.
+The checksums reveal a damaged entry, and its block counts as not computed. If the head of an entry
+is damaged, all later entries are lost too, because it tells where they start.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from sweeps.store.paths import (
 from sweeps.store.schema import Schema, add_blocks, describe, schema_in
 from sweeps.store.variables import VARIABLES
 
-#: How a journal begins: magic, format version, checksum of the rest of the header, its size.
+#: Start of the header: magic, format version, checksum and size of the rest of the header.
 _HEADER = struct.Struct("<8sIIQ")
-#: The head of an entry: its checksum, block, samples of its trajectories, duration so far [s]; then
-#: the checksums of the arrays.
+#: Head of an entry: its checksum, number of the block, samples of its trajectories, duration of the
+#: run so far [s]; the checksums of the arrays follow.
 _HEAD = [("check", "<u4"), ("number", "<u4"), ("samples", "<u8"), ("seconds", "<f8")]
 
 
 class Entry(NamedTuple):
-    """A block in a journal: where its arrays are, from `start` to `end`, and their checksums."""
+    """A block in a journal: the position of its arrays, `start` to `end`, and their checksums."""
 
     number: int
     samples: int
@@ -54,7 +54,7 @@ class Entry(NamedTuple):
 
 
 def create(path: Path, schema: Schema) -> None:
-    """Write the journal of a sweep, without a block, into an empty file."""
+    """Write the journal of a sweep, without any block, to an empty file."""
     image = io.BytesIO()
     with h5py.File(image, "w", libver="earliest") as file:
         describe(file, schema)
@@ -65,13 +65,13 @@ def create(path: Path, schema: Schema) -> None:
 
 
 class Journal:
-    """A journal that is open: for reading, or for the one writer of the sweep.
+    """An open journal, for reading or for the only writer of the sweep.
 
-    `entries` has those that are sound, by the number of the block, and `damaged` is the number of
-    those before the last that are not. With `verify` all are compared with their checksums, which
-    reads the whole journal, otherwise the last alone. What follows the last sound one is cut off
-    where blocks are to be appended. Raises FileNotFoundError, or StoreError if the file is no
-    journal of this format version or its header is damaged.
+    `entries` maps the number of a block to its entry, if the entry is sound; `damaged` counts the
+    damaged entries, except the last one. With `verify` all entries are compared with their
+    checksums, which reads the whole journal; otherwise only the last one is. If `writable`, the
+    bytes after the last sound entry are cut off. Raises FileNotFoundError, or StoreError if the
+    file is not a journal of this format version or its header is damaged.
     """
 
     def __init__(self, path: Path, *, verify: bool = True, writable: bool = False) -> None:
@@ -99,16 +99,16 @@ class Journal:
 
     @property
     def samples(self) -> int:
-        """Samples of the longest trajectory that is there."""
+        """Number of samples of the longest trajectory in the journal."""
         return max((entry.samples for entry in self.entries.values()), default=1)
 
     @property
     def seconds(self) -> float:
-        """What the run had taken when the last block came."""
+        """Duration of the run [s] when its last block was written."""
         return max((entry.seconds for entry in self.entries.values()), default=0.0)
 
     def box(self, entry: Entry, name: str) -> Block:
-        """Return the part of a variable that is in an entry, whose trajectories may be shorter."""
+        """Return the part of a variable that an entry holds; its trajectories may be shorter."""
         block, dimension = self.schema.blocks[entry.number], VARIABLES[name].dimension
         if dimension is None:
             return block
@@ -130,7 +130,7 @@ class Journal:
     def append(
         self, number: int, arrays: Mapping[str, np.ndarray], samples: int, seconds: float
     ) -> None:
-        """Append a block, whose arrays are contiguous and in order; it is then on the disk."""
+        """Append a block, with contiguous arrays in the order of the schema, and sync the disk."""
         self.refuse_loss()
         checksums = {name: zlib.crc32(_bytes(array)) for name, array in arrays.items()}
         head = np.array((0, number, samples, seconds, [*checksums.values()]), self._head)
@@ -145,7 +145,7 @@ class Journal:
         self.entries[number] = Entry(number, samples, seconds, checksums, start, self._end)
 
     def refuse_loss(self) -> None:
-        """Refuse to go on where another program has removed, replaced or changed the journal."""
+        """Raise Failed if another program has removed, replaced or changed the journal."""
         here = os.fstat(self._file.fileno())
         try:
             loss = "" if os.path.samestat(here, os.stat(self.path)) else "replaced"
@@ -157,14 +157,14 @@ class Journal:
             raise Failed(f"{self.path} was {loss} by another program while it was written")
 
     def remove(self) -> None:
-        """Close and remove the journal, unless another file has its name by now."""
+        """Close and remove the journal, unless another file has taken its name."""
         here = os.fstat(self._file.fileno())
         self.close()
         if self.path.exists() and os.path.samestat(here, os.stat(self.path)):
             self.path.unlink()
 
     def _header(self) -> tuple[Schema, int]:
-        """Read the header; return the schema and where the first entry starts."""
+        """Read the header; return the schema and the position of the first entry."""
         start = self._file.read(_HEADER.size)
         if len(start) < _HEADER.size or not start.startswith(JOURNAL):
             raise StoreError(f"{self.path} is not the journal of a sweep")
@@ -181,12 +181,12 @@ class Journal:
             return schema_in(file), _HEADER.size + size
 
     def _find_entries(self, verify: bool) -> None:
-        """Find the entries that are sound, and the end of the last of them."""
+        """Find the sound entries, and the end of the last one."""
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
         found = list(self._heads())
         for entry in found:
-            if verify:  # otherwise it is read to say what an interrupted run has kept
+            if verify:  # without it, a journal is also read after an interrupt, for the report
                 check()
             last = entry is found[-1]
             if (verify or last) and not self._is_sound(entry):
@@ -196,7 +196,7 @@ class Journal:
             self._end = entry.end
 
     def _heads(self) -> Iterator[Entry]:
-        """Yield the entries, up to the first whose head is not sound, or that is cut off."""
+        """Yield the entries up to the first one that is cut off or whose head is damaged."""
         at, size = self._end, os.fstat(self._file.fileno()).st_size
         while at + self._head.itemsize <= size:
             self._file.seek(at)
@@ -213,13 +213,13 @@ class Journal:
             yield entry._replace(end=at)
 
     def _size(self, entry: Entry, name: str) -> int:
-        """Return the bytes of an array."""
+        """Return the size in bytes of an array."""
         return (
             math.prod(box_shape(self.box(entry, name))) * np.dtype(VARIABLES[name].dtype).itemsize
         )
 
     def _is_sound(self, entry: Entry) -> bool:
-        """Return whether the arrays of a block have their checksums."""
+        """Return whether the arrays of an entry match their checksums."""
         try:
             for name in self.schema.variables:
                 self.read(entry, name)
@@ -229,12 +229,12 @@ class Journal:
 
 
 def _bytes(array: np.ndarray) -> memoryview:
-    """Return the bytes of a contiguous array, not copied."""
+    """Return the bytes of a contiguous array without copying them."""
     return array.reshape(-1).view(np.uint8).data
 
 
 def kept_points(path: Path) -> tuple[int, int] | None:
-    """Return the points in the journal of a sweep and all of its points; None without a journal."""
+    """Return the number of points in the journal and of all points; None without a journal."""
     try:
         with Journal(journal_path(path), verify=False) as journal:
             blocks = journal.schema.blocks

@@ -1,7 +1,8 @@
-"""A sweep that is not complete as an ``xarray.Dataset``, read from its journal.
+"""An incomplete sweep as an ``xarray.Dataset``, read from its journal.
 
-Its arrays are read when they are used, as those of a complete file: this is what xarray asks of a
-file format (https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html).
+Its arrays are read when they are used, like those of a complete file. The classes implement the
+interface of an xarray backend
+(https://docs.xarray.dev/en/stable/internals/how-to-add-new-backend.html).
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from sweeps.store.variables import VARIABLES
 
 
 def open_journal(journal: Journal) -> xr.Dataset:
-    """Return a sweep as far as it is in a journal, which is closed with the Dataset.
+    """Open the points in a journal as a Dataset, which closes the journal when it is closed.
 
-    Points that are not there have the status ``PENDING``, and NaN or -1.
+    Points that are not in the journal have the status ``PENDING`` and the values NaN or -1.
     """
     return xr.open_dataset(journal, engine=_JournalBackend)  # type: ignore[arg-type]
 
@@ -60,7 +61,7 @@ class _Array(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, support, self._read)
 
     def _read(self, key: tuple[int | slice, ...]) -> np.ndarray:
-        """Return what integers and slices choose, from the blocks that have a part of it."""
+        """Return the values that integers and slices select, from all blocks that overlap them."""
         chosen = [
             range(n)[cut if isinstance(cut, slice) else slice(cut, cut + 1)]
             for cut, n in zip(key, self.shape, strict=True)
@@ -81,6 +82,6 @@ class _Array(BackendArray):
 
 
 def _within(box: Sequence[slice], part: Sequence[slice]) -> tuple[slice, ...]:
-    """Return where a part of a box lies in it."""
+    """Return the slices of a part relative to the start of its box."""
     pairs = zip(part, box, strict=True)
     return tuple(slice(cut.start - of.start, cut.stop - of.start) for cut, of in pairs)

@@ -1,4 +1,4 @@
-"""The files of a sweep by their paths: what lies there, what may be written, and by whom.
+"""The paths of a sweep's files: what exists there, what may be written, and the lock of the writer.
 
 While a sweep runs, it has a journal, ``OUT.h5.part``, and a lock, ``OUT.h5.lock``.
 """
@@ -25,30 +25,30 @@ from sweeps.text import shown_bytes
 #: The attributes ``format`` and ``format_version`` of a file.
 FORMAT = "vibroimpact-sweep"
 FORMAT_VERSION = 4
-#: How a journal begins, and how a complete file ends.
+#: The first bytes of a journal, and the last bytes of a complete file.
 JOURNAL = b"\x89VIBROJ\n"
 TRAILER = b"\x89VIBRO4\n"
-#: How files of the format versions 2 and 3 end.
+#: The last bytes of files with the format versions 2 and 3.
 _OLDER = re.compile(rb"\x89VIBRO[L3]\n")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-#: Bytes at either end of a file in which its format and its trailer are looked for.
+#: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
 
-#: Endings that name another kind of file, which a slip would give to the data.
+#: Endings of other kinds of files, refused for an output because they are surely a mistake.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
-#: What a lock holds: nothing where its writer was killed before it wrote this, or what filelock
-#: writes where the system has no locks.
+#: Valid contents of a lock: this program's text, the text that filelock writes on systems without
+#: locks, or nothing if the writer was killed early.
 _LOCK_TEXT = re.compile(rb"(?:vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?)?")
 
 
 def journal_path(path: Path) -> Path:
-    """Return the path of the journal of a sweep, which lies beside the file that a link names."""
+    """Return the path of the journal of a sweep; for a link, it lies beside the link's target."""
     path = path.resolve() if os.path.islink(path) else path
     return path.with_name(f"{path.name}.part")
 
 
 def identity(path: Path) -> tuple[int, ...] | None:
-    """Return what is different after a file was replaced or written; None where there is none."""
+    """Return a value that changes when the file is replaced or written; None without a file."""
     try:
         about = path.stat()
     except (OSError, ValueError):
@@ -57,7 +57,7 @@ def identity(path: Path) -> tuple[int, ...] | None:
 
 
 def reason(error: Exception) -> str:
-    """Say what went wrong, without HDF5's buffer addresses and line breaks."""
+    """Return the message of an error, without the buffer addresses and line breaks of HDF5."""
     errno = re.search(r"errno = (\d+)", str(error))
     number = getattr(error, "errno", None) or (errno and int(errno[1]))
     return os.strerror(number) if number else str(error).splitlines()[0]
@@ -67,7 +67,7 @@ def reason(error: Exception) -> str:
 
 
 class Content(Enum):
-    """What lies at a path, as far as its two ends tell; the value says it in messages."""
+    """The kind of a file, judged by its first and last bytes; the value is its name in messages."""
 
     NOTHING = "empty"
     SWEEP = "the file of a sweep"
@@ -78,9 +78,9 @@ class Content(Enum):
 
 
 def content(path: Path) -> Content | None:
-    """Return what lies at a path, None where nothing does; refuse what is no regular file.
+    """Return the kind of the file at a path, None without one; refuse all but regular files.
 
-    HDF5 is not asked: what it does with a damaged file is not known.
+    This does not use HDF5, which a damaged file can crash.
     """
     try:
         with open_regular(path) as file:
@@ -98,7 +98,7 @@ def content(path: Path) -> Content | None:
 
 
 def open_regular(path: Path) -> io.BufferedReader:
-    """Open a regular file to be read; refuse all else at once, as a FIFO, which would wait."""
+    """Open a regular file for reading; refuse anything else, such as a FIFO, which would block."""
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
@@ -111,11 +111,11 @@ def open_regular(path: Path) -> io.BufferedReader:
 
 
 def is_sweep(path: Path) -> bool:
-    """Return whether there is an HDF5 file, of a sweep or not, or the journal of a sweep."""
+    """Return whether the path has an HDF5 file, of a sweep or not, or the journal of a sweep."""
     try:
         found = content(path) or content(journal_path(path))
     except StoreError:
-        return False  # which the YAML's own message says
+        return False  # reading it as YAML reports the error
     return found in (Content.SWEEP, Content.OLDER, Content.HDF5, Content.JOURNAL)
 
 
@@ -128,10 +128,10 @@ def refuse_version(path: Path) -> NoReturn:
 
 
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
-    """Refuse a path that a sweep cannot be written to, with StoreError.
+    """Raise StoreError if a sweep cannot be written to a path.
 
-    It may be in no directory, or have the ending of another kind of file; or the file or its
-    journal may exist and be neither to be overwritten nor resumed, or be of another kind.
+    This is so if its folder does not exist, if its ending belongs to another kind of file, or if
+    the file or its journal exists and is of another kind, or is neither overwritten nor resumed.
     """
     path = Path(path)
     check_target(path, "output")
@@ -159,10 +159,10 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
 
 
 def check_room(path: Path, size: int, *, resume: bool = False) -> None:
-    """Refuse a sweep of `size` bytes, its journal and its file together, that the disk lacks."""
+    """Refuse a sweep if the disk lacks `size` bytes, for its journal and its file together."""
     journal = journal_path(path)
     existing = journal.exists() or path.exists()
-    if resume and existing:  # the journal has a part of the room, and a complete file all of it
+    if resume and existing:  # the journal already takes part of the room, a complete file all
         size = size - journal.stat().st_size if journal.exists() else 0
     free = shutil.disk_usage(journal.parent).free
     if size > free:
@@ -181,15 +181,15 @@ def check_room(path: Path, size: int, *, resume: bool = False) -> None:
 def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
     """Hold the lock ``<path>.lock``, a file that names this process, and remove it at the end.
 
-    The system lets go of the lock when the process dies, however it dies. What a dead process
-    leaves is a file that nobody has locked, and the next writer takes it over. Readers need none.
-    Raises StoreError if another process has it, if there can be no such file, or as `check_output`.
+    However the process dies, the system releases the lock. The file left behind is then unlocked,
+    and the next writer takes it over. Readers need no lock. Raises StoreError if another process
+    holds the lock, if the file cannot be created, or as `check_output` does.
     """
     check_target(path, "output")
     real = path.resolve()
     try:
         name = real.with_name(f"{real.name}.lock")
-        users = os.path.lexists(name) and not _lock_text(name)  # an empty file, perhaps the user's
+        users = os.path.lexists(name) and not _lock_text(name)  # an empty file may be the user's
         lock = FileLock(name)
         lock.acquire(blocking=False)
     except Timeout:
@@ -205,9 +205,9 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
         ) from None
     except OSError as error:
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
-    by_itself = isinstance(lock, SoftFileLock)  # it writes and removes the file
+    by_itself = isinstance(lock, SoftFileLock)  # it writes and removes the file itself
     try:
-        with suppress(PermissionError):  # of Windows, where nobody can write to what is locked
+        with suppress(PermissionError):  # on Windows a locked file cannot be written
             if not by_itself:
                 name.write_bytes(b"vibroimpact lock of process %d\n" % os.getpid())
         check_output(path, overwrite=overwrite, resume=resume)
@@ -222,7 +222,7 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
 
 
 def _lock_text(name: Path) -> bytes:
-    """Return what a lock holds, if it can be read; refuse anything else of its name."""
+    """Return the content of a lock, if it can be read; refuse another file of its name."""
     text = b""
     with suppress(FileNotFoundError, PermissionError):
         text = name.read_bytes()[:100] if stat.S_ISREG(os.lstat(name).st_mode) else b"another"

@@ -1,6 +1,6 @@
-"""Replace a file by a new one once the new one is complete, and refuse what is not to be replaced.
+"""Replace a file only when the new one is complete, and refuse targets that must not be replaced.
 
-Every file that the program writes as a whole is written here.
+Every file that the program writes as a whole is written with these functions.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from pathlib import Path
 from sweeps.errors import Failed, StoreError
 from sweeps.text import shortened
 
-#: Letters of a file's name that the name of a draft repeats, so that it is not too long.
+#: Number of characters of a file's name in the name of its draft, which must not be too long.
 _REPEATED = 50
 
 
 def check_target(path: Path, what: str) -> bool:
-    """Refuse a path that no file can be written to; return whether a file is there already.
+    """Refuse a path to which no file can be written; return whether a file exists there.
 
     Parameters
     ----------
     path : Path
     what : str
-        What is to be written, in a word for the message.
+        The word for the file in messages, such as "output".
 
     Raises
     ------
     StoreError
-        If the path is in no folder, is too long, or is anything else than a regular file, such as
-        a directory, a FIFO or a device; or is a link that another user has put there.
+        If the folder of the path does not exist, if the path is too long, if it exists and is not
+        a regular file (but a directory, a FIFO or a device), or if it is a link made by another
+        user.
     """
     try:
         target = _followed(path)
@@ -45,7 +46,7 @@ def check_target(path: Path, what: str) -> bool:
         mode = os.stat(target).st_mode
     except FileNotFoundError:
         return False
-    except (OSError, ValueError) as error:  # too long a name, a null byte, links in a loop
+    except (OSError, ValueError) as error:  # a name too long, a null byte, a loop of links
         reason = getattr(error, "strerror", None) or error
         name = shortened(repr(str(path)), 300)
         raise StoreError(f"the {what} {name} cannot be used: {reason}") from None
@@ -59,7 +60,7 @@ def check_target(path: Path, what: str) -> bool:
 
 
 def kind(mode: int) -> str:
-    """Name what is no regular file."""
+    """Return the words for something that is not a regular file."""
     if stat.S_ISDIR(mode):
         return "a directory"
     kinds = {
@@ -72,10 +73,10 @@ def kind(mode: int) -> str:
 
 
 def _followed(path: Path) -> Path:
-    """Return the path itself or, if it is a link of this user, the path that the link leads to.
+    """Return the path itself or, for a link of this user, the target of the link.
 
-    Where others may write, the kernel follows no link of theirs when it opens a file. A link that
-    is resolved here is not opened, so its owner has to be compared.
+    In a folder where others may write, the kernel follows no link of theirs when a file is opened.
+    A link that is resolved here is not opened, so its owner must be checked here.
     """
     try:
         status = path.lstat()
@@ -90,7 +91,7 @@ def _followed(path: Path) -> Path:
 
 @contextmanager
 def writing(path: Path, what: str) -> Iterator[Path]:
-    """Check a path, and replace it as `replacing` does; a failure names it.
+    """Check a path, and replace its file as `replacing` does; errors name the path.
 
     Raises
     ------
@@ -109,17 +110,17 @@ def writing(path: Path, what: str) -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield the name of a new, empty file, a draft, which replaces `path` at the end.
+    """Yield the path of a draft, a new and empty file, which replaces `path` at the end.
 
-    A link at `path` stays, and the file that it leads to is replaced. If the ``with`` block raises,
-    that file stays as it was, and the draft is removed. A draft that a killed process has left is
-    removed by the next that replaces the same file.
+    If `path` is a link, its target is replaced and the link stays. If the ``with`` block raises,
+    the file stays as it was and the draft is removed. The draft of a killed process is removed by
+    the next process that replaces the same file.
     """
     target = _followed(path)
     remove_leftovers(target)
     name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
     new = target.with_name(name)
-    new.open("xb").close()  # a new name: nothing that another user has put there is opened
+    new.open("xb").close()  # creates the file, so that no file of another user is opened
     try:
         yield new
         with new.open("rb+") as file:
@@ -131,7 +132,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _sync_names(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk; Windows, which opens no folder, does so."""
+    """Wait until the names in a folder are on the disk; Windows cannot, as it opens no folder."""
     with suppress(PermissionError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -141,23 +142,23 @@ def _sync_names(folder: Path) -> None:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove the drafts of `path` whose processes were killed, and no other file."""
+    """Remove the drafts of `path` that killed processes left, and no other file."""
     draft = re.compile(rf"\.{re.escape(path.name[:_REPEATED])}\.(\d+)-[0-9a-f]{{8}}\.new")
     for entry in path.parent.iterdir():
         if match := draft.fullmatch(entry.name):
-            with suppress(OSError):  # of another user, or removed by another process
+            with suppress(OSError):  # another user's, or removed by another process
                 if _ended(int(match[1]), entry.lstat().st_mtime):
                     entry.unlink()
 
 
 def _ended(process: int, time: float) -> bool:
-    """Whether a process that ran at a time [s] has ended; its number may be that of a newer one."""
-    import psutil  # whose import takes a while, and there is seldom a draft
+    """Whether the process that ran at `time` [s] has ended; a newer one may have its number."""
+    import psutil  # slow to import, and drafts are rare
 
     try:
         began: float = psutil.Process(process).create_time()
     except psutil.NoSuchProcess:
         return True
-    except psutil.Error:  # of another user, and hidden
+    except psutil.Error:  # another user's process, which is hidden
         return False
     return began > time

@@ -1,7 +1,7 @@
-"""What the file of a sweep holds beside its data: dimensions, attributes, variables and blocks.
+"""The schema of a sweep file: dimensions, attributes, variables and blocks, without the data.
 
-The same two functions write and read it in a complete file and in the header of a journal, which is
-a small HDF5 file without data.
+`describe` writes it and `schema_in` reads it, both in a complete file and in the header of a
+journal, which is a small HDF5 file without data.
 """
 
 from __future__ import annotations
@@ -35,37 +35,37 @@ from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Status
 
-#: The attribute of a refined sweep that counts the points added to its grid.
+#: Attribute of a refined sweep: the number of points added to its grid.
 ADDED = "points_added"
 
-#: The attribute that names the parameters that are not swept: coordinates for xarray (CF 5).
+#: Attribute that names the fixed parameters and the columns: coordinates for xarray (CF 5).
 _COORDINATES = "coordinates"
-#: The blocks, in the header of a journal alone.
+#: Dataset of the blocks; only the header of a journal has it.
 _BLOCKS = "blocks"
-#: Values in one chunk of a variable, at most.
+#: Most values in one chunk of a variable.
 _CHUNK_VALUES = 1 << 17
 
 
 @dataclass(frozen=True)
 class Schema:
-    """What the file of a sweep holds, except its data.
+    """The content of a sweep file, except its data.
 
     Attributes
     ----------
     axes : mapping of str to ndarray
-        The leading dimensions of every result: the swept axes, and before them ``direction``
-        where one was followed up and down; or ``TABLE`` alone, a structured array.
+        The leading dimensions of every result: the swept axes, preceded by ``direction`` if one of
+        them was followed up and down; or only ``TABLE``, a structured array.
     fixed : mapping of str to float
         The value of every parameter that is not swept.
     records : mapping of str to ndarray
-        The record dimensions and their coordinates. The width of ``sample`` is known in a complete
-        file only.
+        The record dimensions and their coordinates. The width of ``sample`` is final only in a
+        complete file.
     variables : tuple of str
-        Those of ``VARIABLES`` that there are, in that order.
+        The names out of ``VARIABLES`` that the file holds, in that order.
     blocks : sequence of Block
-        In which the points are computed and kept; none in a complete file.
+        The blocks in which the points are computed and stored; empty in a complete file.
     attributes : mapping of str to str or int
-        Of the file, the configuration among them.
+        The attributes of the file, including the configuration.
     """
 
     axes: Mapping[str, np.ndarray]
@@ -79,12 +79,12 @@ class Schema:
     def of(
         cls, grid: Grid, blocks: Iterable[Block], spec: RunSpec, attributes: Mapping[str, Any]
     ) -> Self:
-        """Return the schema of a new sweep, in which `spec` is computed of every point.
+        """Return the schema of a new sweep that computes `spec` for every point.
 
-        `blocks` cover every point of the grid once. `attributes` have ``name``, ``configuration``
-        (as YAML), ``numerics`` (which names the code that computes the data), if wanted
-        ``length_unit`` and ``time_unit``, and what else the file is to keep. Of two directions in
-        which an axis is followed, the data have a leading dimension.
+        `blocks` must cover every point of the grid once. `attributes` must contain ``name``,
+        ``configuration`` (as YAML) and ``numerics`` (which identifies the code that computes the
+        data). They may contain ``length_unit``, ``time_unit`` and further attributes of the file.
+        If an axis is followed in two directions, the data get a leading dimension for them.
         """
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         for name in columns:
@@ -123,18 +123,18 @@ class Schema:
         return (*self.axes, dimension) if dimension else tuple(self.axes)
 
     def shape_of(self, name: str, box: tuple[int, ...] | None = None) -> tuple[int, ...]:
-        """Return the shape of a variable, in a box of that shape or in the whole file."""
+        """Return the shape of a variable in a box of shape `box`, or in the whole file."""
         dimension = VARIABLES[name].dimension
         width = (len(self.records[dimension]),) if dimension else ()
         return (self.shape if box is None else box) + width
 
     def shown_unit(self, unit: str) -> str:
-        """Return a unit as it is called in this sweep."""
+        """Return a unit with the names that this sweep gives to length and time."""
         called = {key: str(self.attributes.get(f"{key}_unit", key)) for key in ("length", "time")}
         return in_units(unit, called)
 
     def with_points(self, values: np.ndarray) -> Self:
-        """Return the same with further values of its only axis, counted in an attribute."""
+        """Return a copy with further values of its only axis, counted in an attribute."""
         (axis,) = self.axes
         all_values = np.union1d(self.axes[axis], values)
         size = max(block_points(block) for block in self.blocks)
@@ -146,14 +146,14 @@ class Schema:
         )
 
     def with_samples(self, width: int) -> Self:
-        """Return the same with another width of the trajectories, if there are any."""
+        """Return a copy with another width of the trajectories, if there are any."""
         if "sample" not in self.records:
             return self
         return replace(self, records={**self.records, "sample": np.arange(width)})
 
 
 def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> None:
-    """Write the attributes and coordinates of a schema, and its variables without their data."""
+    """Write the attributes and coordinates of a schema, and create its variables without data."""
     file.attrs.update(schema.attributes)
     columns = str(schema.attributes.get(COLUMNS, "")).split()
     file.attrs[_COORDINATES] = " ".join([*schema.fixed, *columns])
@@ -186,14 +186,14 @@ def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> No
 
 
 def add_blocks(file: h5py.File, schema: Schema) -> None:
-    """Write the blocks of a schema."""
+    """Write the bounds of the blocks of a schema."""
     bounds = [[(cut.start, cut.stop) for cut in block] for block in schema.blocks]
     shape = (len(schema.blocks), len(schema.axes), 2)
     file[_BLOCKS] = np.array(bounds, np.int64).reshape(shape)
 
 
 def schema_in(file: h5py.File) -> Schema:
-    """Read what `describe` and `add_blocks` have written."""
+    """Read the schema that `describe` and `add_blocks` have written."""
     variables = tuple(name for name in VARIABLES if name in file)
     records = dict.fromkeys(VARIABLES[name].dimension for name in variables)
     scales = [scale for dimension in file["status"].dims for scale in dimension.values()]
@@ -217,7 +217,7 @@ def _values(scale: h5py.Dataset) -> np.ndarray:
 
 
 def _stored(values: np.ndarray) -> np.ndarray:
-    """Return values as HDF5 has them: texts of any length, or numbers."""
+    """Convert values to a type that HDF5 stores: texts of any length, or numbers."""
     return values.astype(h5py.string_dtype()) if values.dtype == object else values
 
 
@@ -237,15 +237,16 @@ def _add_scale(file: h5py.File, name: str, values: np.ndarray, about: tuple[str,
 
 
 def _label(dataset: h5py.Dataset, about: tuple[str, str, str]) -> None:
-    """Say what a dataset is, its unit and its symbol."""
+    """Set the attributes of a dataset: its meaning, its unit and its symbol."""
     dataset.attrs.update(zip(("long_name", "units", "symbol"), about, strict=True))
 
 
 def _storage(schema: Schema, name: str, compressed: bool) -> dict[str, Any]:
-    """Return how HDF5 stores a variable: in chunks that no two blocks share.
+    """Return the HDF5 storage options of a variable, with chunks that never span two blocks.
 
-    All blocks but the last are of one length along the axis that they cut, which may be halved. The
-    other dimensions lie in a block as a whole, and may be cut anywhere.
+    Along the axis that is split, all blocks but the last have the same length; a chunk has that
+    length, or an exact fraction of it. Each other dimension lies completely in a block, so chunks
+    may split it anywhere.
     """
     shape, fill_value = schema.shape_of(name), VARIABLES[name].fill_value
     if 0 in shape or not shape:

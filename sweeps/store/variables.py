@@ -1,4 +1,4 @@
-"""The variables that the file of a sweep can hold: dimensions, units, types and sizes."""
+"""The variables that a sweep file can hold: dimensions, units, types and sizes."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ class Variable:
     Attributes
     ----------
     dimension : str or None
-        The dimension that follows the swept axes; None where there is one value per point.
+        The record dimension after the swept axes; None for a single value per point.
     unit, long_name, symbol : str
-        As in ``PARAMETERS``.
+        As for the parameters in ``PARAMETERS``.
     dtype : str
-        As stored. Points not computed yet hold NaN, or ``Status.PENDING`` (-1) in an integer.
+        The type in the file. Points that are not computed yet hold NaN, or ``Status.PENDING`` (-1)
+        in an integer variable.
     diagnostic : str or None
-        The diagnostic that it belongs to, a field of `RunSpec`; None where it is always recorded.
+        The diagnostic it belongs to, a field of `RunSpec`; None if it is always recorded.
     """
 
     dimension: str | None
@@ -40,12 +41,12 @@ class Variable:
 
     @property
     def fill_value(self) -> np.generic:
-        """What points hold that are not computed yet."""
+        """The value of points that are not computed yet."""
         floating = self.dtype.startswith("float")
         return np.dtype(self.dtype).type(np.nan if floating else Status.PENDING)
 
 
-#: What a file can hold, in the order in which it does.
+#: All variables that a file can hold, in their order in the file.
 VARIABLES: Mapping[str, Variable] = {
     "poincare_x": Variable("section", "length", "displacement at the section", "x"),
     "poincare_v": Variable("section", "length/time", "velocity at the section", r"\dot{x}"),
@@ -86,14 +87,14 @@ VARIABLES: Mapping[str, Variable] = {
     "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
 }
 
-#: The dimension of the two ways in which an axis was followed, before all others, and its meaning.
+#: The first dimension of a sweep followed up and down, and its meaning.
 DIRECTION = "direction"
 DIRECTION_MEANING = "way in which the axis was followed"
 
-#: The attribute of a sweep over a table that names its columns.
+#: Attribute of a sweep over a table: the names of its columns.
 COLUMNS = "columns"
 
-#: The record dimensions and what their coordinates count.
+#: The record dimensions and the meaning of their coordinates.
 RECORDS: Mapping[str, str] = {
     "section": "number of the forcing period that ends at the section",
     "impact": "number of the impact among those kept",
@@ -103,15 +104,15 @@ RECORDS: Mapping[str, str] = {
 
 
 def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the columns of the table that a sweep is over, also of a cut; empty for a grid."""
+    """Return the columns of a sweep over a table, or of a selection from it; empty for a grid."""
     names = str(dataset.attrs.get(COLUMNS, "")).split()
     return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 
 def widths_of(spec: RunSpec, at_impacts: int = 0) -> dict[str, int]:
-    """Return the width of every record dimension; 0 where there is none.
+    """Return the width of every record dimension; 0 if nothing is recorded along it.
 
-    Of a trajectory it is that without the samples at impacts, or with so many in every period.
+    The width of ``sample`` counts `at_impacts` samples at impacts in every period.
     """
     samples = 0
     if spec.every is not None:
@@ -126,7 +127,7 @@ def widths_of(spec: RunSpec, at_impacts: int = 0) -> dict[str, int]:
 
 
 def held_variables(spec: RunSpec) -> dict[str, Variable]:
-    """Return the variables of a file by what is computed of every point."""
+    """Return the variables of a file for which `spec` is computed."""
     widths = widths_of(spec)
     return {
         name: variable
@@ -137,7 +138,7 @@ def held_variables(spec: RunSpec) -> dict[str, Variable]:
 
 
 def bytes_per_point(spec: RunSpec, at_impacts: int = 0) -> int:
-    """Return the bytes of the results of a point, with widths as of `widths_of`."""
+    """Return the size in bytes of the results of one point, with the widths of `widths_of`."""
     widths = {"": 1, **widths_of(spec, at_impacts)}
     return sum(
         np.dtype(variable.dtype).itemsize * widths[variable.dimension or ""]
@@ -146,5 +147,5 @@ def bytes_per_point(spec: RunSpec, at_impacts: int = 0) -> int:
 
 
 def is_remarkable(status: Status) -> bool:
-    """Return whether there is more to say of a point than that it was computed."""
+    """Return whether an outcome deserves a remark, that is, is more than a computed point."""
     return status not in (Status.COMPUTED, Status.CERTIFIED)

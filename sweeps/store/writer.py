@@ -1,4 +1,4 @@
-"""Write a sweep: its blocks into the journal, and at the end the complete file from it."""
+"""Write a sweep: its blocks to the journal, and at the end the complete file from the journal."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
 def sweep_writer(
     path: str | Path, schema: Schema, *, resume: bool = False
 ) -> Iterator[SweepWriter | None]:
-    """Begin the journal of the sweep at `path`, or go on with it; call it inside `only_writer`.
+    """Start the journal of the sweep at `path`, or continue it; call this inside `only_writer`.
 
     Yields None if the file is complete. An existing journal is replaced at once; with `resume` it
-    keeps its own blocks, and what is damaged in it is pending again. Raises StoreError if what is
-    resumed is of another sweep or is damaged, and Failed if the journal cannot be created; then
-    none is left behind, and an old one is untouched.
+    keeps its blocks, and damaged blocks become pending again. Raises StoreError if the resumed
+    file or journal belongs to another sweep or is damaged, and Failed if the journal cannot be
+    created; in that case no new journal is left behind, and an old one is unchanged.
     """
-    # A link is followed once: all that follows works on the file that was checked and locked.
+    # Follow a link only once, so that everything works on the file that was checked and locked.
     path = Path(path).resolve()
     journal = journal_path(path)
-    remove_leftovers(path)  # which may be large
+    remove_leftovers(path)  # drafts may be large
     if resume and journal.exists() and journal.stat().st_size > 0:
         with Journal(journal, verify=False) as old:
             _refuse_other(journal, old.schema, schema)
@@ -55,18 +55,18 @@ def sweep_writer(
         opened = Journal(journal, writable=True)
     try:
         yield SweepWriter(path, opened)
-    except StoreError as error:  # the journal passed its checks, and has changed since
+    except StoreError as error:  # the journal has changed since it passed its checks
         raise Failed(str(error)) from error
     finally:
-        with suppress(OSError):  # what cannot be written any more has been said
+        with suppress(OSError):  # a failed write has been reported already
             opened.close()
 
 
 class SweepWriter:
-    """Fills a sweep block by block, and completes it; from `sweep_writer`.
+    """Writes a sweep block by block, and completes it; made by `sweep_writer`.
 
-    Every method raises Failed if the journal or the file cannot be written, say on a full disk, or
-    the journal was removed or changed.
+    Every method raises Failed if the journal or the file cannot be written, for example on a full
+    disk, or if another program has removed or changed the journal.
     """
 
     def __init__(self, path: Path, journal: Journal) -> None:
@@ -84,9 +84,9 @@ class SweepWriter:
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
         """Write the results of one block; they are on the disk when this returns.
 
-        `results` has, for every variable of the file, an array of shape (points of the block, ...)
-        in C order, otherwise KeyError or ValueError is raised. A trajectory may have any number
-        of samples. Variables that this file leaves out are ignored.
+        `results` must have an array of shape (points of the block, ...) in C order for every
+        variable of the file; otherwise KeyError or ValueError is raised. Trajectories may have any
+        number of samples. Variables that the file does not hold are ignored.
         """
         number, arrays = self._numbers[_corners(block)], self._checked(block, results)
         samples = max((a.shape[-1] for name, a in arrays.items() if _sampled(name)), default=0)
@@ -94,7 +94,7 @@ class SweepWriter:
             self._journal.append(number, arrays, samples, self._seconds())
 
     def dataset(self) -> xr.Dataset:
-        """Return the sweep as far as it is written, as `open_sweep` does."""
+        """Return the sweep as written so far, as `open_sweep` does."""
         from sweeps.store.partial import open_journal
 
         return open_journal(Journal(self._journal.path, verify=False))
@@ -105,10 +105,10 @@ class SweepWriter:
         *,
         compressed: bool = False,
     ) -> None:
-        """Write the complete file, where all blocks are there, and remove the journal.
+        """Write the complete file and remove the journal, which must hold all blocks.
 
-        `points` has further points of the only axis: by its values, the results of one point. They
-        also replace those of a value that is there already.
+        `points` maps further values of the only axis to the results of that point. For a value of
+        the grid, they replace the results in the journal.
         """
         schema = self._schema.with_samples(self._journal.samples)
         if points is not None:
@@ -118,7 +118,7 @@ class SweepWriter:
             parts = partial(self._parts, points=points or {})
             write_file(new, schema, parts, self._seconds, compressed=compressed)
             self._refuse_other_file()
-        with suppress(PermissionError):  # on Windows, where somebody reads it
+        with suppress(PermissionError):  # on Windows, if another process is reading it
             self._journal.remove()
 
     def _parts(
@@ -145,7 +145,7 @@ class SweepWriter:
             at += len(values)
 
     def _refuse_other_file(self) -> None:
-        """Refuse to replace a file that another program has put there meanwhile."""
+        """Refuse to replace a file that another program has written in the meantime."""
         now = identity(self._path)
         if now is not None and now != self._before:
             raise Failed(
@@ -157,7 +157,7 @@ class SweepWriter:
         return self._spent + time.monotonic() - self._began
 
     def _checked(self, block: Block, results: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Give the arrays of shape (points, ...) the shape (box..., ...)."""
+        """Check the arrays, and reshape them from (points, ...) to (box..., ...)."""
         unknown = sorted(set(results) - set(VARIABLES))
         if unknown:
             raise ValueError(f"the store has no variable {', '.join(unknown)}")
@@ -182,9 +182,10 @@ def _sampled(name: str) -> bool:
 
 
 def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
-    """Refuse to go on with a file that another sweep, or other code, began; name the keys."""
+    """Refuse to resume a file of another sweep or other code; the error names what differs."""
     differing: list[str] = []
-    for attribute in ("configuration", "computation"):  # the second follows from the first
+    # The computation follows from the configuration: compare it only if that does not differ.
+    for attribute in ("configuration", "computation"):
         was, now = (str(schema.attributes.get(attribute, "{}")) for schema in (old, new))
         differing = differing or _differences(was, now)
     if old.attributes["numerics"] != new.attributes["numerics"]:
@@ -199,7 +200,7 @@ def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
 
 
 def _differences(old: str, new: str) -> list[str]:
-    """Say in which keys two configurations differ, and what these were and are; not the name."""
+    """List the keys in which two configurations differ, except the name, with both values."""
     if old == new:
         return []
     was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
@@ -220,7 +221,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 
 
 def _has_grid(old: Schema, new: Schema) -> bool:
-    """Return whether a file has the grid of a schema, and further values only where refined."""
+    """Return whether two grids are equal; a refined old grid may have further values."""
     if list(old.axes) != list(new.axes):
         return False
     pairs = [(old.axes[axis], new.axes[axis]) for axis in new.axes]
@@ -239,7 +240,7 @@ def _same(old: np.ndarray, new: np.ndarray) -> bool:
 
 @contextmanager
 def _failure(path: Path, action: str) -> Iterator[None]:
-    """Turn what goes wrong with an accepted file into a failure."""
+    """Raise Failed for any error of a file whose path was accepted."""
     try:
         yield
     except StoreError as error:
