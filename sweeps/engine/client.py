@@ -1,4 +1,4 @@
-"""A Dask client for an address that was typed: of a cluster that there is, or of processes here."""
+"""A Dask client for a typed address: of an existing cluster, or of new processes here."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sweeps.text import shortened
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
 
-#: How long a scheduler may take to answer [s].
+#: Longest wait for the answer of a scheduler [s].
 _PATIENCE = 6
 
 _ALLOWED = "tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, or local:N for N processes here"
@@ -30,7 +30,7 @@ _SCHEDULER = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
 
 
 def check_address(address: str) -> None:
-    """Refuse what is no address for `connected`, before anything is imported or started."""
+    """Refuse an address that `connected` does not accept, before it imports or starts anything."""
     if address.startswith("local:"):
         cores = os.cpu_count() or 1
         number = address.removeprefix("local:")
@@ -50,13 +50,13 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Yield a client of the cluster at an address, and disable all logging meanwhile.
+    """Yield a client of the cluster at an address, and disable all logging in the meantime.
 
-    The address, which `check_address` has accepted, is ``tcp://host:port`` of a scheduler;
-    ``tls://host:port`` of one that asks for certificates, which Dask's own configuration names; or
-    ``local:N``, which starts N processes with a thread each on this machine, which no other user
-    can reach, and ends them. Raises Refused if Dask is not installed, or no scheduler takes this
-    process in.
+    `check_address` must have accepted the address. It is ``tcp://host:port`` for a scheduler,
+    ``tls://host:port`` for a scheduler that requires the certificates of Dask's own configuration,
+    or ``local:N``, which starts N processes with one thread each on this machine and ends them;
+    other users cannot reach them. Raises Refused if Dask is not installed or no scheduler accepts
+    the connection.
     """
     try:
         import distributed
@@ -74,23 +74,23 @@ def connected(address: str) -> Iterator[Client]:
                     yield client
             return
         _refuse_silence(address)
-        with raised_at_once():  # Dask looks at no flag while it waits for an answer
+        with raised_at_once():  # Dask checks no flag while it waits for an answer
             registered = _registered(address)
         with registered as client:
             yield client
 
 
 def _registered(address: str) -> Client:
-    """Return a client that a scheduler has taken in."""
+    """Return a client that a scheduler has accepted."""
     import distributed
 
     class Client(distributed.Client):
         def __del__(self) -> None:
-            """Do not wait for a scheduler that never took it in; ``with`` closes all others."""
+            """Skip Dask's wait for a scheduler that refused it; ``with`` closes all others."""
 
     try:
         return Client(address, timeout=_PATIENCE, set_as_default=False)
-    except Exception as error:  # whatever another program answers
+    except Exception as error:  # any program may answer at the address
         reason = shortened(str(error)) or f"no answer in {_PATIENCE} s"
         raise Refused(
             f"the Dask scheduler at {address} answers, but does not take this process in "
@@ -99,20 +99,20 @@ def _registered(address: str) -> Client:
 
 
 def _refuse_silence(address: str) -> None:
-    """Refuse an address where nothing, or something else than a scheduler, answers in time.
+    """Refuse an address where no scheduler answers in time.
 
-    A client itself waits forever where something listens and does not answer.
+    A client alone would wait forever for a program that listens but does not answer.
     """
     from distributed import Security, rpc
 
     async def kind() -> str:
-        """Ask what answers at the address."""
+        """Ask the server at the address for its type."""
         arguments = Security().get_connection_args("client")
         async with rpc(address, timeout=2 * _PATIENCE, connection_args=arguments) as remote:
             return str((await remote.identity())["type"])
 
     async def awaited() -> str:
-        """Wait for the answer, and look up for signals meanwhile."""
+        """Check for signals while waiting for the answer."""
         task = asyncio.create_task(asyncio.wait_for(kind(), _PATIENCE))
         while not task.done():
             await asyncio.wait({task}, timeout=0.1)
@@ -124,7 +124,7 @@ def _refuse_silence(address: str) -> None:
         why = f"it is the address of a {shortened(server.lower())}"
     except TimeoutError:
         server, why = "", f"no answer in {_PATIENCE} s"
-    except Exception as error:  # whatever another program answers
+    except Exception as error:  # any program may answer at the address
         server, why = "", shortened(str(error), 200)
     if server != "Scheduler":
         advice = "start one with the command dask scheduler, or give the address that it shows"
@@ -134,9 +134,9 @@ def _refuse_silence(address: str) -> None:
 
 
 def dashboard(client: Client) -> str:
-    """Say where the cluster can be watched: on its dashboard, or else by its scheduler's address.
+    """Return the link of the dashboard, or the address of the scheduler if there is no dashboard.
 
-    A scheduler serves the dashboard where bokeh is installed; that of ``local:N`` serves none.
+    A scheduler serves a dashboard if bokeh is installed; the scheduler of ``local:N`` serves none.
     """
     if client.cluster is None and find_spec("bokeh"):
         return f"dashboard: {client.dashboard_link}"
@@ -145,10 +145,11 @@ def dashboard(client: Client) -> str:
 
 @contextmanager
 def _processes(number: int) -> Iterator[LocalCluster]:
-    """Start workers with one thread each, and end them at once, also in the middle of a task.
+    """Start workers with one thread each; at the end, kill them even in the middle of a task.
 
-    Who reaches a scheduler or a worker of Dask runs code there. So they talk with a certificate
-    that is made for this run and never leaves these processes, and serve no pages.
+    Anybody who can connect to a Dask scheduler or worker can run code there. Therefore these
+    processes communicate with a certificate that is made for this run and never leaves them, and
+    they serve no web pages.
     """
     import dask
     from distributed import LocalCluster
@@ -162,7 +163,7 @@ def _processes(number: int) -> Iterator[LocalCluster]:
             "installed; install it with pip install 'vibroimpact[distributed]'"
         ) from None
     settings = {
-        # The profiler of the workers would look into the kernel a hundred times a second.
+        # The profiler of the workers would interrupt the kernel a hundred times a second.
         "distributed.worker.profile.enabled": False,
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
@@ -185,26 +186,26 @@ def _processes(number: int) -> Iterator[LocalCluster]:
 
 
 def _kill(cluster: LocalCluster) -> None:
-    """Kill the workers, which have nothing that anybody needs."""
+    """Kill the workers, which hold no data that is still needed."""
     for worker in list(cluster.workers.values()):
-        worker.close_gracefully()  # it is not to be started again
+        worker.close_gracefully()  # so that it is not restarted
         with suppress(psutil.NoSuchProcess):
-            if worker.pid is not None:  # which psutil takes for this process
+            if worker.pid is not None:  # psutil takes None for this process
                 psutil.Process(worker.pid).kill()
 
 
 @contextmanager
 def _signals_kept_away() -> Iterator[None]:
-    """Keep signals from the threads that are started in the block, and from their processes.
+    """Block signals in the threads that are started in the ``with`` block, and in their processes.
 
-    A Ctrl-C at a terminal goes to all processes at once, and is for this one to handle. Windows
-    has no such mask; there the workers end with this process.
+    Ctrl-C in a terminal reaches all processes, but only this one should handle it. Windows has no
+    signal mask; there the workers end with this process.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     numbers = (signal.SIGINT, signal.SIGTERM)
-    resource_tracker.ensure_running()  # which would let them through again, if started later
+    resource_tracker.ensure_running()  # if started later, it would unblock the signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
@@ -214,7 +215,7 @@ def _signals_kept_away() -> Iterator[None]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Disable all logging, of Dask and of everything else; the errors tell what matters."""
+    """Disable all logging, of Dask and of every other package; errors report what matters."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

@@ -1,15 +1,15 @@
-"""The blocks of a sweep on the workers of a Dask cluster, and their results back to this process.
+"""Computing the blocks of a sweep on the workers of a Dask cluster.
 
-Only the process that submits writes, and its journal is the one account of what is done; so commit,
-resume, interrupt, lock and checksums are the same code as on one machine, and a block that a lost
-worker has finished and another one computes again is written once. Workers that wrote shards would
-need a file system they all see, and a journal each.
+Only the submitting process writes, and its journal is the only record of the finished blocks. So
+commit, resume, interrupt, lock and checksums are the same code as on one machine, and a block that
+is computed twice, because a worker was lost, is written once. If workers wrote files of their own,
+they would need a shared file system and a journal each.
 
-The configuration is the result of a task that every block's task depends on: it travels to a worker
-once, and is made again where the worker that had it is lost. It takes its grid along, since another
-machine may round a logarithmic axis otherwise. A worker computes one block at a time, with all its
-threads, and has three in hand; so neither side holds more where the sweep is larger.
-``sweeps/README.md`` has what this was measured to cost.
+The configuration is the result of a task on which the task of every block depends: it is sent to
+each worker once, and computed again if the worker that holds it is lost. It includes the grid,
+because another machine may round a logarithmic axis differently. A worker computes one block at a
+time with all its threads and has at most three blocks assigned, so the memory of both sides does
+not grow with the sweep. ``sweeps/README.md`` reports the measured cost.
 """
 
 from __future__ import annotations
@@ -41,29 +41,29 @@ if TYPE_CHECKING:
 
     from distributed import Client
 
-#: Blocks per worker at once: one is computed, one waits for it, one is on its way back.
+#: Blocks per worker at once: one is computed, one waits, and one is on its way back.
 _PER_WORKER = 3
-#: How often the scheduler is asked for its workers [s].
+#: Interval between requests to the scheduler for its workers [s].
 _COUNT = 2.0
 
-#: Work of one core in a block at least [s]: sending it takes 5 ms of processor time.
+#: Least work of one core in a block [s]: sending a block takes 5 ms of processor time.
 _LEAST_WORK = 0.5
-#: Blocks that all workers together finish in a second at most: each takes 3 ms of the scheduler.
+#: Most blocks that all workers finish in a second: each takes 3 ms of the scheduler.
 _BLOCK_RATE = 100
-#: Blocks per core at least where that leaves work enough in each, so that all end together.
+#: Least number of blocks per core, if each has enough work, so that all cores end together.
 _BLOCKS_PER_CORE = 20
 
-#: Held on a worker by the task that computes.
+#: The lock on a worker of the task that computes.
 _ALONE = threading.Lock()
 
 
 class Cluster:
-    """Computes on the workers of a synchronous Dask client, which is left open.
+    """Computes blocks on the workers of a synchronous Dask client, which stays open.
 
     Raises Refused if a worker has another version of the numerics, or none.
     """
 
-    threads = 1  #: Of a trial on this machine.
+    threads = 1  #: Threads of a trial on this machine.
 
     def __init__(self, client: Client) -> None:
         self._client = client
@@ -76,16 +76,16 @@ class Cluster:
 
     @property
     def cores(self) -> int:
-        """Threads of all workers; 1 while there is none."""
+        """Number of threads of all workers; 1 while there is no worker."""
         return max(1, sum(self._workers.values()))
 
     def described(self) -> str:
-        """Say on how many workers the sweep is computed."""
+        """Return the number of workers in words, for the progress bar."""
         number = len(self._workers)
         return f" on {number} worker{'s' * (number > 1)}" if number else ", waiting for a worker"
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return how large blocks are to be, so that sending them costs little."""
+        """Return arguments of `block_size`, so that sending blocks costs little."""
         together = max(_LEAST_WORK / self.cores, 1.0 / _BLOCK_RATE)
         least = math.ceil(together * size / seconds)
         return {"least": min(least, size), "blocks": _BLOCKS_PER_CORE * self.cores}
@@ -96,17 +96,17 @@ class Cluster:
         blocks: Iterable[Block],
         advance: Callable[[int], object] = lambda points: None,
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield every block with its results, as they come in, of which `advance` is told.
+        """Yield every block with its results as they arrive, and report its points to `advance`.
 
-        Close the generator if you leave it early. What a lost worker had is computed again. Raises
-        Failed if the scheduler is lost or a block cannot be computed.
+        A caller that stops early must close the generator. Blocks of a lost worker are computed
+        again. Raises Failed if the scheduler is lost or a block cannot be computed.
         """
-        _ = config.grid  # made here once, so that its values are the same on every machine
+        _ = config.grid  # cached before it is sent, so that all machines have the same values
         numerics, executor = _own_numerics(), self._client.get_executor(pure=False)
         with self._scheduler_needed():
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
-                # A task, not data: it is made again where the worker that had it is lost.
+                # A task, not data: it runs again if the worker that holds its result is lost.
                 shared = self._client.submit(copy, config, pure=False)
 
             def submit(block: Block) -> Future[Results]:
@@ -118,23 +118,23 @@ class Cluster:
                     advance(block_points(block))
                     yield block, results
             finally:
-                with suppress(Exception):  # where the scheduler is gone
+                with suppress(Exception):  # the scheduler may be lost
                     executor.shutdown(wait=False)
 
     def _most(self) -> int:
-        """Return how many blocks may be out, by the workers that there are now and then."""
+        """Return how many blocks may be pending, by the number of workers, updated regularly."""
         if time.monotonic() - self._asked > _COUNT:
             self._count()
         return _PER_WORKER * max(1, len(self._workers))
 
     def _count(self) -> None:
         """Ask the scheduler for its workers."""
-        with raised_at_once():  # Dask looks at no flag while it waits for an answer
+        with raised_at_once():  # Dask checks no flag while it waits for an answer
             self._workers = self._client.nthreads()
         self._asked = time.monotonic()
 
     def _result(self, future: Future[Results]) -> Results:
-        """Return the results of a block that is done, or say what its worker failed with."""
+        """Return the results of a finished block; raise Failed with the error of its worker."""
         error = future.exception()
         if error is None:
             return future.result()
@@ -145,7 +145,7 @@ class Cluster:
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
-        """Raise Failed where the scheduler was lost."""
+        """Raise Failed if the scheduler is lost in the block."""
         try:
             yield
         except SweepError:
@@ -161,7 +161,7 @@ class Cluster:
     def _refuse_others(self) -> None:
         """Refuse workers that compute with another version of the code."""
 
-        def numerics() -> str:  # which also a worker without this package can be sent
+        def numerics() -> str:  # imports inside, so that it also runs without this package
             try:
                 from sweeps.engine.cluster import _own_numerics
             except ImportError as error:
@@ -175,12 +175,12 @@ class Cluster:
 
 
 def _own_numerics() -> str:
-    """Name the code of this process that computes."""
+    """Return the version of the numerics of this process."""
     return f"{__version__} ({NUMERICS})"
 
 
 def _difference(address: str, there: str, here: str) -> str:
-    """Say that a worker computes with another version."""
+    """Write the error about a worker with another version."""
     return (
         f"the worker {address} has another version of the numerics, {there}, than this process, "
         f"{here}; install the same version of vibroimpact and numba on both"
@@ -188,9 +188,9 @@ def _difference(address: str, there: str, here: str) -> str:
 
 
 def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:
-    """Compute a block on a worker, with all threads that the worker has.
+    """Compute a block on a worker, with all threads of the worker.
 
-    It is alone in the kernel there: the other threads of the worker wait, and lend it their cores.
+    Only one task of a worker computes at a time; its other threads wait and leave it their cores.
     """
     from distributed import get_worker
 
@@ -200,5 +200,5 @@ def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:
     with _ALONE:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         results = compute_block(config, block, min(worker.state.nthreads, available))
-        # What is sent as it lies in memory is not copied on the way.
+        # Contiguous arrays are sent without a copy.
         return {name: np.ascontiguousarray(array) for name, array in results.items()}

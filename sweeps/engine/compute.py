@@ -1,7 +1,7 @@
-"""The points of a block through the kernel: a configuration in, the variables of the file out.
+"""Computing points: a configuration in, the variables of the file out.
 
-This only passes on what `vibroimpact.points` is given and returns: that package alone determines
-the numbers of a file, and names itself in it.
+The functions only call `vibroimpact.points`, which alone determines the numbers in a file; the file
+records the version of that code.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ Results = Mapping[str, np.ndarray]
 
 
 def numerics(config: SweepConfig) -> str:
-    """Name the code that determines the data of a sweep.
+    """Return a digest of the code that determines the data of a sweep.
 
-    That code is all of `vibroimpact`, whose results the engine only passes on; of a refined sweep
-    also the refinement and the analysis, which decide which points there are and what is said of
-    them.
+    This code is the package `vibroimpact`. For a refined sweep it includes the refinement and the
+    analysis, which decide where points are added and which class is recorded for them.
     """
     if config.refine is None:
         return NUMERICS
@@ -42,12 +41,11 @@ def compute_block(
     threads: int | None,
     advance: Callable[[int], object] = lambda points: None,
 ) -> dict[str, np.ndarray]:
-    """Compute a block of the file of a sweep, shapes (points of the block, ...), in C order.
+    """Compute a block of a sweep; results have the shape (points of the block, ...), in C order.
 
-    If an axis is followed up and down, a slice over the directions comes before those over the
-    axes. `advance` is given how many points were computed since it was called before: along an axis
-    that is followed after every value, otherwise once. The results do not depend on the threads,
-    None for all.
+    If an axis is followed up and down, the block starts with a slice over the directions.
+    `advance` is called with the number of points computed since its last call: after every value of
+    a followed axis, otherwise once. `threads` is None for all; the results do not depend on it.
     """
     grid = config.grid
     values = grid.within(block[len(block) - len(grid.axes) :])
@@ -64,7 +62,7 @@ def compute(
 ) -> dict[str, np.ndarray]:
     """Compute parameter points, each from its own start; see `vibroimpact.points`.
 
-    With `at_section`, x0 and v0 are the state at the section's phase, not at t = 0.
+    With `at_section`, x0 and v0 are the state at the phase of the section, not at t = 0.
     """
     results = compute_points(
         config.spec, points, threads, at_section=at_section, interrupt=thread_flag()

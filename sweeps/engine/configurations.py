@@ -1,4 +1,4 @@
-"""The configuration of a sweep from a YAML file or from the file of a sweep, whole or a piece."""
+"""The configuration of a sweep, read from a YAML or sweep file, and zoomed to a part of it."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from sweeps.text import nearest, suggestion
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
-    """Read the configuration of a sweep from a YAML file, or out of the file of a sweep.
+    """Read the configuration of a sweep from a YAML file or from a sweep file.
 
-    That of a file of a sweep writes to the same file. The overrides are as for
+    The configuration of a sweep file has that file as its output. The overrides are those of
     `sweeps.load_config`.
     """
     if not is_sweep(path):
         if path.suffix == ".h5" and path.is_file():
             raise Refused(f"{path} is no file of a sweep; a configuration has another ending")
-        with raised_at_once():  # a pipe may never be written to
+        with raised_at_once():  # reading from a pipe may never end
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
@@ -38,9 +38,9 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:
     """Return the same sweep over pieces (low, high) of its axes, with as many points along each.
 
-    An axis that was a list is a range with equal distances; one with logarithmic spacing keeps it.
-    Where exact impacts need more steps beyond the ends of the sweep, there are as many.
-    Raises Refused if an axis is not swept, or the sweep would be refused over that piece.
+    A range keeps its linear or logarithmic spacing; a list becomes a linear range. The number of
+    steps per period is raised if exact impacts need more steps beyond the ends of the sweep. Raises
+    Refused if an axis is not swept, and ConfigError if the sweep is not valid over a piece.
     """
     if config.points is not None:
         raise Refused("the rows of a table have no axis to zoom into")
@@ -56,7 +56,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
         group = data[parameters if name in data[parameters] else "start"]
         spacing = group[name]["spacing"] if isinstance(group[name], dict) else "linear"
         group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
-    if config.method.impact == "exact":  # whose steps need only be enough over the piece
+    if config.method.impact == "exact":  # find the number of steps that the piece needs
         enough = load_config({**data, "method": {**data["method"], "steps_per_period": None}})
         data["method"]["steps_per_period"] = max(config.steps, enough.steps)
     return load_config(data)

@@ -1,4 +1,4 @@
-"""What a sweep takes, in time, disk and memory; known before a step of it is computed."""
+"""The cost of a sweep in time, disk space and memory, estimated before it is run."""
 
 from __future__ import annotations
 
@@ -23,34 +23,35 @@ from vibroimpact.kernel.run import lanes_per_batch
 if TYPE_CHECKING:
     from sweeps.engine.cluster import Cluster
 
-#: Results of one block in memory, more only for full lanes [bytes].
+#: Memory for the results of one block [bytes]; more is used only to fill the lanes.
 _BLOCK_MEMORY = 64 * 2**20
-#: Blocks in memory at once, with what their computation needs: one is computed, one waits, one is
-#: written. From the peak of runs with blocks of 64 MB and 1 GB. A picture on the screen takes up to
-#: 4.1 times its results.
+#: Memory of a run, in units of the results of one block: one block is computed, one waits and one
+#: is written, and the computation needs memory, too. Measured at the peak of runs with blocks of
+#: 64 MB and 1 GB. A picture of the live page takes up to 4.1 times its results.
 _BLOCKS_HELD = 5
-#: Time steps of one block at most, all points together, so that it takes about a second.
+#: Most time steps of all points of a block, so that a block takes about a second.
 _BLOCK_STEPS = 200_000_000
-#: Points of a block at least, where there are as many and memory for them.
+#: Least number of points of a block, if the sweep has as many and the memory allows it.
 _LEAST_BLOCK = 128
-#: A sweep is reported and written in at least this many blocks where it has the points.
+#: Least number of blocks in which a sweep is computed and reported, if it has enough points.
 _BLOCKS = 50
-#: Samples of a trajectory at impacts, for which there is room in every period.
+#: Number of trajectory samples at impacts reserved in every period.
 _AT_IMPACTS = 8
 
-#: The calibration ends with the trial that takes longer [s].
+#: The last trial is the first one that takes longer than this [s].
 _TRIAL = 0.1
-#: Points in it at least, where chains are followed.
+#: Least number of points in a trial of a followed sweep.
 _LEAST_TRIED = 16
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a sweep takes.
+    """The expected cost of a sweep.
 
-    The time is expected from short trials, which do not see what comes later, without compilation.
-    In bytes: the size of the file when it is complete and not compressed, the room on the disk
-    for it and its journal, and the memory for the blocks.
+    `seconds` is extrapolated from short trials, which cannot show later changes of the motions; it
+    excludes compilation. The others are in bytes: `file` is the size of the complete file without
+    compression, `disk` the disk space for the file and the journal, and `memory` the memory for the
+    blocks.
     """
 
     seconds: float
@@ -60,16 +61,16 @@ class Estimate:
 
 
 def expected(config: SweepConfig, path: Path, computer: Local | Cluster, resume: bool) -> Estimate:
-    """Return what a sweep takes; refuse it where there is too little memory or disk."""
+    """Return the cost of a sweep; refuse the sweep if memory or disk space is too small."""
     cost = in_thread(estimate, config, computer.threads, computer.cores)
     check_room(path, cost.disk, resume=resume)
     return cost
 
 
 def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Estimate:
-    """Estimate what a sweep takes in time, disk and memory.
+    """Estimate the cost of a sweep.
 
-    The trials take so many threads, all by default, and `cores` of them are computed in parallel.
+    Trials use `threads` threads, all by default; `cores` computations of that size run in parallel.
     Raises StoreError if there is not enough memory for one point, or one chain of points.
     """
     size = config.size
@@ -82,30 +83,31 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
 
 
 def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
-    """Return the points of the grid per block: few enough for memory, and for signs of progress.
+    """Return the number of grid points per block: few enough for the memory and for the progress.
 
-    Where an axis is followed, a block holds whole chains of points along it, each in a lane. The
-    memory is that of this machine, also where others compute. A block has `least` points where they
-    fit into memory, and a sweep at least so many blocks where it has two full sets of lanes for
-    each. Raises StoreError if there is not enough memory for one point, or one chain of points.
+    If an axis is followed, a block holds whole chains of points along it, each in a lane. The
+    memory is the memory of this machine, even if others compute. A block has at least `least`
+    points if they fit into memory. A sweep has at least `blocks` blocks if each can have two full
+    sets of lanes. Raises StoreError if there is not enough memory for one point, or one chain of
+    points.
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
     chain_memory = chain * _memory_per_point(config)
     available = check_memory(config, chain, _unit(config))
-    # Full sets of lanes are worth more memory, where there is plenty.
+    # Full sets of lanes may take more memory than a normal block.
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
     work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
     most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
     wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
-    # Whole sets of lanes, where there is room for one: they fill the vectors.
+    # Whole sets of lanes, if one fits, because they fill the SIMD vectors.
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
 def check_memory(config: SweepConfig, points: int, what: str) -> int:
-    """Refuse points that are computed at once if they do not fit into memory; `what` they are.
+    """Refuse points, named `what` in the error, that do not fit into memory when computed at once.
 
-    Return the bytes of memory that this process can take.
+    Return the available memory in bytes.
     """
     needed, available = _BLOCKS_HELD * points * _memory_per_point(config), _available_memory()
     if needed > available:
@@ -117,12 +119,12 @@ def check_memory(config: SweepConfig, points: int, what: str) -> int:
 
 
 def _chain(config: SweepConfig) -> int:
-    """Return the points of the grid that are computed one after the other."""
+    """Return the number of grid points in a chain: those that are computed one after the other."""
     return len(config.grid.axes[config.follow.axis]) if config.follow else 1
 
 
 def _unit(config: SweepConfig) -> str:
-    """Name what a block holds at least."""
+    """Name the smallest content of a block, for a message."""
     if config.follow is None:
         return "one point"
     ways = " and ".join(config.directions)
@@ -130,31 +132,31 @@ def _unit(config: SweepConfig) -> str:
 
 
 def _memory_per_point(config: SweepConfig) -> int:
-    """Return the bytes of the results of a point of the grid, and of the record of its samples."""
+    """Return the bytes for the results of a grid point and for the recording of its samples."""
     samples = widths_of(config.spec, _AT_IMPACTS)["sample"]
     in_one_direction = bytes_per_point(config.spec, _AT_IMPACTS) + 32 * samples
     return in_one_direction * max(1, len(config.directions))
 
 
 def _available_memory() -> int:
-    """Return the bytes of memory that are free."""
+    """Return the available memory in bytes."""
     return int(psutil.virtual_memory().available)
 
 
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
-    """Return how long a sweep will take, from trials of few points and ever more periods."""
-    # No more than a block has side by side: few take nearly as long as a full set of lanes.
+    """Return the expected duration of a sweep, from trials of few points with growing periods."""
+    # Try no more points than a block computes side by side: a few lanes cost as much as a full set.
     chains = min(block_size(config), config.grid.size) // _chain(config)
     beside = chains * max(1, len(config.directions))
     count = min(2 * _lanes(config) * (threads or ALL_THREADS), beside)
-    # Of few lanes, several calls: one point need not be like the others.
+    # With few lanes, try several sets: a few points may not be typical.
     number, size = -(-_LEAST_TRIED // count) if config.follow else 1, config.size
     tried = config.grid.spread(number * count)
     calls = np.array_split(tried, min(number, tried.size))
     if config.spec.scaled:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(config.grid.axes.get("f", "1"))
-    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if need be
+    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if necessary
     whole = config.record.transient + config.record.periods
     total = 1
     while True:
@@ -169,7 +171,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
 
 
 def _lanes(config: SweepConfig) -> int:
-    """Return how many points a single thread computes side by side."""
+    """Return the number of points that one thread computes side by side."""
     return lanes_per_batch(config.grid.size // _chain(config), 1)
 
 

@@ -1,6 +1,6 @@
-"""What computes the blocks of a sweep: a thread here, or a Dask cluster (``cluster.py``).
+"""Computing the blocks of a sweep, in a thread of this process or on Dask (``cluster.py``).
 
-The main thread only waits for results, and writes them. So it hears Ctrl-C and SIGTERM at once.
+The main thread only waits for results and writes them, so it reacts to Ctrl-C and SIGTERM at once.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from sweeps.engine.cluster import Cluster
 
 T = TypeVar("T")
-#: How often the main thread looks up [s]: a signal that another thread took does not wake it.
+#: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.
 _WAIT = 0.1
 
 
 class _Compilation(event.Listener):
-    """Ends a cancelled compilation before the next pass over a function: each takes 3 s at most."""
+    """Ends a cancelled compilation before its next compiler pass; a pass takes 3 s at most."""
 
     def on_start(self, event: event.Event) -> None:
         check()
@@ -43,7 +43,7 @@ class _Compilation(event.Listener):
 
 @contextmanager
 def cancelled_by(flag: np.ndarray) -> Iterator[None]:
-    """In the block, end the work of this thread by `Cancelled` once `flag` is set."""
+    """End the work of this thread in the block with `Cancelled` once `flag` is set."""
     set_thread_flag(flag)
     try:
         check()
@@ -54,14 +54,14 @@ def cancelled_by(flag: np.ndarray) -> Iterator[None]:
 
 
 class LocalExecutor(ThreadPoolExecutor):
-    """One thread of this process, whose work is cancelled when the executor is shut down."""
+    """A single thread, whose work is cancelled when the executor is shut down."""
 
     def __init__(self) -> None:
         super().__init__(1)
         self._cancelled = np.zeros(1, np.int64)
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **options: Any) -> Future[T]:
-        """Call a function in the thread, after what was submitted before."""
+        """Call a function in the thread, after all calls submitted earlier."""
 
         def call() -> T:
             with cancelled_by(self._cancelled):
@@ -70,13 +70,13 @@ class LocalExecutor(ThreadPoolExecutor):
         return super().submit(call)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
-        """Cancel the work, and wait for the end of the thread."""
+        """Cancel the work, and wait for the thread to end."""
         self._cancelled[0] = 1
         super().shutdown(wait, cancel_futures=cancel_futures)
 
 
 def in_thread(function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function in another thread, and look up for signals meanwhile."""
+    """Call a function in another thread, and check for signals while waiting for its result."""
     with LocalExecutor() as executor:
         future = executor.submit(function, *arguments)
         while not wait([future], _WAIT).done:
@@ -87,7 +87,7 @@ def in_thread(function: Callable[..., T], *arguments: Any) -> T:
 def completed(
     submit: Callable[[Block], Future[Results]], blocks: Iterable[Block], most: Callable[[], int]
 ) -> Iterator[tuple[Block, Future[Results]]]:
-    """Submit blocks, so many at a time that `most` are out, and yield each once it is done."""
+    """Submit blocks, with at most `most` of them pending at a time, and yield each when done."""
     remaining, out = iter(blocks), dict[Future[Results], Block]()
     while True:
         for block in islice(remaining, max(0, most() - len(out))):
@@ -101,9 +101,9 @@ def completed(
 
 
 class Local:
-    """Computes blocks on this machine, one after the other, with so many threads; None for all."""
+    """Computes blocks one after the other on this machine; ``threads=None`` uses all cores."""
 
-    cores = 1  #: Number of parallel computations, in units of one trial.
+    cores = 1  #: Number of computations of the size of a trial that run in parallel.
 
     def __init__(self, threads: int | None = None) -> None:
         self.threads = threads
@@ -111,9 +111,10 @@ class Local:
     def computed(
         self, config: SweepConfig, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield every block with its results, in order; `advance` is as for `compute_block`.
+        """Yield every block with its results, in order; see `compute_block` for `advance`.
 
-        One block is computed while another is written. Close the generator if you leave it early.
+        One block is computed while another is written. A caller that stops early must close the
+        generator.
         """
         with LocalExecutor() as executor:
 
@@ -124,18 +125,18 @@ class Local:
                 yield block, future.result()
 
     def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return how large blocks are to be, so that every thread has points."""
+        """Return arguments of `block_size`, so that every thread has points."""
         return {"least": min(size, FEWEST_LANES * (self.threads or ALL_THREADS))}
 
     def described(self) -> str:
-        """Say nothing of where the work is done."""
+        """Return an empty description: the work is done on this machine."""
         return ""
 
 
 def computer_for(client: Client | None, threads: int | None) -> Local | Cluster:
-    """Return what computes: the workers of a client, or so many threads of this machine."""
+    """Return the computer of blocks: the workers of a client, or threads of this machine."""
     if client is None:
         return Local(threads)
-    from sweeps.engine.cluster import Cluster  # with Dask
+    from sweeps.engine.cluster import Cluster  # imports Dask
 
     return Cluster(client)

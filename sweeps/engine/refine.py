@@ -1,13 +1,14 @@
 """Insert points where the class of the motion changes along an axis, to bracket the change.
 
-The interval between two neighbours of different classes is halved, again and again, and the half
-goes on whose ends still differ; both do where the class in the middle is a third one.
+The interval between two neighbours of different classes is halved repeatedly: each half whose ends
+still differ in class is halved again. If the class in the middle is a third one, both halves are.
 
-The class of a motion that neither rests nor is chaotic is that of the stable periodic orbit it goes
-to (`sweeps.analysis.nearby_orbit`), whatever its record shows. A motion for which there is no such
-orbit is computed again, four times as long, up to ``MOST_EXTENSIONS`` times over. An interval in
-whose middle the class is not known even then is left as it is. Where there are points of no known
-class between two values, their middle may be one of them, which is then computed longer.
+A motion that neither rests nor is chaotic has the class of the stable periodic orbit to which it
+converges (`sweeps.analysis.nearby_orbit`), whatever its record shows. If no such orbit is found,
+the motion is computed again for four times as long, up to ``MOST_EXTENSIONS`` times. If the class
+in the middle of an interval is still unknown then, the interval is not halved further. If grid
+points of unknown class lie within an interval, its middle may be one of them, which is then
+computed longer.
 """
 
 from __future__ import annotations
@@ -26,15 +27,15 @@ from sweeps.engine.compute import Results, compute
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import mesh
 
-#: Intervals that are halved at the same time, at most: a chaotic range has windows everywhere.
+#: Most intervals halved at the same time: a chaotic range has windows everywhere.
 MOST_INTERVALS = 1000
-#: How often a motion that does not show its class is computed again, four times as long.
+#: How often a motion of unknown class is computed again, each time four times as long.
 MOST_EXTENSIONS = 3
 
 
 @dataclass(frozen=True)
 class ClassifiedPoint:
-    """A value of the swept axis with the class of its motion, None if unknown, and its results."""
+    """A value of the swept axis, the class of its motion (None if unknown) and its results."""
 
     value: float
     label: Label | None
@@ -42,12 +43,12 @@ class ClassifiedPoint:
 
     @property
     def state(self) -> tuple[float, float]:
-        """x and v at the last section."""
+        """State (x, v) at the last section."""
         return float(self.results["poincare_x"][-1]), float(self.results["poincare_v"][-1])
 
 
 class Classifier:
-    """Computes points of a sweep along its only axis, and finds the classes of their motions."""
+    """Computes points along the only axis of a sweep, and finds the classes of their motions."""
 
     def __init__(self, config: SweepConfig, threads: int | None = None) -> None:
         self._config, self._threads = config, threads
@@ -56,10 +57,10 @@ class Classifier:
     def compute(
         self, values: np.ndarray, starts: np.ndarray | None = None
     ) -> list[ClassifiedPoint]:
-        """Compute points, for as long as it takes to know their classes.
+        """Compute points, longer where their classes remain unknown.
 
-        They start from `starts`, x and v at the section, shape (n, 2); by default at t = 0 as in
-        the sweep.
+        They start from `starts`, the states (x, v) at the section, shape (n, 2); by default from
+        the start of the sweep at t = 0.
         """
         points = [ClassifiedPoint(float(value), None, {}) for value in values]
         remaining, record = np.arange(len(values)), self._config.record
@@ -76,7 +77,7 @@ class Classifier:
         return points
 
     def classify(self, values: np.ndarray, results: Results) -> list[ClassifiedPoint]:
-        """Find the class behind each record; of a periodic orbit, record the orbit itself."""
+        """Find the class of each motion; if it is periodic, replace its record by the orbit's."""
         rows = [{name: array[i] for name, array in results.items()} for i in range(len(values))]
         shown = labels(dataset_of(self._config, {self._axis: values}, results))
         return [
@@ -85,7 +86,7 @@ class Classifier:
         ]
 
     def _classify(self, point: ClassifiedPoint) -> ClassifiedPoint:
-        """Return a point with the class behind its record, and with the record of its orbit."""
+        """Return the point with the class of its motion and, if periodic, the orbit's record."""
         shown = point.label
         if shown is not None and shown.regime is not Regime.PERIODIC:
             return point
@@ -101,7 +102,7 @@ class Classifier:
         results = self._run(
             np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0
         )
-        # A record may be too short to show m; it shows q only if it is of whole repetitions.
+        # A short record may not show m, and shows q only if it covers whole repetitions.
         results["period"][:], results["period_impacts"][:] = label.m, label.q
         row = {name: array[0] for name, array in results.items()}
         return ClassifiedPoint(point.value, label, row)
@@ -109,7 +110,7 @@ class Classifier:
     def _run(
         self, values: np.ndarray, starts: np.ndarray | None, transient: int
     ) -> dict[str, np.ndarray]:
-        """Compute points from states at the section, or by default from the start of the sweep."""
+        """Compute points from states at the section; by default from the start of the sweep."""
         config = self._config.with_record(transient=transient)
         points = mesh({self._axis: values}, self._config.grid.fixed)
         if starts is not None:
@@ -124,17 +125,19 @@ Interval = tuple[ClassifiedPoint, ClassifiedPoint]
 class Refinement:
     """The refinement of a sweep whose grid is computed; iterating over it halves the intervals.
 
-    Where the axis is followed, a new point starts from the neighbour that comes before it.
+    If the axis is followed, a new point starts from its neighbour, the previous one in the
+    direction of following.
 
     Attributes
     ----------
     intervals : list of tuple of ClassifiedPoint
-        The ends of those that are halved next.
+        The ends of the intervals that are halved next.
     left_out : int
-        Number of further intervals, at higher values of the axis, which are not halved.
+        Number of intervals that are not halved because there were too many; they lie at higher
+        values of the axis.
     points : dict of float to mapping
-        By the value of the axis, the results to put into the file: of new points, and of those
-        of the grid whose record does not show the class of the attractor.
+        The results to write to the file, by the value of the axis: for new points, and for grid
+        points whose record does not show the class of the attractor.
     """
 
     def __init__(self, config: SweepConfig, line: xr.Dataset, threads: int | None = None) -> None:
@@ -155,7 +158,7 @@ class Refinement:
                 yield level
 
     def _grid(self, line: xr.Dataset) -> Iterator[ClassifiedPoint]:
-        """Yield the points of the grid beside a change of class, with the attractors' classes."""
+        """Yield the grid points on both sides of each change of class, with the true classes."""
         shown = labels(line)
         numbers: dict[Label | None, int] = {None: -1}
         classes = np.array([numbers.setdefault(label, len(numbers)) for label in shown])
@@ -174,7 +177,7 @@ class Refinement:
             yield added[i]
 
     def _halve(self) -> None:
-        """Replace every interval by those of its halves whose ends differ in class."""
+        """Replace every interval by its halves, if their ends differ in class."""
         middles = np.array([self._middle(low.value, high.value) for low, high in self.intervals])
         starts = None
         if self._followed:
@@ -183,7 +186,7 @@ class Refinement:
         halves: list[Interval] = []
         points = self._classifier.compute(middles, starts)
         for (low, high), middle in zip(self.intervals, points, strict=True):
-            if middle.value in (low.value, high.value):  # they are next to each other
+            if middle.value in (low.value, high.value):  # no floating-point number lies between
                 continue
             if middle.label or middle.value not in self._values:
                 self.points[middle.value] = middle.results
@@ -191,7 +194,7 @@ class Refinement:
         self.intervals = self._fewer(halves)
 
     def _fewer(self, intervals: list[Interval]) -> list[Interval]:
-        """Return at most ``MOST_INTERVALS``; add the number of the rest to `left_out`."""
+        """Return the first ``MOST_INTERVALS`` intervals; add the number of others to `left_out`."""
         self.left_out += max(0, len(intervals) - MOST_INTERVALS)
         return intervals[:MOST_INTERVALS]
 
@@ -203,14 +206,14 @@ class Refinement:
 
 
 def _beside_changes(classes: np.ndarray) -> np.ndarray:
-    """Return the indices on either side of a change, among the classes known: those >= 0."""
+    """Return the indices on both sides of each change of class, ignoring unknown classes (-1)."""
     labelled = np.flatnonzero(classes >= 0)
     before = np.flatnonzero(np.diff(classes[labelled]))
     return np.union1d(labelled[before], labelled[before + 1])
 
 
 def _intervals(points: Sequence[ClassifiedPoint]) -> Iterator[Interval]:
-    """Yield the neighbours of different classes, among the points whose class is known."""
+    """Yield neighbours of different classes, ignoring points of unknown class."""
     values = np.array([point.value for point in points])
     by_value = {point.value: point for point in points}
     for change in changes(values, [point.label for point in points]):

@@ -1,4 +1,4 @@
-"""What the commands tell about a sweep: before it is run, after it, and when it ended early."""
+"""Reports of the commands about a sweep: before a run, after it, and when it ended early."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
     from sweeps.engine.estimate import Estimate
 
-#: Where neither is above 0, the mass did not meet the stop.
+#: If neither is above 0, the mass did not meet the stop.
 _CONTACT = ("impacts_per_period", "rest_fraction")
 
 
 def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
-    """Describe a sweep before it is run."""
+    """Describe a sweep and its cost before it is run."""
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     units = dict(sweep.units.items())
     axes = [
@@ -67,7 +67,7 @@ def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
 
 
 def summary(path: Path) -> str:
-    """Describe a sweep after it was run."""
+    """Describe the result of a complete run."""
     try:
         variables, seconds = per_point(path, ("status", *_CONTACT))
     except StoreError as error:
@@ -76,14 +76,14 @@ def summary(path: Path) -> str:
 
 
 def identities(path: Path) -> tuple[object, object]:
-    """Return what tells the file of a sweep and its journal from others of these names."""
+    """Return the `identity` of the file of a sweep and of its journal."""
     return identity(path), identity(journal_path(path))
 
 
 def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:
-    """Say what a run that ended early left behind, and which command goes on.
+    """Say what a run that ended early has kept, and which command continues it.
 
-    `old` are the `identities` of what was to be overwritten.
+    `old` are the `identities` of the files that the run would have overwritten.
     """
     (file, journal), name = identities(path), journal_path(path)
     points = kept_points(path)
@@ -99,7 +99,7 @@ def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
     attributes = dict(dataset.attrs)
     configuration = attributes.pop("configuration")
-    for name in ("computation", "columns"):  # which are shown otherwise
+    for name in ("computation", "columns"):  # shown in another form
         attributes.pop(name, None)
     rows = [
         ("name", str(attributes.pop("name"))),
@@ -135,7 +135,7 @@ def _meaning(variable: xr.DataArray) -> str:
 
 
 def _axis(name: str, values: np.ndarray, unit: str) -> str:
-    """Describe an axis or a column: its ends, its unit and the number of its values."""
+    """Describe an axis or a column: its range, its unit and the number of its values."""
     if name == DIRECTION:
         return f"{name} = {', '.join(values)}"
     if values.dtype.kind in "OU":
@@ -145,7 +145,7 @@ def _axis(name: str, values: np.ndarray, unit: str) -> str:
 
 
 def _outcomes(variables: Mapping[Any, Any]) -> str:
-    """Say how many points there are, and of which there is more to say."""
+    """Say how many points there are, and how many have a remarkable outcome."""
     counts = status_counts(variables)
     remarks = [
         f"{number:,} {status.name} ({status.meaning})"

@@ -1,4 +1,4 @@
-"""The run of a sweep: blocks of points through the kernel into the store, with progress."""
+"""The run of a sweep: compute its blocks, write them to the store, and show the progress."""
 
 from __future__ import annotations
 
@@ -50,23 +50,23 @@ def run_sweep(
     Parameters
     ----------
     config : SweepConfig, mapping, str or Path
-        From `load_config`, or what it reads: a mapping of the keys, or a YAML file.
+        From `load_config`, or an argument for it: a mapping of the keys, or a YAML file.
     output : str or Path, optional
-        The HDF5 file to write, instead of the configuration's.
+        The HDF5 file to write, instead of the output of the configuration.
     threads : int, optional
-        Threads to use; all cores by default. The data do not depend on it. Not with a client,
-        whose workers use the threads that they have.
+        Number of threads; all cores by default. The data do not depend on it. It is not allowed
+        with a client, whose workers use their own threads.
     overwrite : bool
         Whether an existing file may be replaced.
     resume : bool
-        Whether to compute what is missing in an existing file. It ends with the same data, to
-        the last bit, as after a run that was never stopped.
+        Whether to compute the missing points of an existing file. The data are then the same, to
+        the last bit, as after an uninterrupted run.
     progress : bool
-        Whether to show on stderr what the run takes, and then points done, forcing periods per
-        second and time left.
+        Whether to show the expected cost on stderr, and then the points done, the forcing periods
+        per second and the time left.
     client : distributed.Client, optional
-        Compute on the workers of its cluster. This process alone writes the file, block by block
-        as on one machine; a file begun here can be resumed there and the other way round.
+        Compute on the workers of its cluster. Only this process writes the file, block by block as
+        on one machine. A run started on one machine can be resumed on a cluster, and vice versa.
 
     Returns
     -------
@@ -76,15 +76,17 @@ def run_sweep(
     Raises
     ------
     ConfigError
-        As from `load_config`.
+        As raised by `load_config`.
     StoreError
         If the output is refused, is being written by another process or belongs to another
-        sweep, or if there is too little disk or memory.
+        sweep, or if there is too little disk space or memory.
     Refused
         If a worker has another version of the numerics.
     Failed
-        If the output cannot be written, the scheduler is lost, or a block fails on a worker. What
-        is done is kept.
+        If the output cannot be written, the scheduler is lost, or a block fails on a worker. All
+        finished blocks are kept.
+    ValueError
+        If `threads` is given with a client.
     """
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
@@ -121,8 +123,8 @@ def run_sweep(
 def _refined(
     config: SweepConfig, writer: SweepWriter, threads: int | None, console: Console
 ) -> Mapping[float, Results]:
-    """Return further points of a sweep, where its classes change."""
-    from sweeps.engine.refine import Refinement  # with xarray, which takes long to import
+    """Refine a sweep, and return the results of its new and reclassified points."""
+    from sweeps.engine.refine import Refinement  # imports xarray, which is slow
 
     refine = config.refine
     assert refine is not None
@@ -145,7 +147,7 @@ def _refined(
 
 
 def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
-    """Return what the file of a sweep holds, with blocks that keep to `sizes`."""
+    """Return the schema of a sweep, with `sizes` as the limits of its blocks."""
     spec, grid = config.spec, config.grid
     attributes = {
         "name": config.name,
@@ -157,7 +159,7 @@ def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
     }
     size, whole = block_size(config, **sizes), spec.followed
     if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
-        whole = "f"  # whose values share one computation
+        whole = "f"  # all its values share one computation
     return Schema.of(grid, grid.blocks(size, whole), spec, attributes)
 
 
@@ -165,7 +167,7 @@ def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
 def _progress(
     config: SweepConfig, pending: Iterable[Block], computer: Local | Cluster, console: Console
 ) -> Iterator[Callable[[int], None]]:
-    """Show points done, forcing periods per second and time left; yield what counts points."""
+    """Show points done, forcing periods per second and time left; yield the function to advance."""
     periods = config.record.transient + config.record.periods
     scaled = ", one f computed and the others scaled" if config.spec.scaled else ""
     name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
