@@ -1,14 +1,14 @@
 """Pictures of an opened sweep; each is drawn by a function that returns a matplotlib Figure.
 
-``plot`` writes the picture of a kind into a file; ``KINDS`` names the kinds. Beside
-`sweeps.bench`, only this room imports matplotlib.
+``plot`` writes a picture of one of the ``KINDS`` to a file. Only this room and `sweeps.bench`
+import matplotlib.
 """
 
 from sweeps.errors import Refused
 
 try:
     import matplotlib  # noqa: F401
-except ValueError as error:  # of MPLBACKEND, which no picture needs
+except ValueError as error:  # an invalid MPLBACKEND, though no picture uses it
     raise Refused(
         f"matplotlib cannot work with its settings: {error}; unset or correct MPLBACKEND"
     ) from None

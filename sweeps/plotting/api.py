@@ -1,4 +1,4 @@
-"""The kinds of pictures by name, and the one call that writes one into a file."""
+"""The kinds of pictures by name, and the function that writes a picture to a file."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from sweeps.text import nearest, suggestion
 
 
 class Kind(NamedTuple):
-    """A kind of picture: the function that draws it, and its options beside `at`.
+    """A kind of picture: the function that draws it, and its options other than `at`.
 
-    It shows the `whole` axes and `axes` others, of which it chooses those that are not given.
+    The picture shows all axes in `whole`, and `axes` further ones, which it chooses if not given.
     """
 
     draw: Callable[..., Figure]
@@ -66,31 +66,31 @@ def plot(
     command: str = "",
     **options: Any,
 ) -> Path:
-    """Draw one picture of an opened sweep into a file.
+    """Draw a picture of an opened sweep and write it to a file.
 
-    Its metadata have the version, the numerics and the configuration of the sweep.
+    The metadata of the picture contain the versions, the numerics and the configuration.
 
     Parameters
     ----------
     dataset : Dataset
         From `sweeps.open_sweep`.
     output : str or Path
-        The picture; its ending is one of ``sweeps.plotting.saving.FORMATS``.
+        The picture; its ending must be one of ``sweeps.plotting.saving.FORMATS``.
     kind : str, optional
-        One of ``KINDS``, by default that of `default_kind`.
+        One of ``KINDS``, by default the result of `default_kind`.
     at : mapping of str to float, optional
-        Values of the swept axes that are not drawn: the nearest of the grid is taken, and by
-        default the first. Where an axis was followed up and down, ``direction`` picks one; by
-        default a `bifurcation` shows both, the other pictures the first.
+        Values of the swept axes that are not drawn. The nearest grid value is used; the default is
+        the first. If an axis was followed up and down, ``direction`` selects one direction; by
+        default a `bifurcation` shows both, and other pictures show the first.
     page : Page, optional
         Size, title and limits.
     command : str
-        For the metadata: the command that draws it.
+        The command that draws the picture, for its metadata.
     **options
-        ``axes``, ``coordinate``, ``exact`` and ``below`` of a `bifurcation`, ``axes``,
-        ``quantity`` and ``exact`` of a `parameter_map`, ``axes`` and ``quantity`` of
-        `table_panels`, ``periods`` of a `trajectory`; None leaves
-        the choice to the picture.
+        ``axes``, ``coordinate``, ``exact`` and ``below`` of `bifurcation`; ``axes`` and
+        ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity`` and ``exact`` of
+        `parameter_map`; ``axes`` and ``quantity`` of `table_panels`; ``periods`` of `trajectory`.
+        With None the picture chooses.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def plot(
     Raises
     ------
     Refused
-        If the request does not fit the file, or the picture cannot be written there.
+        If the request does not fit the file, or the picture cannot be written to `output`.
     """
     output = Path(output)
     check_picture(output, str(dataset.encoding.get("source", "")))
@@ -119,21 +119,24 @@ def plot(
 
 
 def check_kind(kind: str) -> None:
-    """Refuse what is no name of a kind of picture."""
+    """Refuse a name that is not a kind of picture."""
     if kind not in KINDS:
         meant = suggestion(nearest(kind, KINDS))
         raise Refused(f"there is no picture {kind!r}{meant}; choose one of {listed(KINDS)}")
 
 
 def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: Any) -> str:
-    """Return the kind of picture that shows most of a sweep; arguments as for `plot`.
+    """Return the kind of picture that shows most of a sweep; the arguments are those of `plot`.
 
-    Of a table, ``table``, or of one row ``trajectory``. Otherwise ``map`` if a `quantity` is given,
-    and ``trajectory`` if `periods` are. Otherwise, if x0 or v0 was swept, the period recorded, and
-    no start chosen by the options, ``basins`` if nothing else was swept and ``attractors`` if a
-    parameter was. Otherwise, if two parameters were swept, the period recorded, and neither of them
-    chosen, ``map``. Otherwise ``bifurcation`` if an axis was swept, ``trajectory`` if there is one,
-    else ``section``.
+    The first case that applies counts:
+
+    - for a table ``table``, or ``trajectory`` if a row or `periods` are given;
+    - with a `quantity` ``map``, and with `periods` ``trajectory``;
+    - if x0 or v0 was swept, the period recorded, and no start chosen: ``attractors`` if a parameter
+      was swept, ``basins`` if only x0 and v0 were;
+    - if two parameters were swept, the period recorded, and neither chosen: ``map``;
+    - if an axis was swept ``bifurcation``;
+    - if a trajectory was recorded ``trajectory``, else ``section``.
     """
     if TABLE in dataset["status"].dims:
         return "trajectory" if at or "periods" in options else "table"
@@ -159,7 +162,7 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
 def silent_cuts(
     dataset: xr.Dataset, kind: str, at: Selection | None = None, axes: Sequence[str] = ()
 ) -> dict[str, float | str]:
-    """Return where a picture cuts swept axes that a request does not fix: at their first value."""
+    """Return the swept axes that a picture cuts without being asked, with their first values."""
     fixed = {*KINDS[kind].whole, *(at or {}), *axes}
     left = [str(name) for name in dataset["status"].dims if name not in fixed]
     axes_left = [name for name in left if name != DIRECTION]

@@ -33,10 +33,10 @@ from sweeps.text import shown_count
 def basins(
     dataset: xr.Dataset, *, at: Selection | None = None, page: Page = PAGE, ax: Axes | None = None
 ) -> Figure:
-    """Draw the basins of attraction: over x0 and v0, one cell per start, in its attractor's colour.
+    """Draw the basins of attraction over x0 and v0: one cell per start, coloured by its attractor.
 
-    The periodic attractors are marked if the section has the phase of the starts, 0. x0 and v0
-    were both swept, and the period was recorded.
+    x0 and v0 must both be swept, and the period must be recorded. The periodic attractors are
+    marked if the section is at phase 0, like the starts.
     """
     axes = swept_axes(dataset)
     if not {"x0", "v0"} <= set(axes):
@@ -47,14 +47,14 @@ def basins(
     table = rows(starts, result)
     handles = draw_cells(panel, starts, basin_cells(result, table))
     page.set_limits(panel)
-    if config_of(dataset).record.phase == 0.0:  # that of the starts
+    if config_of(dataset).record.phase == 0.0:  # the phase of the starts
         handles += mark_attractors(panel, starts, table)
     title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
     return canvas.finish(panel, page, starts, handles, title)
 
 
 def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> list[Artist]:
-    """Mark the periodic attractors at the section; return a mark for the legend, if any."""
+    """Mark the periodic attractors at the section; return a handle for the legend, if any."""
     at = np.array([row.point for row in table if row.m], int)
     x, v = (records(starts, name, at) for name in ("poincare_x", "poincare_v"))
     look: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "markersize": 4.0}
@@ -65,13 +65,13 @@ def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> li
 
 
 def basin_cells(result: xr.Dataset, table: Sequence[Row]) -> list[Cells]:
-    """Return the starts, shape (v0, x0), that reach each of the `attractors` of one point."""
+    """Return the starts that reach each attractor at one point, as masks of shape (v0, x0)."""
     reached = result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
     return [attractor_cells(row, reached == row.number) for row in table]
 
 
 def attractor_cells(row: Row, where: np.ndarray) -> Cells:
-    """Return the starts that reach an attractor."""
+    """Return the cells of the starts that reach an attractor, given by the mask `where`."""
     return Cells(_describe(row), colour_of(row), where)
 
 
@@ -85,15 +85,15 @@ def attractor_diagram(
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw every attractor that the starts find over one swept parameter, in a colour for each.
+    """Draw all attractors that the starts reach over one swept parameter, in a colour for each.
 
-    Of the starts that reach an attractor one is drawn: a repetition of a periodic motion, or all
-    that is recorded of another. The period was recorded.
+    The motion from one start of each attractor is drawn: one repetition of a periodic motion, or
+    the whole record of another motion. The period must be recorded.
 
     Parameters
     ----------
     axes : sequence of str, optional
-        The swept parameter, by default the longest.
+        The swept parameter, by default the one with most values.
     coordinate : str, optional
         As for `sweeps.plotting.bifurcation`.
     """
@@ -133,7 +133,7 @@ def attractor_diagram(
 def _draw_rows(
     panel: Axes, line: xr.Dataset, table: Sequence[Row], axis: str, coordinate: str
 ) -> None:
-    """Draw what was recorded of each attractor, the periodic ones over the others."""
+    """Draw the record of each attractor, with the periodic ones on top."""
     values = records(line, coordinate, np.array([row.point for row in table]))
     if coordinate.startswith("poincare"):
         for record, row in zip(values, table, strict=True):
@@ -167,7 +167,7 @@ def colour_of(row: Row) -> str:
 
 
 def class_names(attractor: Sequence[Row]) -> str:
-    """Name the classes, or the regime, of one attractor over several parameter points."""
+    """Name the classes of one attractor over several parameter points, or its regime."""
     regime = attractor[0].regime
     if regime is not Regime.PERIODIC:
         return REGIMES[regime][0]

@@ -1,4 +1,4 @@
-"""What pictures have in common: a figure for paper, its title and legend, marks in its panels."""
+"""Common parts of the pictures: the figure, its title and legend, and marks in its panels."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from vibroimpact.oscillator import PARAMETERS
 
 @dataclass(frozen=True)
 class Page:
-    """How a picture is set on paper.
+    """The size, title and limits of a picture.
 
     Attributes
     ----------
     width : float, optional
-        Of the figure [inch], by default that of matplotlib's ``figure.figsize``.
+        Width of the figure [inch], by default from matplotlib's ``figure.figsize``.
     height : float, optional
-        Of the figure [inch], by default what its panels, its title and its legend take.
+        Height of the figure [inch], by default the height of its panels, title and legend.
     dpi : int, optional
         Pixels per inch, by default matplotlib's ``savefig.dpi``.
     title : str, optional
-        Instead of the name, the parameters and the record of the sweep; may be empty.
+        Title instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
         Limits of the first panel, by default those of the data.
     """
@@ -55,7 +55,7 @@ class Page:
     ylim: tuple[float, float] | None = None
 
     def set_limits(self, panel: Axes) -> None:
-        """Set the limits that are given; Refused if nothing is drawn within them."""
+        """Set the given limits; raise Refused if they contain no data."""
         for name, given, ends in (
             ("xlim", self.xlim, panel.dataLim.intervalx),
             ("ylim", self.ylim, panel.dataLim.intervaly),
@@ -75,22 +75,22 @@ _LEGEND: dict[str, Any] = {"handlelength": 1.4, "handletextpad": 0.5, "columnspa
 
 
 class Picture(Figure):
-    """A figure that a function of this room made.
+    """A figure made by a function of this room.
 
-    pyplot does not know it: in Jupyter it is shown once, as the value of a cell.
+    It is not registered with pyplot, so Jupyter shows it only once, as the value of a cell.
     """
 
     def __init__(self, page: Page, stretch: float = 1.0) -> None:
-        """Make a figure of the page's width, and `stretch` times as high as ``figure.figsize``."""
+        """Make a figure with the width of the page, `stretch` times as high as usual."""
         width, height = mpl.rcParams["figure.figsize"]
         size = (page.width or width, stretch * height)
         super().__init__(figsize=size, layout="constrained")
-        FigureCanvasAgg(self)  # which measures all texts with one renderer
+        FigureCanvasAgg(self)  # measures all texts with the same renderer
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw, with room for the tick labels that panels of the final width have.
+        """Draw the figure, with room for the tick labels at the final width of the panels.
 
-        The layout is for the ticks of narrower or wider panels, and may never settle.
+        The layout engine measures the ticks of panels of another width, and may never converge.
         """
         if (engine := self.get_layout_engine()) is not None:
             engine.execute(self)
@@ -111,7 +111,7 @@ class Picture(Figure):
         return buffer.getvalue()
 
     def make_room(self, part: Any) -> None:
-        """Make the figure higher by what a title or a legend takes."""
+        """Increase the height of the figure by the height of a title or a legend."""
         self.set_figheight(self.get_figheight() + part.get_window_extent().height / self.dpi)
 
     def add_legend(self, handles: Sequence[Artist], title: str | None) -> None:
@@ -126,39 +126,39 @@ class Picture(Figure):
         self.make_room(legend)
 
 
-#: What the pictures have in common; at the end of the parameters in the docstring of each.
+#: Docstring of the common parameters; `styled` appends it to the docstring of each picture.
 _COMMON = """\
 at : mapping of str to float, optional
-    Values of the swept axes that are not drawn: the nearest of the grid is taken, by default the
-    first. Where an axis was followed both ways, ``direction`` picks one.
+    Values of the swept axes that are not drawn. The nearest grid value is used; the default is the
+    first. If an axis was followed both ways, ``direction`` selects one direction.
 page : Page, optional
     Size, title and limits.
 ax : Axes, optional
-    The panel to draw into, by default that of a new figure.
+    The panel to draw into, by default the panel of a new figure.
 
 Returns
 -------
 Figure
-    That of `ax`, or the new one.
+    The figure of `ax`, or the new one.
 
 Raises
 ------
 Refused
-    If the file does not have what is asked for, or there is nothing to draw."""
+    If the file lacks the requested data, or there is nothing to draw."""
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Let a function draw a figure of its own in the style of the pictures; complete its docstring.
+    """Decorate a picture function: draw new figures in the common style, complete the docstring.
 
-    Its first parameter is the dataset.
+    The first parameter of the function must be the dataset.
     """
 
     @functools.wraps(draw)
     def _in_style(*arguments: Any, **options: Any) -> Figure:
-        """Draw in the style, unless the panel is one of another figure."""
+        """Draw in the common style, unless the panel belongs to another figure."""
         style = user_style() if options.get("ax") is None else {}
         with mpl.rc_context(style), warnings.catch_warnings():
-            # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
+            # The name of a sweep may have characters that the font lacks, drawn as boxes.
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
             return draw(*arguments, **options)
 
@@ -169,14 +169,14 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
 
 def new_panel(ax: Axes | None, page: Page) -> Axes:
-    """Return the panel to draw into: `ax`, or the only one of a new figure."""
+    """Return the panel to draw into: `ax`, or the only panel of a new figure."""
     return Picture(page).add_subplot() if ax is None else ax
 
 
 def stacked_panels(page: Page, heights: Sequence[float], shared: int) -> list[Axes]:
-    """Return panels of a new figure, one below the other, in shares of its usual height.
+    """Return stacked panels of a new figure, with `heights` in units of the usual height.
 
-    The first ones, so many, share their abscissa, and the last of these shows it.
+    The first `shared` panels share their abscissa, which only the last of them labels.
     """
     figure = Picture(page, sum(heights))
     panels = figure.subplots(len(heights), height_ratios=heights, squeeze=False)[:, 0]
@@ -187,7 +187,7 @@ def stacked_panels(page: Page, heights: Sequence[float], shared: int) -> list[Ax
 
 
 def figure_of(panel: Axes) -> Figure:
-    """Return the figure of a panel; that of the page where the panel is in a part of it."""
+    """Return the top-level figure of a panel, also if the panel is in a subfigure."""
     figure = panel.get_figure(root=True)
     assert figure is not None
     return figure
@@ -203,9 +203,9 @@ def finish(
 ) -> Figure:
     """Put the title above a `Picture` and the legend below it, and return the figure.
 
-    The panel of another figure has the legend, and a title only if the page has one. The `handles`
-    have labels, and are by default those of the panel; `drawn` is what the picture shows of the
-    sweep, and `record` is said instead of what the configuration has.
+    In another figure, the panel gets the legend, and a title only if the page has one. `handles`
+    are labelled artists for the legend, by default those of the panel. `drawn` is the part of the
+    sweep that is shown. `record` replaces the record of the configuration in the title.
     """
     figure = figure_of(panel)
     handles = panel.get_legend_handles_labels()[0] if handles is None else handles
@@ -228,7 +228,7 @@ def finish(
 def draw_points(
     panel: Axes, x: np.ndarray, y: np.ndarray, colour: str = BLUE, scale: float = 1.0
 ) -> None:
-    """Draw markers, the smaller the more of the panel they would cover."""
+    """Draw markers; the more of the panel they would cover, the smaller they are."""
     counts, *_ = np.histogram2d(x, y, bins=(600, 300))
     size = scale * float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), 0.5, 3.5))
     (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
@@ -243,16 +243,16 @@ def draw_stop(draw_line: Callable[..., object], clearance: float, label: bool = 
 
 
 def widen_if_constant(set_limits: Callable[..., object], low: float, high: float) -> None:
-    """Keep rounding errors about a constant from filling the panel whose limits can be set so."""
+    """Widen the limits of a panel if the data are constant, so that it does not show rounding."""
     ends = widened(low, high)
     if ends != (low, high):
         set_limits(*ends)
 
 
 def mark_status(panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
-    """Mark what failed or was not computed yet in a strip below the data, with labels.
+    """Mark failed and pending points in a strip below the data, with labels for the legend.
 
-    The status has the shape of the `values` of the abscissa, (n,), or (directions, n).
+    `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n).
     """
     present = [outcome for outcome in STATUS_COLOURS if (status == outcome).any()]
     if not present:

@@ -44,16 +44,16 @@ from sweeps.plotting.style import (
     dots_per_inch,
 )
 
-#: More points than this are drawn as a density: single markers would merge into a blob.
+#: More points than this are drawn as a density, because single markers would merge.
 DENSITY_FROM = 2_000_000
-#: How many numbers are read at a time.
+#: Number of values read at a time.
 _PART_SIZE = 1_000_000
-#: Height of a panel below the diagram, as a share of that of the diagram.
+#: Height of a panel below the diagram, relative to the height of the diagram.
 _LOWER = 0.4
 _NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
 _RAMP = LinearSegmentedColormap.from_list("density", DENSITY)
-# Those of two directions and of both end at full colours: darker colours look the same where the
-# motion is periodic.
+# The ramps for up, down and both end at full colours: the darker ends would all look the same where
+# the motion is periodic.
 _DIRECTION_RAMPS = [
     LinearSegmentedColormap.from_list("density", colours)
     for colours in (
@@ -78,18 +78,18 @@ def bifurcation(
 ) -> Figure:
     """Draw a coordinate of the section or of the impacts over one swept axis.
 
-    Points that failed or were not computed yet are marked below the diagram, not drawn.
+    Points that failed or are not computed yet are not drawn, but marked below the diagram.
 
     Parameters
     ----------
     axes : sequence of str, optional
-        The swept axis, by default the longest.
+        The swept axis, by default the one with most values.
     coordinate : str, optional
-        One of ``sweeps.analysis.selection.COORDINATES``, by default the first that the file has.
+        One of ``sweeps.analysis.selection.COORDINATES``, by default the first in the file.
     exact : Dataset, optional
-        From `sweeps.branches` of this axis: exact branches to draw over the points.
+        Exact branches to draw over the points: the result of `sweeps.branches` for this axis.
     below : sequence of str, optional
-        Scalars of the file, as ``lyapunov``, each in a panel below the diagram.
+        Scalars of the file, for example ``lyapunov``; each gets a panel below the diagram.
     """
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
     _check(dataset, axis, exact, below)
@@ -138,7 +138,7 @@ def bifurcation(
 
 
 def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
-    """Refuse branches of another axis, and names that are no scalars of the file or given twice."""
+    """Refuse branches over another axis, and names that are not scalars or are given twice."""
     if exact is not None and axis not in exact.coords:
         raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
     available = scalars(dataset)
@@ -157,7 +157,7 @@ def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequ
 def _draw_markers(
     panel: Axes, values: np.ndarray, ways: Sequence[xr.Dataset], coordinate: str
 ) -> None:
-    """Draw markers; of two directions the second on top and smaller, so that both are seen."""
+    """Draw markers; those of a second direction are on top and smaller, so that both are seen."""
     scales = (1.0,) if len(ways) == 1 else (1.4, 0.6)
     for way, colour, scale in zip(ways, DIRECTION_COLOURS, scales, strict=False):
         computed = has_result(way["status"].values)
@@ -167,7 +167,7 @@ def _draw_markers(
 
 
 def _name_directions(panel: Axes, symbol: str, dense: bool) -> None:
-    """Say in the legend which colour is which direction of the axis with a symbol."""
+    """Add the colours of the two directions to the legend, with the symbol of the axis."""
     texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
     for text, colour in zip(texts, DIRECTION_COLOURS, strict=True):
         panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
@@ -176,7 +176,7 @@ def _name_directions(panel: Axes, symbol: str, dense: bool) -> None:
 
 
 def _draw_scalar(panel: Axes, axis: str, ways: Sequence[xr.Dataset], name: str) -> None:
-    """Draw a scalar over the axis, of the line of each direction in its colour; both exponents."""
+    """Draw a scalar, or both Lyapunov exponents, over the axis; each direction in its colour."""
     for way, colour in zip(ways, DIRECTION_COLOURS, strict=False):
         x = way[axis].values
         y = np.asarray(way[name].values, float).reshape(len(x), -1)
@@ -192,9 +192,9 @@ def _draw_scalar(panel: Axes, axis: str, ways: Sequence[xr.Dataset], name: str) 
 
 
 def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Read a coordinate of the computed points of a line, some at a time.
+    """Read a coordinate of the computed points of a line in parts.
 
-    Yield the indices of k points and their values, shapes (k,) and (k, record).
+    Yields the indices of k points and their values, shapes (k,) and (k, record).
     """
     (axis,), computed = line["status"].dims, has_result(line["status"].values)
     rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension])
@@ -206,7 +206,7 @@ def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarr
 
 
 def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, float]:
-    """Return the least and the greatest value of a coordinate; inf, -inf where there is none."""
+    """Return the least and the greatest value of a coordinate; inf and -inf without values."""
     low, high = np.inf, -np.inf
     for line in lines:
         for _, values in computed_parts(line, coordinate):
@@ -218,17 +218,17 @@ def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, fl
 def _draw_density(
     panel: Axes, values: np.ndarray, ways: Sequence[xr.Dataset], coordinate: str
 ) -> None:
-    """Draw the share of each column's points that fall into each of its pixels, with a colour bar.
+    """Draw the share of each column's points in each of its pixels, with a colour bar.
 
-    Call it last: the pixels are those of the finished panel in a PNG. A column is one of the
-    `values` of the axis, or one pixel where there are more values than pixels. Of two directions,
-    a pixel has the colour of the direction that meets it, or that of both.
+    Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
+    the `values` of the axis, or one pixel wide if there are more values than pixels. With two
+    directions, the colour of a pixel tells which direction has points in it, or that both have.
     """
     figure = canvas.figure_of(panel)
     ramps = [_RAMP] if len(ways) == 1 else _DIRECTION_RAMPS
     bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
     bar.set_label("share of the points of a column")
-    figure.draw_without_rendering()  # lays the figure out
+    figure.draw_without_rendering()  # computes the layout
     box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
     columns, rows = (round(size * scale) for size in (box.width, box.height))
     low, high = panel.get_ylim()

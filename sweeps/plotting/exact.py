@@ -17,30 +17,31 @@ from sweeps.analysis.exact_branches import wide_branches
 from sweeps.plotting.style import VERMILION
 
 _STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
-#: What the legend calls the lines, with their dashes.
+#: Names of the lines in the legend, with their dashes.
 LINES: dict[str, Any] = {_STABLE: "-", _UNSTABLE: (0, (4, 2))}
 _THIN_LINES = "stable over less than 1 % of the axis"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
-#: The lines over the points of one direction and of two: of two directions the markers are to be
-#: seen through the lines, whose colour is near that of neither.
+#: Look of the lines over the points of one direction and of two directions. For two, the lines are
+#: thin and black, so that the markers in both colours remain visible.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
 _OVER_BOTH: dict[str, Any] = {"color": "black", "linewidth": 0.4}
 _THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
-#: Curves of a map that may have a name, how long they are, and how far names are apart, as shares
-#: of the panel.
+#: Most names of curves on a map; least length of a named curve and least distance between names, as
+#: shares of the panel.
 _MOST_NAMES, _LONG, _ROOM = 24, 0.25, 0.1
-#: How the curves of each kind are drawn.
+#: Dashes of the curves of each kind.
 _CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
 
 
 class Part(NamedTuple):
-    """A piece of a branch of one stability, or the bifurcations of one kind.
+    """A stable or unstable piece of a branch, or the bifurcations of one kind.
 
-    Its `name` in the legend is one of ``LINES`` or of ``MARKERS``; `x` is of the axis, (n,), and
-    `y` of the coordinate, (n, k), NaN where there is nothing. It is `thin` if the branch is stable
-    over less than a hundredth of the axis: these are many, and would hide the others. Their
-    bifurcations are left out. The `orbit` of a branch is its class.
+    `name` is its name in the legend, out of ``LINES`` or ``MARKERS``. `x` are values of the axis,
+    shape (n,), and `y` values of the coordinate, shape (n, k), with NaN for no value. A piece is
+    `thin` if its branch is stable over less than a hundredth of the axis, because many such
+    branches would hide the others; their bifurcations are not drawn. `orbit` is the class of the
+    branch.
     """
 
     name: str
@@ -51,13 +52,13 @@ class Part(NamedTuple):
 
 
 def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
-    """Yield what a diagram of a coordinate shows of `sweeps.branches`."""
+    """Yield the parts of `sweeps.branches` that a diagram of a coordinate shows."""
     (axis,), wide = found.coords, wide_branches(found)
     for number in range(len(wide)):
         branch = found.isel(point=found["branch"].values == number)
         x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
         orbit = f"{found['m'].values[number]}/{found['q'].values[number]}"
-        y = _shown(y[:, np.isfinite(y).any(axis=0)], coordinate)
+        y = _wrapped(y[:, np.isfinite(y).any(axis=0)], coordinate)
         if not y.shape[1]:  # the free oscillation has no impact
             continue
         # A special point ends the pieces on both sides, and belongs to the stable one.
@@ -71,30 +72,33 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
     for kind in MARKERS:
         here = (found["kind"].values == kind) & wide[found["special_branch"].values]
         if here.any():
-            y = _shown(found[f"special_{coordinate}"].values[here], coordinate)
+            y = _wrapped(found[f"special_{coordinate}"].values[here], coordinate)
             yield Part(kind, found["special_value"].values[here], y)
 
 
-def _shown(values: np.ndarray, coordinate: str) -> np.ndarray:
-    """Return values of a coordinate as a diagram shows them: phases within a turn."""
+def _wrapped(values: np.ndarray, coordinate: str) -> np.ndarray:
+    """Return values of a coordinate, with phases reduced to 0 to 2 pi."""
     return values % (2.0 * np.pi) if coordinate == "impact_phase" else values
 
 
 def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
-    """Return a number for each step of a branch, -1 where an impact passes the section: a jump."""
+    """Number the continuous runs of a branch, for each step; -1 for a step in which y jumps.
+
+    The coordinate jumps where an impact passes the section, or its phase passes 0.
+    """
     phases = branch["impact_phase"].values
     if coordinate not in ("impact_phase", "poincare_v"):
         return [0] * (len(phases) - 1)
     wrap_phase = 0.0 if coordinate == "impact_phase" else branch.attrs["phase"]
     turns = np.floor((phases - wrap_phase) / (2.0 * np.pi))
-    jumps = (np.abs(np.diff(turns, axis=0)) > 0.0).any(axis=1)  # NaN is none
+    jumps = (np.abs(np.diff(turns, axis=0)) > 0.0).any(axis=1)  # False for NaN
     return np.where(jumps, -1, np.cumsum(jumps)).tolist()
 
 
 def draw_branches(
     panel: Axes, found: xr.Dataset, coordinate: str, two_directions: bool
 ) -> dict[str, list[Line2D]]:
-    """Draw `sweeps.branches`, solid where stable; return what was drawn, by its name."""
+    """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names."""
     look = _OVER_BOTH if two_directions else _OVER_ONE
     drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin, _ in parts_of(found, coordinate):
@@ -113,7 +117,7 @@ def draw_branches(
 
 
 def name_parts(panel: Axes, parts: Mapping[str, Sequence[Line2D]]) -> None:
-    """Label one line of each part of `draw_branches` that is seen within the panel's limits."""
+    """Label one line of each part of `draw_branches` that is visible within the panel's limits."""
     (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
     view = Bbox([(left, bottom), (right, top)])
     for text, pieces in parts.items():
@@ -130,7 +134,7 @@ def _is_seen(line: Line2D, view: Bbox) -> bool:
 
 
 def _name_curves(panel: Axes, found: xr.Dataset, values: np.ndarray) -> None:
-    """Write m/q beside the long curves of the shortest orbits, where there is room."""
+    """Write m/q beside long curves where there is room, starting with the shortest periods."""
     places = panel.transAxes.inverted().transform(panel.transData.transform(values.T))
     curves = [places[found["curve"].values == number] for number in range(found.sizes["number"])]
     lengths = [float(np.abs(np.diff(curve, axis=0)).sum()) for curve in curves]
@@ -155,9 +159,9 @@ def _name_curves(panel: Axes, found: xr.Dataset, values: np.ndarray) -> None:
 
 
 def draw_curves(panel: Axes, found: xr.Dataset) -> list[Line2D]:
-    """Draw `sweeps.curves` over a map of its axes; return a line or mark of each kind, with labels.
+    """Draw `sweeps.curves` over a map of the same axes; return labelled handles for the legend.
 
-    Marked are cusps, and where curves meet.
+    Cusps and points where curves meet are marked.
     """
     limits = panel.get_xlim(), panel.get_ylim()
     values = np.stack([found[axis].values for axis in found.coords])
@@ -165,7 +169,7 @@ def draw_curves(panel: Axes, found: xr.Dataset) -> list[Line2D]:
     handles = {}
     for number, kind in enumerate(found["kind"].values):
         line = values[:, found["curve"].values == number]
-        edge = [withStroke(linewidth=0.9, foreground="white", alpha=0.5)]  # seen on black, too
+        edge = [withStroke(linewidth=0.9, foreground="white", alpha=0.5)]  # visible on black
         panel.plot(*line, zorder=4, path_effects=edge, ls=_CURVES[kind], **look)
         handles[kind] = Line2D([], [], ls=_CURVES[kind], label=kind, **look)
     _name_curves(panel, found, values)

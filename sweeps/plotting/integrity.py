@@ -1,4 +1,4 @@
-"""The erosion profile: integrity measures along a parameter, and basins with discs and knocks."""
+"""The erosion profile: integrity measures over a parameter, and basins with discs and knocks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import CLASSES_TITLE, label_axis, mathtext
 from sweeps.plotting.maps import draw_cells
 
-#: The panels of the profile: the measure, what says whether the edge decided it, and the title.
+#: The panels of the profile: the measure, the flag that the edge decided it, and the title.
 _MEASURES = (
     ("fraction", "", "share of the starts"),
     ("integrity_factor", "factor_at_edge", "integrity factor, a radius"),
@@ -43,11 +43,12 @@ def integrity(
 ) -> Figure:
     """Draw three integrity measures of each attractor over a parameter, and basins at one value.
 
-    The parameter is the longest, and `at` may have the value for the basins. Hollow marks are lower
-    bounds, where the edge of the window decided; the panels are as high as the other marks need.
-    The basins have the largest discs, the attractors at the section, and an arrow for each least
-    knock, from where the motion is at the section next to where the knocked one is. `ax` are four
-    panels, or one for a sweep over x0 and v0 alone; the limits of the page are those of the basins.
+    The parameter is the swept one with most values; `at` may give its value for the basins. Hollow
+    marks are lower bounds, because the edge of the window decided; the other marks set the height
+    of the panels. The basins show the largest discs, the attractors at the section, and an arrow
+    for each least knock: from the state in which the motion next reaches the section to the state
+    in which the knocked motion does. `ax` are four panels, or one panel if only x0 and v0 were
+    swept. The limits of the page apply to the basins.
     """
     along = sorted(parameter_axes(dataset), key=lambda name: -dataset.sizes[name])[:1]
     cuts = {name: value for name, value in (at or {}).items() if name not in along}

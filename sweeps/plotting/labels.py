@@ -1,4 +1,4 @@
-"""The words of a picture: labels and scales of axes, the title, and what parts are called."""
+"""The texts of a picture: labels and scales of axes, the title, and names of its parts."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 #: Title of a legend of periodic classes.
 CLASSES_TITLE = "m/q: q impacts in m forcing periods"
-#: A space at which no line of a title is broken.
+#: A space at which a title is not broken into lines.
 _JOINT = "\N{NO-BREAK SPACE}"
 
 
 def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArray:
-    """Return a parameter, a variable that a file may not have, or a coordinate, without values."""
+    """Return a DataArray with the attributes of a parameter, variable or coordinate, no values."""
     of = PARAMETERS[name] if name in PARAMETERS else {**VARIABLES, **COORDINATES}[name]
     meaning = of.meaning if isinstance(of, Parameter) else of.long_name
     unit = in_units(of.unit, units or {})
@@ -35,9 +35,9 @@ def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArr
 
 
 def label(variable: xr.DataArray) -> str:
-    """Write the meaning of a variable, its symbol and, if it was given a name, its unit.
+    """Write the meaning of a variable, its symbol and, if the unit has a name, its unit.
 
-    Only spaces between words are spaces, since matplotlib breaks long labels there.
+    Spaces occur only between words, because matplotlib breaks long labels at spaces.
     """
     unit = f" [{named}]" if (named := _named_unit(variable)) else ""
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
@@ -45,30 +45,30 @@ def label(variable: xr.DataArray) -> str:
 
 
 def _named_unit(variable: xr.DataArray) -> str:
-    """Return the unit of a variable if it was given a name."""
-    unit: str = variable.attrs.get("units", "1")  # a coordinate that a user has assigned has none
+    """Return the unit of a variable if a name was chosen for it, else an empty text."""
+    unit: str = variable.attrs.get("units", "1")  # a user's own coordinate has no unit
     named = unit not in ("1", "rad") and not re.search("length|time", unit)
     return unit.replace("^2", "$^2$") if named else ""
 
 
 def mathtext(value: float) -> str:
-    """Write a number in mathtext, where 1e+300 would be a product."""
+    """Write a number in mathtext, which would read 1e+300 as a product."""
     mantissa, e, exponent = f"{value:.6g}".partition("e")
     return rf"{mantissa}\times10^{{{int(exponent)}}}" if e else mantissa
 
 
 def status_name(outcome: Status) -> str:
-    """Name an outcome in a legend."""
+    """Return the name of an outcome for a legend."""
     if outcome is Status.PENDING:
         return outcome.meaning
     return outcome.name.lower().replace("_", "-")
 
 
 def title(drawn: xr.Dataset, record: str | None = None) -> str:
-    """Write name, parameters that are not at their defaults, and record of what a picture shows.
+    """Write the title of a picture: name, parameters that differ from their defaults, and record.
 
-    Parameters have their units where these were given names, as those of a rig.
-    By default the record is the phase if it is not 0, the transient and the periods.
+    Parameters have units if names were chosen for these, as always for a rig. By default the record
+    is the phase (if it is not 0), the transient and the periods.
     """
     config = config_of(drawn)
     drawn, rig = in_si(drawn), config.rig
@@ -84,7 +84,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
         for name, value in values.items()
         if not value.dims and float(value) != parameter_of(name, rig).default
     ]
-    if config.follow is not None and DIRECTION not in drawn.dims:  # else the legend says it
+    if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
         symbol = parameter_of(config.follow.axis, rig).symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
@@ -102,7 +102,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
 
 
 def log_spaced(values: np.ndarray) -> bool:
-    """Whether neighbours have a constant ratio, over a range wide enough for a log axis."""
+    """Whether neighbouring values have a constant ratio, and a range wide enough for a log axis."""
     if len(values) < 3 or values.min() <= 0.0 or values.max() < 5.0 * values.min():
         return False
     ratios = values[1:] / values[:-1]
@@ -110,7 +110,7 @@ def log_spaced(values: np.ndarray) -> bool:
 
 
 def label_axis(axis: Axis, variable: xr.DataArray) -> None:
-    """Label the axis of a variable, and make it logarithmic if its values are so spaced."""
+    """Label the axis of a variable; make it logarithmic if the values have that spacing."""
     axis.set_label_text(label(variable), wrap=True)
     if variable.dims == (variable.name,) and log_spaced(variable.values):
         panel = axis.axes
@@ -119,7 +119,7 @@ def label_axis(axis: Axis, variable: xr.DataArray) -> None:
 
 
 def tick_in_decades(axis: Axis) -> None:
-    """Label 1, 2 and 5 of every decade, as plain numbers."""
+    """Label 1, 2 and 5 in every decade with plain numbers."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))

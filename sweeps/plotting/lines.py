@@ -1,4 +1,4 @@
-"""The line of points that a bifurcation diagram shows, and the coordinate over it."""
+"""The line of points and the coordinate that a bifurcation diagram shows, and their pixels."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def select_line(
     at: Selection | None = None,
     coordinate: str | None = None,
 ) -> tuple[xr.Dataset, str, str]:
-    """Return the line that a `sweeps.plotting.bifurcation` shows, its axis and its coordinate."""
+    """Return the points that `sweeps.plotting.bifurcation` shows, their axis and coordinate."""
     (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
     coordinate = choose_coordinate(dataset, coordinate)
     return select(dataset, at, free=[axis, DIRECTION]), axis, coordinate
 
 
 def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
-    """Return the coordinate asked for, by default the first that the file has; refuse another."""
+    """Return the requested coordinate, by default the first in the file; refuse unknown ones."""
     available = [name for name, about in COORDINATES.items() if about.dimension in dataset.dims]
     if coordinate is None:
         coordinate = next(iter([*available, *COORDINATES]))
@@ -43,7 +43,7 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
 
 
 def scalars(dataset: xr.Dataset) -> list[str]:
-    """List the variables with one number, or the Lyapunov exponents, per point."""
+    """List the variables with a single number per point, and the Lyapunov exponents."""
     return [
         name
         for name, variable in VARIABLES.items()
@@ -52,7 +52,7 @@ def scalars(dataset: xr.Dataset) -> list[str]:
 
 
 def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
-    """Refuse a line without a value of a coordinate, and say why it has none."""
+    """Refuse a line that has no value of a coordinate, and say why."""
     status = line["status"].values
     if has_result(status).any():
         raise Refused(
@@ -69,31 +69,32 @@ def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
 def count_pixels(
     columns: np.ndarray, values: np.ndarray, shape: tuple[int, int], low: float, high: float
 ) -> np.ndarray:
-    """Count the values in each pixel of a panel, an array of `shape`: its columns and rows.
+    """Count the values in each pixel of a panel; `shape` is its number of columns and rows.
 
-    Each of k points has its column, all of them in the panel, and its values of the ordinate, (k,
-    width), NaN where one is missing. The ordinate ranges from low to high.
+    `columns`, shape (k,), are the columns of k points, all within the panel; `values`, shape
+    (k, width), are their ordinates, with NaN for missing ones. The ordinate ranges from `low` to
+    `high`.
     """
     rows = shape[1]
     scaled = np.floor((values - low) * (rows / (high - low)))
-    seen = (scaled >= 0.0) & (scaled < rows)  # NaN is not
+    seen = (scaled >= 0.0) & (scaled < rows)  # False for NaN
     at = np.repeat(columns, seen.sum(axis=1)) * rows + scaled[seen].astype(np.int64)
     return np.bincount(at, minlength=shape[0] * rows).reshape(shape)
 
 
 def widened(low: float, high: float) -> tuple[float, float]:
-    """Return a range of values, widened to their size if they differ only by rounding."""
+    """Return a range, widened to the size of its values if they differ only by rounding."""
     size = max(abs(low), abs(high))
-    if not high - low < 1e-6 * size:  # nor are NaN and infinity widened
+    if not high - low < 1e-6 * size:  # this also excludes NaN and infinity
         return low, high
     middle = 0.5 * (low + high)
     return middle - 0.5 * size, middle + 0.5 * size
 
 
 def cell_edges(values: np.ndarray, log: bool) -> np.ndarray:
-    """Return the n + 1 edges of the cells around n >= 2 increasing values, halfway between them.
+    """Return the n + 1 edges of the cells around n >= 2 increasing values.
 
-    With `log`, halfway is meant on a logarithmic scale.
+    The edges lie halfway between the values, with `log` on a logarithmic scale.
     """
     values = np.log(values) if log else values
     inner = 0.5 * (values[1:] + values[:-1])

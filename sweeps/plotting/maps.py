@@ -1,4 +1,4 @@
-"""Maps over two swept axes, one cell per point: the class of the motion, or a number of it."""
+"""Maps over two swept axes, one cell per point: the class of the motion or another quantity."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from sweeps.plotting.style import (
 )
 from vibroimpact.status import Status
 
-#: The look of cells that were not computed yet.
+#: Look of points that are not computed yet.
 _PENDING: dict[str, Any] = {
     "facecolor": "white", "edgecolor": "#888888", "hatch": "//////", "linewidth": 0.0
 }  # fmt: skip
@@ -57,7 +57,7 @@ _SIGNED = LinearSegmentedColormap.from_list(
 
 
 class Cells(NamedTuple):
-    """The points of a map that have one colour: a label, the colour, and which they are."""
+    """The points of a map with the same colour: a label, the colour and the mask of the points."""
 
     label: str
     colour: str
@@ -65,7 +65,7 @@ class Cells(NamedTuple):
 
 
 def failed_cells(status: np.ndarray) -> list[Cells]:
-    """Return the points that failed, by outcome."""
+    """Return the failed points, by outcome."""
     return [
         Cells(status_name(outcome), colour, status == outcome)
         for outcome, colour in STATUS_COLOURS.items()
@@ -74,7 +74,7 @@ def failed_cells(status: np.ndarray) -> list[Cells]:
 
 
 def period_cells(cut: xr.Dataset) -> list[Cells]:
-    """Return the points of each regime; the most frequent classes have a colour each."""
+    """Return the points of each regime; each of the most frequent classes has its own colour."""
     check_diagnostic(cut, "period")
     regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
     periodic = regimes == Regime.PERIODIC
@@ -103,7 +103,7 @@ def status_cells(cut: xr.Dataset) -> list[Cells]:
 
 
 def lyapunov_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
-    """Colour the larger Lyapunov exponent by sign and size, on a scale that is centred on 0."""
+    """Colour the larger Lyapunov exponent by sign and size, on a scale centred on 0."""
     larger = cut["lyapunov"].isel(exponent=0).values
     finite = larger[np.isfinite(larger)]
     low, high = np.quantile(finite, [0.01, 1.0]) if len(finite) else (-1.0, 1.0)
@@ -128,10 +128,10 @@ def rest_map(panel: Axes, cut: xr.Dataset) -> list[Cells]:
 def log_map(
     panel: Axes, cut: xr.Dataset, *, name: str, zero: str = "no impact", at_rest: bool = True
 ) -> list[Cells]:
-    """Colour the quantity of this name, >= 0, on a logarithmic scale; `zero` names its value 0.
+    """Colour the quantity `name`, >= 0, on a logarithmic scale; `zero` is the label of value 0.
 
-    With `at_rest`, it is a property of motions with rest, too. The number of impacts and the
-    slowest one are not: a chatter has no end of them.
+    With `at_rest`, motions with rest are coloured, too. The number of impacts and the slowest
+    impact are not defined for them, because a chatter has infinitely many impacts.
     """
     variable = in_si(cut[[name]])[name]
     values = variable.values
@@ -149,7 +149,7 @@ def log_map(
     ]
 
 
-#: What a map can show: variables of the file.
+#: The variables that a map can show.
 QUANTITIES: Mapping[str, Callable[[Axes, xr.Dataset], list[Cells]]] = {
     "period": lambda panel, cut: period_cells(cut),
     "impacts_per_period": partial(log_map, name="impacts_per_period", at_rest=False),
@@ -177,17 +177,19 @@ def parameter_map(
 ) -> Figure:
     """Draw a quantity over two swept axes, one cell per point.
 
-    A cell reaches halfway to its neighbours. Points that failed are grey, and those not computed
-    yet hatched.
+    A cell reaches halfway to its neighbours. Failed points are grey, and points that are not
+    computed yet are hatched.
 
     Parameters
     ----------
     axes : sequence of str, optional
-        Abscissa and ordinate, by default the two longest; of equals, the later is the abscissa.
+        Abscissa and ordinate, by default the two with most values; if both have the same number of
+        values, the later one is the abscissa.
     quantity : str, optional
-        One of ``QUANTITIES``, by default the first that the file has.
+        One of ``QUANTITIES``, by default the first in the file.
     exact : Dataset, optional
-        From `sweeps.curves` of these axes: curves of flips, folds and grazes to draw over it.
+        Curves of flips, folds and grazes to draw over the map: the result of `sweeps.curves` for
+        these axes.
     """
     abscissa, ordinate = chosen = map_axes(dataset, axes)
     if exact is not None and set(exact.coords) != set(chosen):
@@ -211,10 +213,9 @@ def parameter_map(
 
 
 def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Artist]:
-    """Draw cells and those of the points that failed, and label the axes.
+    """Draw the cells and those of failed points, and label the axes; return the legend's patches.
 
-    The ``status`` of the cut has the ordinate and the abscissa as dimensions, both increasing.
-    Returns a patch for each label that there is.
+    The dimensions of ``status`` in the cut must be the ordinate and the abscissa, both increasing.
     """
     y, x = _axes_of(cut)
     label_axis(panel.xaxis, x)
@@ -241,7 +242,7 @@ def draw_cells(panel: Axes, cut: xr.Dataset, cells: Iterable[Cells]) -> list[Art
 
 
 def _axes_of(cut: xr.Dataset) -> list[xr.DataArray]:
-    """Return the ordinate and the abscissa, those of a rig in SI units."""
+    """Return the ordinate and the abscissa, in SI units for a rig."""
     seen = in_si(cut[["status"]])
     return [seen[name] for name in seen["status"].dims]
 
@@ -269,7 +270,7 @@ def _draw_values(
     colours: str | Colormap,
     variable: xr.DataArray,
 ) -> None:
-    """Draw values with their colour bar, which has an arrow if some are below it."""
+    """Draw values with a colour bar, which has an arrow if some values lie below its range."""
     mesh = _draw_mesh(panel, cut, values, norm, colours)
     if values.count() == 0:
         return

@@ -1,4 +1,4 @@
-"""Pictures of one point of a sweep: its motion over time and in the phase plane, its sections."""
+"""Pictures of one point of a sweep: its motion in time and in the phase plane, and its sections."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.labels import as_variable, label_axis, mathtext
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 
-#: Forcing periods that are computed where no trajectory was recorded.
+#: Number of forcing periods to compute if no trajectory was recorded.
 PERIODS = 4
-#: In a narrower figure the phase plane is below [inch].
+#: In a figure narrower than this [inch] the phase plane is below the other panels.
 _NARROW = 4.5
 
 
@@ -73,17 +73,18 @@ def trajectory(
     page: Page = PAGE,
     ax: Sequence[Axes] | None = None,
 ) -> Figure:
-    """Draw the motion of one point as the paper does: x over t, v over t, v over x.
+    """Draw the motion of one point as in the paper: x over t, v over t and v over x.
 
-    Impacts are marked, and so are samples beyond the stop, of which the deepest is stated. Of the
-    integrator ``exact`` the exact flow is drawn between the events, not the steps. `ax` are the
-    three panels, and the limits of the page are those of x over t.
+    Impacts and samples beyond the stop are marked, and the deepest penetration is stated. For the
+    integrator ``exact`` the exact flow between events is drawn instead of the steps. `ax` are the
+    three panels. The limits of the page apply to x over t.
 
     Parameters
     ----------
     periods : int, optional
-        Forcing periods to compute with the method of the sweep, from the last state of the section
-        on. By default the trajectory of the file is drawn or, if it has none, ``PERIODS``.
+        Number of forcing periods to compute, with the method of the sweep, from the last state at
+        the section. By default the trajectory in the file is drawn; without one, ``PERIODS``
+        periods are computed.
     """
     if periods is None and all(name in dataset for name in RECORDED):
         motion = recorded_motion(dataset, at)
@@ -110,7 +111,7 @@ def trajectory(
 
 
 def _new_panels(page: Page) -> list[Axes]:
-    """Return the panels of x and v over time and of the phase plane, which is beside or below."""
+    """Return new panels for x over t, v over t, and the phase plane beside or below them."""
     narrow = (page.width or mpl.rcParams["figure.figsize"][0]) < _NARROW
     layout, heights = ("x;v;p", [1.0, 1.0, 1.6]) if narrow else ("xp;vp", [1.0, 1.0])
     figure = canvas.Picture(page, 1.6 if narrow else 1.25)
@@ -123,7 +124,7 @@ def _new_panels(page: Page) -> list[Axes]:
 
 
 def _draw(panels: Sequence[Axes], motion: PointMotion) -> None:
-    """Draw the motion, its impacts, the samples beyond the stop, and the stop."""
+    """Draw the motion, its impacts, its samples beyond the stop, and the stop."""
     rows, clearance = motion.rows, motion.oscillator.clearance
     marks = (
         (motion.impacts, ORANGE, "impacts"),

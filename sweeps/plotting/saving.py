@@ -1,4 +1,4 @@
-"""Writing a figure: which files are allowed, what they say of themselves, and a whole file."""
+"""Writing a figure to a file: allowed files, their metadata, and the writing as a whole."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from sweeps.store.replacing import check_target, writing
 from sweeps.text import shortened
 from vibroimpact import __version__
 
-#: Of each format, the fields for a title, the program and a text.
+#: Metadata fields of each format for the title, the program and a text.
 _FIELDS = {
     "png": ("Title", "Software", "Description"),
     "svg": ("Title", "Creator", "Description"),
     "pdf": ("Title", "Creator", "Subject"),
 }
-#: The same picture gives the same bytes at any time.
+#: Metadata that leave out the dates, so that the same picture always gives the same bytes.
 _NO_DATES = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 FORMATS = tuple(_FIELDS)
-#: A figure has less than so many pixels each way.
+#: A figure must have fewer pixels than this in each direction.
 _MOST_PIXELS = 2**16
 
 
 def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     """Return title, program and text for the metadata of a picture of an opened sweep.
 
-    The command is that which draws it, ``""`` where it is none.
+    `command` is the command that draws it, or ``""``.
     """
     about = {
         name.removesuffix("_version"): value
@@ -52,19 +52,20 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
 
 
 def check_picture(output: Path, data: str | Path = "") -> None:
-    """Refuse a path that no picture can be written to.
+    """Refuse a path to which no picture can be written.
 
     Parameters
     ----------
     output : Path
+        The picture to write.
     data : str or Path, optional
-        The file that is drawn.
+        The file with the data that are drawn.
 
     Raises
     ------
     Refused
-        If it is the file that is drawn, its ending is none of ``FORMATS``, no file can be there,
-        or matplotlib cannot draw with the settings of the user.
+        If `output` is the file with the data, if its ending is not one of ``FORMATS``, if no file
+        can be written there, or if matplotlib cannot draw with the settings of the user.
     """
     if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
         raise Refused(f"the picture {output} would replace the data; give another output")
@@ -78,14 +79,14 @@ def check_picture(output: Path, data: str | Path = "") -> None:
 
 @cache
 def _check_settings(file: str) -> None:
-    """Refuse settings of the user by drawing a simple figure with them."""
+    """Refuse settings of the user with which a simple figure cannot be drawn."""
     figure = Figure()
     figure.add_subplot().set_title("$x$")
     with mpl.rc_context(user_style()):
         _check_size(figure)
         try:
             figure.savefig(BytesIO(), format="png")
-        except Exception as error:  # text.usetex without LaTeX, say
+        except Exception as error:  # for example text.usetex without LaTeX
             reason = shortened(str(error), 200)
             raise Refused(
                 f"matplotlib cannot draw with the settings in {file}: {reason}; correct them"
@@ -93,7 +94,7 @@ def _check_settings(file: str) -> None:
 
 
 def _check_size(figure: Figure) -> None:
-    """Refuse a figure of more pixels than matplotlib draws; an SVG and a PDF hold pixels, too."""
+    """Refuse a figure with more pixels than matplotlib can draw, also for SVG and PDF."""
     width, height = figure.get_size_inches() * dots_per_inch()
     if max(width, height) >= _MOST_PIXELS:
         raise Refused(
@@ -104,24 +105,24 @@ def _check_size(figure: Figure) -> None:
 
 
 def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> None:
-    """Write a figure, with its `description` as metadata, to a file, whole or not at all.
+    """Write a figure, with its `description` as metadata, to a file, either whole or not at all.
 
     Raises
     ------
     Refused, Failed
-        If it is too large, or cannot be written there, as from `writing`.
+        If the figure is too large, or as raised by `writing`.
     """
     _check_size(figure)
     kind = output.suffix.lower().lstrip(".")
     about = dict(zip(_FIELDS[kind], description, strict=False))
     with writing(output, "picture") as draft, warnings.catch_warnings():
-        # The name of a sweep may be in a script that the font lacks: it is drawn as boxes.
+        # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         figure.savefig(draft, format=kind, metadata={**about, **_NO_DATES[kind]})
 
 
 def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
-    """Draw into a file what a function of measurements returns, in the style of the pictures.
+    """Write the figure that `picture` makes of measurements to a file, in the common style.
 
     Raises
     ------

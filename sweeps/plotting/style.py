@@ -1,7 +1,7 @@
-"""The look that all pictures share: their colours, by what they mean, and matplotlib's settings.
+"""The common style of the pictures: colours by their meaning, and matplotlib's settings.
 
-Every two colours are told apart with normal colour vision, deuteranopia and protanopia: they differ
-by at least 10 in CIEDE2000.
+Any two colours can be told apart with normal colour vision, deuteranopia and protanopia: they
+differ by at least 10 in CIEDE2000.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ STATUS_COLOURS = {
     Status.NON_FINITE: "#333333",
 }
 
-#: Of the most frequent period classes in a map: without vermilion and black.
+#: Colours of the most frequent classes m/q in a map; vermilion and black have other meanings.
 PERIODIC = (BLUE, "#56B4E9", "#009E73", "#F0E442", ORANGE, "#CC79A7")
 OTHER_PERIODIC = "#D3E4B4"
-#: The classes m/q that have these colours in every picture; others have what is left there.
+#: Classes m/q with fixed colours, in the order of ``PERIODIC``; others get the remaining colours.
 _NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
 REST = VERMILION
-#: Of the other regimes: their label and their colour.
+#: Labels and colours of the other regimes.
 REGIMES = {
     Regime.REST: ("with rest", REST),
     Regime.CHAOTIC: (r"chaotic, $\lambda_1 > 0$", "#000000"),
@@ -36,7 +36,7 @@ REGIMES = {
     Regime.UNBOUNDED: ("unbounded", "#7A4A12"),
     Regime.UNDECIDED: ("undecided", "#CCCCCC"),
 }
-#: Of points with a result in a map of ``status``.
+#: Colours of the outcomes with a result in a map of ``status``.
 RESULTS = {
     Status.COMPUTED: PERIODIC[1],
     Status.CERTIFIED: PERIODIC[0],
@@ -44,28 +44,28 @@ RESULTS = {
     Status.UNBOUNDED: REST,
 }
 
-#: Of the periodic attractors, the most frequent first: neighbours in this order are far apart.
+#: Colours of the periodic attractors, the most frequent first; successive colours differ strongly.
 ATTRACTORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 OTHER_ATTRACTORS = OTHER_PERIODIC
 
-#: Of the directions in which an axis was followed, and of what both directions meet.
+#: Colours of the two directions in which an axis was followed, and of points in both.
 DIRECTION_COLOURS = (BLUE, ORANGE)
 BOTH_COLOUR = "#333333"
 
-#: Of the share of a column's points in a pixel, from the least to 1. All ramps start well away from
-#: white, so that a pixel met once is seen.
+#: Colours of the share of a column's points in a pixel, from the least share to 1. All ramps start
+#: well away from white, so that a pixel with a single point is visible.
 DENSITY = ("#A6CBE3", BLUE, "#00263D")
 LEAST_SHARE = 1e-3
 
-#: Sizes of text follow ``font.size``. A picture is higher than ``figure.figsize`` by what its title
-#: and its legend take, and by the panels below it.
+#: Settings of matplotlib. Text sizes follow ``font.size``. A picture is higher than
+#: ``figure.figsize`` by the height of its title, its legend and the panels below it.
 STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": "medium",
     "figure.titlesize": "medium",
     "figure.figsize": [5.0, 3.2],
     "axes.linewidth": 0.6,
-    "axes.formatter.offset_threshold": 5,  # digits that all labels would share
+    "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
     "agg.path.chunksize": 10000,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
@@ -75,7 +75,7 @@ STYLE: dict[Any, Any] = {
 
 
 def class_colours(classes: Sequence[tuple[int, int]]) -> dict[tuple[int, int], str]:
-    """Return a colour for each of some classes (m, q), no more than there are in ``PERIODIC``."""
+    """Return a colour for each of the classes (m, q), of which there are at most six."""
     own = dict(zip(_NAMED, PERIODIC, strict=True))
     left = [colour for name, colour in own.items() if name not in classes]
     return {
@@ -85,7 +85,7 @@ def class_colours(classes: Sequence[tuple[int, int]]) -> dict[tuple[int, int], s
 
 
 def user_style() -> dict[Any, Any]:
-    """Return the settings of ``STYLE`` that no matplotlibrc names and no style sheet changes."""
+    """Return the settings of ``STYLE`` that no matplotlibrc sets and no style sheet changes."""
     named = mpl.rc_params_from_file(mpl.matplotlib_fname(), use_default_template=False)
     return {
         name: value
@@ -95,6 +95,6 @@ def user_style() -> dict[Any, Any]:
 
 
 def dots_per_inch() -> float:
-    """Return the resolution of a PNG, and of what is drawn as pixels in an SVG or a PDF."""
+    """Return the resolution of a PNG, and of the pixels embedded in an SVG or a PDF."""
     dpi = mpl.rcParams["savefig.dpi"]
     return float(mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi)

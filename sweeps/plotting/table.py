@@ -1,4 +1,4 @@
-"""The picture of a sweep over a table: a result over its columns or other results, by class."""
+"""The picture of a sweep over a table: a result over columns or other results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sweeps.plotting.maps import period_cells, status_cells
 from sweeps.store import columns_of
 from sweeps.text import nearest, suggestion
 
-#: A panel is no narrower than its labels are long [in].
+#: Least width of a panel, for its labels [inch].
 _NARROWEST = 2.3
 
 
@@ -39,18 +39,19 @@ def table_panels(
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw a result of every row of a table over its columns, each in a panel, coloured by class.
+    """Draw a result over the columns of a table, a panel for each, coloured by class.
 
     Parameters
     ----------
     axes : sequence of str, optional
-        Columns of numbers or results as abscissas, by default the columns that vary; in `ax`, one.
+        Abscissas: columns of numbers or results, by default the columns that vary; with `ax`, only
+        one.
     quantity : str, optional
-        The ordinate, a result or a column of numbers, by default the first result.
+        The ordinate: a result or a column of numbers, by default the first result.
     """
     if TABLE not in dataset["status"].dims:
         raise Refused("the points of this file are a grid, and not the rows of a table")
-    select(dataset, at, free=[TABLE])  # which refuses a row
+    select(dataset, at, free=[TABLE])  # refuses a value of TABLE
     columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
     varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
     valid = [*columns, *scalars(dataset)]
@@ -81,7 +82,7 @@ def table_panels(
         canvas.mark_status(panel, x.values, status)
         label_axis(panel.xaxis, x)
         panel.locator_params(axis="x", nbins=5 - across)
-    if ax is None:  # the panels share it, and it may be longer than they are high
+    if ax is None:  # the panels share the ordinate, whose label may not fit beside one of them
         panels[0].set_title(label(y), loc="left", wrap=True)
     else:
         label_axis(ax.yaxis, y)
@@ -95,5 +96,5 @@ def table_panels(
 
 
 def _numbers(dataset: xr.Dataset, name: str) -> xr.DataArray:
-    """Return a column or a result of each row; the larger of two exponents."""
+    """Return a column or a result; of the Lyapunov exponents, the larger one."""
     return dataset[name].isel(exponent=0) if "exponent" in dataset[name].dims else dataset[name]
