@@ -1,7 +1,7 @@
 """The command line: arguments and exit codes only.
 
-``main.py`` puts the commands together, and has ``init`` and ``schema``; ``run.py``, ``zoom.py``,
-``plot.py`` and ``explore.py`` have one command each, ``read.py`` those that read a file,
-``bench.py`` the measurements. ``options.py`` has what they share. Nothing here is for
-import: the program starts in ``__main__.py``.
+``main.py`` assembles the commands and defines ``init`` and ``schema``. ``run.py``, ``zoom.py``,
+``plot.py`` and ``explore.py`` define one command each, ``read.py`` the commands that read a sweep
+file, and ``bench.py`` the measurements. ``options.py`` has their common options. The program starts
+in ``__main__.py``; no module here is meant to be imported by users.
 """

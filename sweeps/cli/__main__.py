@@ -1,4 +1,4 @@
-"""The process of a command: it listens to signals before it imports anything that takes time."""
+"""The process of a command: it handles signals before it imports any slow module."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from sweeps import interrupts
 
 
 def main() -> NoReturn:
-    """Run the command line; exits with 0 done, 1 failed or interrupted, 2 request refused."""
+    """Run the command line and exit: 0 if done, 1 if failed or interrupted, 2 if refused."""
     interrupts.listen()
     code = _run()
-    interrupts.ignore()  # the outcome is known
+    interrupts.ignore()  # the outcome is decided
     try:
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()
     except OSError as error:
-        if code == 0:  # otherwise its line was written already
+        if code == 0:  # otherwise an error was reported already
             _report(_reason(error))
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes it again
         code = code or 1
-    gc.freeze()  # so that Python does not search for garbage what ends with the process
+    gc.freeze()  # saves the garbage collection at exit
     sys.exit(code)
 
 
@@ -39,7 +39,7 @@ def _run() -> int:
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 1
     except (interrupts.Cancelled, Exception) as error:
-        if interrupts.came():  # which a library may have turned into an error of its own
+        if interrupts.came():  # a library may have raised another error because of the signal
             _report("interrupted")
         elif isinstance(error, MemoryError):
             _report("there is not enough memory")
@@ -51,7 +51,7 @@ def _run() -> int:
 
 
 def _reason(error: OSError) -> str:
-    """Say what went wrong with a file, or else with the standard output."""
+    """Return the message of an error of a file, or of the standard output."""
     if error.filename is not None:
         return str(error)
     return f"the standard output cannot be written: {error.strerror or error}"

@@ -1,4 +1,4 @@
-"""The commands below ``vibroimpact bench``: arguments and exit codes only."""
+"""The subcommands of ``vibroimpact bench``: arguments and exit codes only."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Quick = Annotated[bool, typer.Option("--quick", help="Measure less, in under a m
 
 @contextmanager
 def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
-    """Refuse files that cannot be written before the work of the block, and say it after."""
+    """Refuse files that cannot be written, run the block, and print the names of the files."""
     from sweeps.plotting.saving import check_picture
 
     check_picture(output)
@@ -41,8 +41,8 @@ def accuracy_speed(
         Path | None,
         typer.Argument(
             metavar="[CONFIG]",
-            help="The YAML file of a sweep, or the file of one, to compare the methods on; without "
-            "one, on the scenes of the program, and with other solvers.",
+            help="The YAML file of a sweep, or a sweep file, on which to compare the methods; if "
+            "not given, the scenes of the program, also with other solvers.",
         ),
     ] = None,
     output: Figure = Path("accuracy-speed.png"),
@@ -51,7 +51,9 @@ def accuracy_speed(
     threads: Annotated[
         int,
         typer.Option(
-            metavar="N", callback=check_threads, help="Threads of the kernel; the peers have one."
+            metavar="N",
+            callback=check_threads,
+            help="Threads of the kernel; other solvers use one.",
         ),
     ] = 1,
 ) -> None:
@@ -109,7 +111,7 @@ def stability(
 
 @app.command()
 def paper(output: Figure = Path("paper.png")) -> None:
-    """Show what the paper claims, and what it does not say."""
+    """Compute the three cases of the paper, without and with its procedure."""
     from sweeps.bench import paper
     from sweeps.bench.paper_picture import picture
     from sweeps.plotting.saving import draw

@@ -13,7 +13,7 @@ from sweeps.interrupts import came
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
 
-#: How often a signal is looked for [s].
+#: Interval of the checks for signals [s].
 _WAIT = 0.05
 
 
@@ -22,14 +22,14 @@ def explore(
         Path | None,
         typer.Argument(
             metavar="[CONFIG|OUT.h5]",
-            help="A configuration, or the file of a sweep; the quickstart if not given.",
+            help="A configuration or a sweep file; the quickstart if not given.",
         ),
     ] = None,
     port: Annotated[
-        int, typer.Option(metavar="N", help="Port on this machine; any that is free if not given.")
+        int, typer.Option(metavar="N", help="Port on this machine; a free one if not given.")
     ] = 0,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Show the address, and open no browser.")
+        bool, typer.Option("--no-browser", help="Show the address without opening a browser.")
     ] = False,
 ) -> None:
     """Look at a diagram in the browser: every zoom, pan or slider computes it anew."""
@@ -40,7 +40,7 @@ def explore(
     from sweeps import explore as open_page
 
     config = _configuration(source)
-    for logger in ("tornado.access", "bokeh"):  # a refused request is no news for the terminal
+    for logger in ("tornado.access", "bokeh"):  # do not report refused requests
         logging.getLogger(logger).setLevel(logging.ERROR)
     explorer = open_page(config, port)
     try:
@@ -57,7 +57,7 @@ def explore(
 
 
 def _configuration(source: Path | None) -> SweepConfig:
-    """Read what to look at; a file of a sweep is checked whole, as for a picture of it."""
+    """Read the configuration to show; a sweep file is verified completely, as for a picture."""
     from sweeps.config.loading import parse_config
     from sweeps.config.scenes import scenes
     from sweeps.engine.configurations import read_config
@@ -71,7 +71,7 @@ def _configuration(source: Path | None) -> SweepConfig:
 
 
 def _left_out(config: SweepConfig) -> list[str]:
-    """Say what of a configuration the live picture does not do."""
+    """Name the keys of a configuration that the live picture ignores."""
     keys = {
         "follow": config.follow is not None,
         "refine": config.refine is not None,
@@ -81,9 +81,9 @@ def _left_out(config: SweepConfig) -> list[str]:
 
 
 def _redirection(address: str, private: Path) -> str:
-    """Write a page that leads to an address; return its own address.
+    """Write a page that redirects to an address; return the address of the page.
 
-    Every user of the machine sees the arguments of a browser, and must not see that one.
+    Every user of the machine can see the arguments of a browser, but must not see the address.
     """
     from html import escape
 
@@ -94,7 +94,7 @@ def _redirection(address: str, private: Path) -> str:
 
 
 def _open(address: str) -> bool:
-    """Open a browser, but none that would take the terminal; return whether there is one."""
+    """Open a browser that does not occupy the terminal; return False if there is none."""
     import webbrowser
 
     try:

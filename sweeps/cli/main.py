@@ -1,6 +1,6 @@
 """The command line: arguments and exit codes only.
 
-What a command needs is imported inside it, so that ``--help`` answers at once.
+Each command imports its modules inside its function, so that ``--help`` answers at once.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from vibroimpact import __version__
 
 
 class _Commands(TyperGroup):
-    """The commands: the one place where an error becomes a line and an exit code."""
+    """The commands: the only place where an error becomes a message and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; say what it refuses or fails at, and exit with the code of that."""
+        """Run the command; if it refuses or fails, print the error and exit with its code."""
         try:
             return super().invoke(ctx)
-        except (Cancelled, KeyboardInterrupt):  # the second where another program handles signals
+        except (Cancelled, KeyboardInterrupt):  # KeyboardInterrupt if our handlers are not active
             error, code = "interrupted", 1
         except Failed as failure:
             error, code = in_options(str(failure)), 1
@@ -56,14 +56,14 @@ app.add_typer(cli_bench.app, name="bench")
 
 
 def _show_version(requested: bool) -> None:
-    """Show the version and exit, where that is asked for."""
+    """Show the version and exit, if requested."""
     if requested:
         say(f"vibroimpact {__version__}")
         raise typer.Exit
 
 
 def _check_folder() -> None:
-    """Refuse to work in a folder that is there no more."""
+    """Refuse to work in a folder that was removed."""
     try:
         os.getcwd()
     except OSError:
@@ -71,12 +71,12 @@ def _check_folder() -> None:
 
 
 def _check_numba() -> None:
-    """Refuse settings of numba that it cannot read or work with; its error says what is wrong."""
+    """Refuse settings that numba cannot read or use, with the error of numba."""
     file = Path(".numba_config.yaml")
     settings = [f"{name}={value}" for name, value in os.environ.items() if name[:6] == "NUMBA_"]
     settings += [f"the file {file}"] if file.exists() else []
     if not settings:
-        return  # and import nothing
+        return  # without importing numba
     problem = ""
     with warnings.catch_warnings(record=True) as unread:
         warnings.simplefilter("always")
@@ -116,7 +116,7 @@ def init(
         str, typer.Argument(metavar="SCENE", help="The name of a scene of the gallery.")
     ] = "quickstart",
 ) -> None:
-    """Write a scene into the folder: its configuration, with comments, and its table, if any."""
+    """Write a scene to this folder: its configuration with comments, and its table, if any."""
     from sweeps.config.scenes import scenes
     from sweeps.store.replacing import check_target, writing
 

@@ -1,4 +1,4 @@
-"""What several commands share: their arguments and options, and what they write to a terminal."""
+"""The arguments and options that commands share, and their output to a terminal."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def check_threads(threads: int | None) -> int | None:
-    """Return a number of threads; refuse one that numba does not have."""
+    """Return a number of threads; refuse one that numba does not allow."""
     if threads is not None:
         import numba
 
@@ -39,7 +39,7 @@ def check_threads(threads: int | None) -> int | None:
 
 
 def _check_csv(path: Path | None) -> Path | None:
-    """Return the path of a table; refuse one that is no .csv file, or cannot be written."""
+    """Return the path of a table; refuse a path that is not a writable .csv file."""
     if path is not None:
         from sweeps.store.replacing import check_target
 
@@ -56,7 +56,7 @@ Threads = Annotated[
     ),
 ]
 Resume = Annotated[
-    bool, typer.Option("--resume", help="Compute only what is missing in the output.")
+    bool, typer.Option("--resume", help="Compute only the missing points of the output.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output.")]
 SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a sweep.")]
@@ -64,7 +64,7 @@ SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a
 Classes = Annotated[
     str | None,
     typer.Option(
-        metavar="M/Q,...", help="Of the exact branches only those of these classes, as 1/1,3/3."
+        metavar="M/Q,...", help="Follow only exact branches of these classes, e.g. 1/1,3/3."
     ),
 ]
 MostBranches = Annotated[
@@ -74,8 +74,8 @@ At = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=VALUE",
-        help="Where to cut a swept parameter; of a sweep that was followed up and down, "
-        "direction=up or down; repeatable.",
+        help="Value at which a swept parameter is cut, or direction=up or down for a sweep that "
+        "was followed both ways; repeatable.",
     ),
 ]
 Csv = Annotated[
@@ -89,7 +89,7 @@ _PER_INCH = {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}
 
 
 def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
-    """Read which exact branches are to be followed, as arguments of `sweeps.branches`."""
+    """Convert the choice of exact branches to arguments of `sweeps.branches`."""
     chosen: dict[str, Any] = {}
     if classes is not None:
         pairs = [re.fullmatch(r"\s*([1-9]\d*)/(\d+)\s*", text) for text in classes.split(",")]
@@ -107,7 +107,7 @@ def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
 
 
 def inches(option: str, text: str | None) -> float | None:
-    """Read a length with its unit, or None if none is given."""
+    """Convert a length with its unit to inches; None if none is given."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*([0-9.]+)\s*(in|cm|mm|pt)\s*", text)
@@ -124,7 +124,7 @@ def inches(option: str, text: str | None) -> float | None:
 
 
 def interval(text: str) -> tuple[float, float] | None:
-    """Read LOW:HIGH; return None unless these are finite and LOW is smaller."""
+    """Read LOW:HIGH; return None unless both are finite and LOW is smaller."""
     low, _, high = text.partition(":")
     try:
         ends = float(low), float(high)
@@ -134,7 +134,7 @@ def interval(text: str) -> tuple[float, float] | None:
 
 
 def limits(option: str, text: str | None) -> tuple[float, float] | None:
-    """Read the limits of an axis if they are given."""
+    """Read the limits of an axis, if given."""
     ends = None if text is None else interval(text)
     if text is not None and ends is None:
         raise Refused(
@@ -145,20 +145,20 @@ def limits(option: str, text: str | None) -> tuple[float, float] | None:
 
 
 def existing_output(resume: bool, overwrite: bool) -> dict[str, bool]:
-    """Return what is to be done with an output that exists, for a run; refuse both at once."""
+    """Return arguments of `run_sweep` for an existing output; refuse both options together."""
     if resume and overwrite:
         raise Refused("--resume and --overwrite exclude each other; give one of them")
     return {"overwrite": overwrite, "resume": resume}
 
 
 def resuming() -> str:
-    """Return the command that goes on with what this one has begun."""
+    """Return the command that resumes the run of this command."""
     given = [word for word in sys.argv[1:] if word not in ("--overwrite", "--resume")]
     return shlex.join(["vibroimpact", *given, "--resume"])
 
 
 def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Path]) -> list[Path]:
-    """Return what is written for each source: its default, or `output` for a single one."""
+    """Return the output for each source: its default, or `output` for a single source."""
     if output is None:
         targets = list(defaults)
     elif len(sources) == 1:
@@ -177,7 +177,7 @@ def targets(sources: Sequence[Path], output: Path | None, defaults: Sequence[Pat
 
 
 def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
-    """Read the values of ``--at``, each of another axis."""
+    """Read the values of ``--at``, at most one for each axis."""
     cuts: dict[str, float | str] = {}
     for text in texts or ():
         name, _, value = map(str.strip, text.partition("="))
@@ -194,7 +194,7 @@ def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
 
 
 def on_axes(dataset: xr.Dataset, cuts: Selection) -> tuple[Selection, Selection]:
-    """Return the values of ``--at`` on the grid, as they are read and as the model has them."""
+    """Return the grid values nearest to ``--at``, in the units of the user and of the model."""
     from sweeps.analysis.rig import in_model, in_si
     from sweeps.analysis.selection import on_grid
 
@@ -203,7 +203,7 @@ def on_axes(dataset: xr.Dataset, cuts: Selection) -> tuple[Selection, Selection]
 
 
 def in_options(text: str) -> str:
-    """Write the arguments that a message speaks of as the options of the commands."""
+    """Replace the Python arguments in a message by the options of the command line."""
     text = re.sub(r"\b(overwrite|resume)=True", r"--\1", text)
     text = re.sub(r"\b(below|coordinate)=\[?'(\w+)'\]?", r"--\1 \2", text)
     text = re.sub(r"(^|\n|first in )override ", r"\1--set ", text)
@@ -212,7 +212,7 @@ def in_options(text: str) -> str:
 
 @contextmanager
 def named(source: object) -> Iterator[None]:
-    """Name the file or the option that a refusal of the block is about."""
+    """Prefix each refusal raised in the block with the name of its file or option."""
     try:
         yield
     except Refused as error:
@@ -220,14 +220,14 @@ def named(source: object) -> Iterator[None]:
 
 
 def say_moved(requested: Selection, cut: Selection, verb: str) -> None:
-    """Name each requested value that is not on the grid, and the value taken instead."""
+    """Report each requested value that is not on the grid, and the value used instead."""
     for name, value in requested.items():
         if value != cut[name]:
             text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
             say(text, error=True)
 
 
-# What is written to a terminal: one line for a warning, nothing that it would obey
+# Output to a terminal: a warning takes one line, and control characters are escaped
 
 
 def say(text: object, *, error: bool = False, end: bool = True) -> None:
@@ -240,7 +240,7 @@ def _show_warning(message: Warning | str, *_: object) -> None:
 
 
 def prepare_streams() -> None:
-    """Escape what an encoding lacks, and write a warning of Python as one line."""
+    """Escape characters that the encoding lacks, and show Python warnings on one line."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -1,6 +1,6 @@
 """The command ``plot``: arguments and exit codes only.
 
-As in ``main.py``, what a command needs is imported inside it.
+As in ``main.py``, modules are imported inside the command.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ AxisNames = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="The swept parameter as abscissa; for a map, then the ordinate; of a table, a column "
-        "or a result, repeatable.",
+        help="The swept parameter as abscissa; for a map, then the ordinate; for a table, a column "
+        "or a result; repeatable.",
     ),
 ]
 Coordinate = Annotated[
@@ -77,7 +77,7 @@ Quantity = Annotated[
     typer.Option(
         metavar="NAME",
         help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
-        "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status; of a "
+        "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status; for a "
         "table, the ordinate: any of these that is a number, or a column.",
     ),
 ]
@@ -85,23 +85,23 @@ Exact = Annotated[
     bool,
     typer.Option(
         "--exact",
-        help="Draw the exact branches of the periodic motions, stable and not, with their "
-        "bifurcations, and show how far the points are from them; over a map, the curves of these. "
-        "--csv writes what is drawn.",
+        help="Draw the exact branches of periodic motions, stable and unstable, with their "
+        "bifurcations, and show how far the points are from them; on a map, draw bifurcation "
+        "curves. --csv writes what is drawn.",
     ),
 ]
 Below = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="A scalar of the file, as lyapunov, in a panel below a bifurcation diagram; "
+        help="A scalar of the file, e.g. lyapunov, in a panel below a bifurcation diagram; "
         "repeatable.",
     ),
 ]
 Periods = Annotated[
     int | None,
     typer.Option(
-        metavar="N", help="Of a trajectory: compute N periods from the last state stored."
+        metavar="N", help="For a trajectory, compute N periods from the last stored state."
     ),
 ]
 Width = Annotated[
@@ -115,7 +115,7 @@ Resolution = Annotated[
     int | None, typer.Option(metavar="N", help="Pixels per inch, 300 if not given.")
 ]
 Title = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="Instead of that of the sweep; may be empty.")
+    str | None, typer.Option(metavar="TEXT", help="Title instead of the sweep's; may be empty.")
 ]
 AbscissaLimits = Annotated[
     str | None, typer.Option(metavar="LOW:HIGH", help="Limits of the abscissa.")
@@ -181,7 +181,7 @@ def plot(
     figures = targets(files, output, [file.parent / f"{file.stem}{ending}" for file in files])
     with ExitStack() as stack:
         datasets = []
-        for file, figure in zip(files, figures, strict=True):  # before any is drawn
+        for file, figure in zip(files, figures, strict=True):  # check all before drawing any
             check_picture(figure, file)
             datasets.append(stack.enter_context(open_sweep(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
@@ -198,7 +198,7 @@ def draw(
     csv: Path | None = None,
     **options: Any,
 ) -> None:
-    """Write a picture of an opened sweep, and say which, and what was chosen for it."""
+    """Write a picture of an opened sweep; report its file and the choices made for it."""
     from sweeps.analysis.rig import model_axes, rig_of
     from sweeps.config.rig import si_values
     from sweeps.plotting import Page, plot
@@ -234,7 +234,7 @@ def draw(
 def _exact(
     dataset: xr.Dataset, kind: str, cut: Selection, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
-    """Find the exact branches, or the curves of a map; return them, what to say, and a table."""
+    """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.analysis import tables
     from sweeps.analysis.deviations import compare
     from sweeps.analysis.exact_branches import branches

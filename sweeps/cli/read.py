@@ -1,6 +1,6 @@
-"""The commands that read the files of sweeps: arguments and exit codes only.
+"""The commands that read sweep files: arguments and exit codes only.
 
-As in ``main.py``, what a command needs is imported inside it.
+As in ``main.py``, modules are imported inside the commands.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def attractors(
     at: At = None,
     csv: Csv = None,
 ) -> None:
-    """Show the attractors that the starts of a sweep find, and how many starts find each."""
+    """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
     from sweeps.analysis.attractor_table import cut, describe, rows, table_of
     from sweeps.analysis.attractors import attractors
     from sweeps.analysis.tables import write_csv
@@ -61,11 +61,11 @@ def integrity(
     at: At = None,
     weight: Annotated[
         float | None,
-        typer.Option(metavar="W", help="Of v in distances [time]; 1 / p if not given."),
+        typer.Option(metavar="W", help="Weight of v in distances [time]; 1 / p if not given."),
     ] = None,
     csv: Csv = None,
 ) -> None:
-    """Show how large a disturbance each attractor takes, and at one point how hard a knock."""
+    """Show how large a disturbance each attractor takes, and at one point the least knock."""
     from sweeps.analysis import integrity as measures
     from sweeps.analysis.attractor_table import cut
     from sweeps.analysis.knocks import knocks
@@ -95,11 +95,11 @@ def info(
         bool,
         typer.Option(
             "--bifurcations",
-            help="List where the class of the motion changes, and the exact bifurcations, instead.",
+            help="List instead where the class of the motion changes, and the exact bifurcations.",
         ),
     ] = False,
     axis: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The swept parameter along which it changes.")
+        str | None, typer.Option(metavar="NAME", help="The swept parameter along which to look.")
     ] = None,
     at: At = None,
     classes: Classes = None,
@@ -107,10 +107,10 @@ def info(
     csv: Csv = None,
     config: Annotated[
         bool,
-        typer.Option("--config", help="Print the configuration alone, as YAML to run again."),
+        typer.Option("--config", help="Print only the configuration, as YAML to run again."),
     ] = False,
 ) -> None:
-    """Show what the file of a sweep holds, with its configuration."""
+    """Show the contents of a sweep file, with its configuration."""
     from sweeps.store import open_sweep
 
     if config and bifurcations:
@@ -137,7 +137,7 @@ def info(
 
 
 def _show_configuration(dataset: xr.Dataset) -> None:
-    """Show the configuration, also its table, if it is one that a YAML file can hold."""
+    """Show the configuration, including its table; refuse a table that is too long for YAML."""
     from sweeps.analysis.selection import config_of
 
     rows = dataset.sizes.get("point", 0)
@@ -153,7 +153,7 @@ def _show_bifurcations(
     csv: Path | None,
     chosen: Mapping[str, Any],
 ) -> None:
-    """Show the bifurcations along an axis, and write them to a CSV file."""
+    """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.analysis import bifurcations
     from sweeps.analysis.rig import model_axes
     from sweeps.analysis.tables import write_csv

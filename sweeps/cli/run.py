@@ -1,6 +1,6 @@
 """The command ``run``: arguments and exit codes only.
 
-As in ``main.py``, what a command needs is imported inside it.
+As in ``main.py``, modules are imported inside the command.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Configs = Annotated[
     list[Path],
     typer.Argument(
         metavar="CONFIG...",
-        help="The YAML file of each sweep, or the file of one whose configuration is taken.",
+        help="The YAML file of each sweep, or a sweep file whose configuration is used.",
     ),
 ]
 Output = Annotated[
@@ -45,7 +45,7 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="OUT.h5",
-        help="The file to write, instead of CONFIG's; for a single CONFIG.",
+        help="The file to write, instead of the output in CONFIG; for a single CONFIG.",
     ),
 ]
 Overrides = Annotated[
@@ -53,7 +53,7 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 of a "
+        help="Replace a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a "
         "range; repeatable.",
     ),
 ]
@@ -111,7 +111,7 @@ def run(
 
 @contextmanager
 def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[Client | None]:
-    """Yield a client of the cluster at an address, if one is given; say where its dashboard is."""
+    """Yield a client of the cluster at an address, if given, and show the link of its dashboard."""
     if address is None:
         yield None
         return
@@ -133,7 +133,7 @@ def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[C
 def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
-    """Return what a sweep takes, or refuse it if it takes too much."""
+    """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
     from sweeps.engine.estimate import expected
     from sweeps.engine.executors import computer_for
     from sweeps.engine.reports import plan

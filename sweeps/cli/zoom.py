@@ -1,6 +1,6 @@
 """The command ``zoom``: arguments and exit codes only.
 
-As in ``main.py``, what a command needs is imported inside it.
+As in ``main.py``, modules are imported inside the command.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Pieces = Annotated[
     list[str],
     typer.Argument(
         metavar="NAME=LOW:HIGH...",
-        help="The range of each axis to compute, e.g. omega=2.71:2.76. For a coordinate, as "
+        help="The range of each axis to compute, e.g. omega=2.71:2.76. For a coordinate, e.g. "
         "poincare_x=-1:0, the range that is drawn.",
     ),
 ]
@@ -71,7 +71,7 @@ def zoom(
     page: dict[str, Any] = {"ylim": limits[drawn[0]]} if drawn else {}
     coordinate: dict[str, Any] = {"coordinate": drawn[0]} if drawn else {}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
-    open_sweep(file, verify=False).close()  # a configuration is no file of a sweep
+    open_sweep(file, verify=False).close()  # refuses a configuration
     sweep = zoomed(read_config(file), axes)
     path = output or file.with_name(_name(file, axes))
     figure = path.with_suffix(".png")
@@ -95,7 +95,7 @@ def _piece(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _name(file: Path, axes: dict[str, tuple[float, float]]) -> str:
-    """Name a file by the pieces that it holds, and not by what a file of a zoom was named for."""
+    """Name a file after its pieces, replacing those in the name of a file that was zoomed."""
     stem = file.stem
     for name in axes:
         stem = re.sub(rf"-{name}-{_NUMBER}-{_NUMBER}(?=-|$)", "", stem)
