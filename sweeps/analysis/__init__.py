@@ -1,4 +1,4 @@
-"""What recorded motions are: regimes, classes m/q and where they change, attractors, tables.
+"""Analysis of recorded motions: regimes, classes m/q and their changes, attractors, tables.
 
-It reads opened sweeps, and goes on with motions that have not settled. Pictures are not known here.
+This room reads opened sweeps, and continues motions that have not settled. It draws no pictures.
 """

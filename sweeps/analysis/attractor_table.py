@@ -24,7 +24,7 @@ from vibroimpact.oscillator import PARAMETERS
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Up to this number, all impact speeds are written out; beyond it, the slowest and the fastest.
+#: Most impact speeds that are written out; of more, only the slowest and the fastest are.
 _MOST_SPEEDS = 4
 
 
@@ -34,13 +34,14 @@ class Row(NamedTuple):
     Attributes
     ----------
     parameters : mapping of str to float
-        Of the parameter point; of a rig, its own.
+        The swept parameters at the parameter point; for a rig, in its names and units.
     number, m, q, regime, fraction
-        As in the dataset of `sweeps.attractors`, where the regime is ``motion``.
+        As in the dataset of `sweeps.attractors`, where the regime is called ``motion``.
     speeds : ndarray, shape (q,)
-        Before each impact of a repetition, increasing [length/time]; empty where not recorded.
+        The speed before each impact of a repetition, increasing [length/time]; empty if not
+        recorded.
     point : int
-        A point of the file on the attractor, counted in C order.
+        Index in C order of a point of the file on the attractor.
     """
 
     parameters: Mapping[str, float]
@@ -61,18 +62,18 @@ class Row(NamedTuple):
 
     @property
     def shown_number(self) -> str:
-        """The number, or a dash for what is no attractor."""
+        """The number, or a dash for motions that are not counted as an attractor."""
         return "-" if self.regime in UNSETTLED else str(self.number)
 
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Name the swept axes, or the columns of a table, of parameters that are not starts."""
+    """Return the names of the swept axes, or of the columns of a table, that are not starts."""
     names = [name for name in columns_of(dataset) if name in PARAMETERS] or swept_axes(dataset)
     return tuple(name for name in names if name not in STARTS)
 
 
 def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
-    """Fix parameters at the grid values nearest to `at`, or refuse them, and leave all starts."""
+    """Fix parameters at the grid values nearest to `at` and keep all starts; refuse other names."""
     axes = parameter_axes(dataset)
     for name in at:
         if name not in axes:
@@ -82,7 +83,7 @@ def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
 
 
 def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
-    """List what `attractors` found in a sweep: by parameter points, the most frequent first."""
+    """List the attractors that `attractors` found, by parameter point, most frequent first."""
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
@@ -118,25 +119,25 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
 
 
 def _speeds(dataset: xr.Dataset, at: np.ndarray, impacts: np.ndarray) -> list[np.ndarray]:
-    """Return the speeds before the last impacts of points, so many of each, increasing."""
+    """Return the speeds before the last `impacts` impacts of the points `at`, increasing."""
     if "impact_v" not in dataset:
         return [np.empty(0)] * len(at)
     speeds = []
     for record, q in zip(records(dataset, "impact_v", at), impacts.tolist(), strict=True):
-        kept = record[np.isfinite(record)]  # what is not filled is at the end
+        kept = record[np.isfinite(record)]  # unused entries are at the end
         speeds.append(np.sort(kept[len(kept) - q :]) if 0 < q <= len(kept) else np.empty(0))
     return speeds
 
 
 def shown_speeds(row: Row) -> str:
-    """Write the impact speeds with four digits."""
+    """Write the impact speeds of a row with four digits."""
     speeds = row.speeds if len(row.speeds) <= _MOST_SPEEDS else row.speeds[[0, -1]]
     joint = ", " if len(row.speeds) <= _MOST_SPEEDS else " to "
     return joint.join(f"{speed:.4g}" for speed in speeds)
 
 
 def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]) -> str:
-    """Write `rows` as a table: those of one parameter point, or over the sweep."""
+    """Write the attractors as a table, for one parameter point or for the whole sweep."""
     if result["attractors"].ndim:
         lines = _over_parameters(dataset, result, attractors)
     else:
@@ -167,7 +168,7 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
 def _over_parameters(
     dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]
 ) -> list[str]:
-    """Write each attractor once, with where it is found and by how many starts."""
+    """Write each attractor once, with the range of its parameters and its share of the starts."""
     counted, rig = result["attractors"], rig_of(dataset)
     axes = [si_name(name, rig) for name in parameter_axes(dataset)]
     head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
@@ -184,14 +185,14 @@ def _over_parameters(
 
 
 def classes(appearances: Sequence[Row], most: int = 3) -> str:
-    """Name the classes m/q that one attractor has along the axes, as 1/1, 2/2."""
+    """List the classes m/q of one attractor along the axes, for example 1/1, 2/2."""
     names = {row.name: None for row in sorted(appearances, key=lambda row: (row.m, row.q))}
     more = ", ..." if len(names) > most else ""
     return ", ".join(list(names)[:most]) + more
 
 
 def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
-    """Write one attractor over all parameter points at which it is found."""
+    """Write one attractor, over all parameter points at which it is found, as a row."""
     ranges = [shown_range([row.parameters[name] for row in appearances]) for name in axes]
     mean = float(np.mean([row.fraction for row in appearances]))
     number = appearances[0].shown_number
@@ -199,7 +200,7 @@ def _summary(appearances: Sequence[Row], axes: Sequence[str]) -> list[str]:
 
 
 def table_of(attractors: Sequence[Row]) -> pd.DataFrame:
-    """Return every row of `rows` for a CSV file, the impact speeds separated by spaces."""
+    """Return the attractors as a table for a CSV file, with impact speeds separated by spaces."""
     import pandas as pd
 
     axes = list(attractors[0].parameters) if attractors else []

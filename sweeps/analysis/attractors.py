@@ -1,23 +1,23 @@
 """The distinct attractors of a sweep: which exist at a point, and which starts reach each.
 
-A parameter point is a point of the grid without its starts, or a set of parameters in a table. Each
-start there is on one of its attractors, according to its regime
-(`sweeps.analysis.regimes`):
+A parameter point is a point of the grid without its starts, or a set of parameters in a table. The
+regime of the motion from each start (`sweeps.analysis.regimes`) decides its attractor:
 
-- periodic motions are the same attractor if they have the same number m of forcing periods and
-  the same section states within a tolerance, wherever in the cycle each record ends. Impacts need
-  not be compared, since a state at the section determines all that follows. A record that repeats
-  after m periods, but already within the tolerance after a divisor of m, as beside a flip, is one
-  of so many periods;
-- motions with rest are one attractor: when the force releases the mass from the stop, at a phase
-  that depends on the parameters only, nothing is left of the past. Where a rest leads to chaos, the
-  chaos is the same attractor;
-- chaotic motions are one attractor, and unbounded ones. Whether two chaotic motions are on one
-  attractor cannot be seen in a finite record, so the number of attractors is a lower bound;
-- motions that have not settled in their record, and chaos, which may be a transient, are followed
-  on (`sweeps.analysis.settle`); those that still have not settled are listed as unsettled, and
-  are not attractors;
-- failed points and those not computed yet are on none.
+- Two periodic motions are on the same attractor if they have the same number m of forcing periods,
+  and section states that agree within a tolerance, wherever in the cycle their records end. Impacts
+  need not be compared, because a state at the section determines the further motion. If a record
+  that repeats after m periods repeats within the tolerance already after a divisor of m, as near a
+  flip, this divisor is taken as the number of periods.
+- All motions with rest are on one attractor: when the force releases the mass from the stop, at a
+  phase that depends only on the parameters, no trace of the past remains. If a rest leads to chaos,
+  the chaos is the same attractor.
+- All chaotic motions are on one attractor, and so are all unbounded motions. A finite record cannot
+  show whether two chaotic motions are on different attractors, so the number of attractors is a
+  lower bound.
+- Motions that have not settled in their record, and chaotic motions, which may be transient, are
+  followed further (`sweeps.analysis.settle`). Motions that still have not settled are listed as
+  unsettled, and are not counted as attractors.
+- Failed points and points that are not computed yet have no attractor.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from sweeps.analysis.settle import EXTENSIONS, Outcomes
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.errors import Refused
 
-#: Regimes that count as an attractor; whether the others stay as they are is not known.
+#: Regimes that count as attractors; motions of other regimes may still change.
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 
 
@@ -50,28 +50,39 @@ def attractors(
         An opened sweep, or a cut through one, with ``period`` and the section; ``lyapunov`` is
         used if the sweep has it.
     tolerance : float
-        Within which section states, x and v / omega, are the same; relative to the greatest of the
-        cycle.
+        Largest difference of section states, x and v / omega, that are taken as equal, relative to
+        the greatest coordinate of the cycle.
     extensions : int
-        How often motions that have not settled are followed four times as long; 0 goes by the
-        records alone.
+        How often motions that have not settled are followed, each time four times as long; with 0
+        only the records are used.
 
     Returns
     -------
     Dataset
-        ``attractor``, in the shape of ``status``: the number of the attractor, -1 for none. A
-        number is the same attractor along the axes (`sweeps.analysis.tracking`), not among the
-        sets of a table; the most
-        frequent periodic one has 0, and those that are not periodic have the last.
-        ``followed``, in the same shape: whether the motion had not settled in its record.
-        ``attractors`` (parameters...): how many of ``COUNTED`` were found, a lower bound.
-        And for each of a point's, in the dimension ``coexisting`` from the most frequent on, -1 or
-        NaN where there are no more: ``number``; ``fraction`` of the starts with a result;
-        ``motion``, a `sweeps.analysis.regimes.Regime`; ``m`` forcing periods and ``q`` impacts per
-        repetition of a periodic one, otherwise 0;
-        ``section_x``, ``section_v``: a state on it; ``representative``: the number of the start it
-        is from, in C order over the axes of starts in the order of the file; ``settled``: whether
-        the record of that start shows the attractor.
+        In the shape of ``status``:
+
+        - ``attractor``: the number of the attractor, -1 for none. Along the axes, the same number
+          means the same attractor (`sweeps.analysis.tracking`), but not among the sets of a table.
+          The most frequent periodic attractor has the number 0; attractors that are not periodic
+          have the last numbers.
+        - ``followed``: whether the motion had not settled in its record, and was followed further.
+
+        At every parameter point:
+
+        - ``attractors``: how many attractors, of the regimes ``COUNTED``, were found; a lower
+          bound.
+
+        For each attractor of a parameter point, along the dimension ``coexisting`` with the most
+        frequent first, and -1 or NaN where there are no more:
+
+        - ``number``: the number of the attractor.
+        - ``fraction``: its share of the starts with a result.
+        - ``motion``: its `sweeps.analysis.regimes.Regime`.
+        - ``m``, ``q``: forcing periods and impacts per repetition; 0 if it is not periodic.
+        - ``section_x``, ``section_v``: a state on it.
+        - ``representative``: the start that leads to this state, as its index in C order over the
+          axes of starts in the order of the file.
+        - ``settled``: whether the record of that start shows the attractor.
 
     Raises
     ------
@@ -143,7 +154,8 @@ def _members(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a point on each attractor, and the attractor of each point, -1 for none.
 
-    The `representative` points are those of the periodic motions; the others of a regime are one.
+    `representative` are the points that represent the periodic motions. All other motions of one
+    regime at a parameter point are on one attractor.
     """
     representative = representative.copy()
     others = np.flatnonzero((representative < 0) & (regime > Regime.FAILED))
@@ -171,7 +183,7 @@ def _numbers(
     fraction: np.ndarray,
     last: np.ndarray,
 ) -> np.ndarray:
-    """Return the number of each periodic attractor, by the share of the starts along the axes."""
+    """Number the periodic attractors, in decreasing order of their share of all starts."""
     links = None
     shape = () if SETS in points.parameters else points.shape  # sets have no neighbours
     config = config_of(dataset)
@@ -185,7 +197,7 @@ def _numbers(
 
 
 def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:
-    """Return the impacts per repetition that most points on an attractor have."""
+    """Return the most frequent number of impacts per repetition on each attractor."""
     on = np.flatnonzero(of_point >= 0)
     attractor = of_point[on]
     counted = np.rint(ends.q[on] * m[attractor] / np.maximum(ends.m[on], 1))
@@ -193,5 +205,5 @@ def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:
     pairs, times = np.unique(attractor * base + counted.astype(np.int64), return_counts=True)
     most = np.zeros(len(m), np.int64)
     pairs = pairs[np.argsort(times, kind="stable")]
-    most[pairs // base] = pairs % base  # the last, most frequent one stays
+    most[pairs // base] = pairs % base  # the last assignment counts, the most frequent one
     return most

@@ -1,9 +1,9 @@
 """The bifurcations along an axis of a sweep: where the class of the motion changes, and why.
 
-From the periodic orbit on either side of a change its branch is followed to the other side
-(`vibroimpact.orbits.branches`). If the branch ends between them, or loses its stability, that is
-the bifurcation. If it does not, the attractor goes on, and the motion of the sweep has only come
-into the basin of another.
+The branch of the periodic orbit on each side of a change is followed to the other side
+(`vibroimpact.orbits.branches`). If the branch ends or loses its stability between the sides, this
+is the bifurcation. Otherwise the attractor persists, and the motion of the sweep has only moved
+into the basin of another one.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from vibroimpact.orbits.branches import branch
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Up to so many bifurcations of a map are listed one by one; of more, each kind in a line. Of those
-#: whose exact value is not known only so few.
+#: Most bifurcations of a map that are listed one by one, and most of those without an exact value;
+#: more are summarized with a line for each kind.
 MOST_ROWS, _MOST_INEXACT = 40, 12
-#: What the kinds mean that are no standard terms.
+#: Explanations of the kinds that are not standard terms.
 _MEANINGS = {
     "basin": "the motion of one side is stable on the other, too: the start leads to another there",
     "unknown": "the motions could not be followed to where one of them ends",
 }
-#: What the end of a branch is called in the list: a flight that meets the stop begins in a graze.
+#: Kinds in the list for the special points of a branch: a penetration begins with a graze.
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
 
 
@@ -54,19 +54,23 @@ def find_bifurcations(
 ) -> tuple[str, pd.DataFrame]:
     """Find the bifurcations along an axis, by default the longest, on every line of the grid.
 
-    `at` is where to cut other axes; of the others every value is taken.
+    `at` fixes the values of other axes; the remaining axes are taken with all their values.
 
     Returns
     -------
     axis : str
+        The axis.
     found : DataFrame
         A row for each change of class between two neighbouring values of the axis, in the order of
-        the grid and on each line of increasing values of the axis: the values of the other axes;
-        ``low``, ``high``, ``before``, ``after`` and ``between`` of the `Change`; ``value`` of the
-        axis at a flip, fold or graze, to rounding, NaN where it is not known; and ``kind``:
-        ``flip``, ``fold``, ``graze`` where a branch of periodic orbits ends or loses its stability
-        so; ``rest``, ``chaos``, ``unbounded`` where that begins or ends; ``basin`` where the
-        attractor of before exists on both sides and is stable; ``unknown`` otherwise.
+        the grid, and with increasing values of the axis on each line. The columns are:
+
+        - the values of the other axes;
+        - ``low``, ``high``, ``before``, ``after`` and ``between`` of the `Change`;
+        - ``kind``: ``flip``, ``fold`` or ``graze`` if a branch of periodic orbits ends or loses its
+          stability in this way; ``rest``, ``chaos`` or ``unbounded`` if such a regime begins or
+          ends; ``basin`` if the attractor before the change exists on both sides and is stable;
+          ``unknown`` otherwise;
+        - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known.
 
     Raises
     ------
@@ -94,7 +98,7 @@ def find_bifurcations(
 
 
 def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
-    """Whether each point of a line was started from that of the next greater value of the axis."""
+    """Whether the line was followed downwards: each point started from the next greater value."""
     config = config_of(line)
     if config.follow is None or config.follow.axis != axis:
         return False
@@ -103,7 +107,7 @@ def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
 
 
 def _explain(motions: PeriodicPoints, axis: str, change: Change, down: bool) -> tuple[str, float]:
-    """Return the kind of a change, and the value of the axis where it is known exactly."""
+    """Return the kind of a change, and its exact value on the axis, NaN if that is not known."""
     if axis in STARTS:
         return "basin", np.nan
     sides = np.searchsorted(motions.points[axis], [change.low, change.high]).tolist()
@@ -119,9 +123,9 @@ def _explain(motions: PeriodicPoints, axis: str, change: Change, down: bool) -> 
 
 
 def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float]:
-    """Return how the branch of the orbit at point i ends on its way to point j, and where.
+    """Follow the branch of the orbit at point i towards point j; return the first special point.
 
-    The kind is empty where there is no such branch.
+    The result is its kind and value, or "" and NaN if there is no stable orbit to follow.
     """
     if motions.m[i]:
         start, end = motions.points[axis][[i, j]].tolist()
@@ -129,14 +133,14 @@ def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float
             orbit = motions.orbit(i)
             if (orbit.m, orbit.q) == (motions.m[i], motions.q[i]) and orbit.stable:
                 special = branch(orbit, axis, *sorted((start, end))).special
-                # Both walks begin at an end of the range, so that one of them is over at once.
+                # The branch starts at an end of the range, so it continues in one direction only.
                 for point in special[1:] if start < end else special[-2::-1]:
                     return point.kind, point.value
     return "", np.nan
 
 
 def as_read(dataset: xr.Dataset, axis: str, found: pd.DataFrame) -> tuple[str, pd.DataFrame]:
-    """Return an axis and the bifurcations along it in the names and units of a rig, if any."""
+    """Convert an axis and the bifurcations along it to the names and units of a rig, if any."""
     import pandas as pd
 
     rig, own = rig_of(dataset), si_name(axis, rig_of(dataset))
@@ -147,12 +151,12 @@ def as_read(dataset: xr.Dataset, axis: str, found: pd.DataFrame) -> tuple[str, p
 
 
 def _others(found: pd.DataFrame) -> list[str]:
-    """Name the other axes."""
+    """Return the names of the other axes, which are the first columns."""
     return list(found.columns[: list(found).index("low")])
 
 
 def describe(axis: str, found: pd.DataFrame) -> str:
-    """Write bifurcations as tables: those with an exact value first, or of a map each kind."""
+    """Write bifurcations as tables, those with an exact value first; for a map, a row per kind."""
     if found.empty:
         return f"the class of the motion does not change along {axis}"
     if is_summary(found):
@@ -177,7 +181,7 @@ def _meanings(found: pd.DataFrame) -> list[str]:
 
 
 def is_summary(found: pd.DataFrame) -> bool:
-    """Whether there are too many of them to be described one by one."""
+    """Whether a map has too many bifurcations to list them one by one."""
     return len(found) > MOST_ROWS and bool(_others(found))
 
 
@@ -199,7 +203,7 @@ def _shown(value: float | str) -> str:
 
 
 def _summary(axis: str, found: pd.DataFrame) -> str:
-    """Write a line for each kind and pair of classes, the most frequent first."""
+    """Write a row for each kind and pair of classes, the most frequent first."""
     others = _others(found)
     pairs = [f"{a} -> {b}" for a, b in zip(found["before"], found["after"], strict=True)]
     groups = list(found.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
@@ -221,7 +225,7 @@ def _summary(axis: str, found: pd.DataFrame) -> str:
 
 
 def _cascades(axis: str, found: pd.DataFrame) -> Iterator[str]:
-    """Yield a line for each run of flips: where they are, and the ratios of their distances."""
+    """Yield a line for each cascade of flips: their values and the ratios of their distances."""
     others, names = _others(found), [field.name for field in fields(Change)]
     values = found["value"].fillna(0.5 * (found["low"] + found["high"]))
     for at, line in found.groupby(others, sort=False) if others else [((), found)]:
@@ -238,7 +242,7 @@ def _cascades(axis: str, found: pd.DataFrame) -> Iterator[str]:
 def on_branches(found: xr.Dataset) -> pd.DataFrame:
     """Return the flips, folds and grazes of `branches`, each once, in the order of their values.
 
-    At a graze m and q are those with the impact that grazes.
+    At a graze, q includes the grazing impact.
     """
     import pandas as pd
 
@@ -257,9 +261,9 @@ def describe_branches(
 ) -> str:
     """List the bifurcations on all branches of the motions along one line of a sweep.
 
-    Each has a line: the value to twelve digits, the kind, and m/q; where there are many, those on
-    branches that are hardly ever stable are counted only. The text is empty where there are several
-    lines, or the axis is a start or has a single value.
+    A row has the value to twelve digits, the kind, and m/q. If there are many, those on branches
+    that are stable over less than 1 % of the axis are only counted. The text is empty if the sweep
+    has several lines, or if the axis is a start or has a single value.
     """
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
     if uncut or axis in STARTS or dataset.sizes[axis] == 1:
@@ -279,7 +283,7 @@ def describe_branches(
 
 
 def table_of(axis: str, found: pd.DataFrame) -> pd.DataFrame:
-    """Return bifurcations with the columns of a CSV file."""
+    """Return the bifurcations with the columns of the CSV file."""
     names = {
         "low": f"{axis}_low", "high": f"{axis}_high", "before": "before", "after": "after",
         "kind": "kind", "value": axis, "between": "unknown_between",

@@ -1,4 +1,4 @@
-"""How far computed points are from the stable exact orbits that they are on."""
+"""The deviations of computed points from the stable exact orbits to which they belong."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vibroimpact.orbits.periodic import OrbitError
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Rows of the table at most.
+#: Most rows of the table.
 _MOST_ROWS = 12
 
 
@@ -30,10 +30,10 @@ def compare(
     coordinate: str = "poincare_x",
     classes: Collection[tuple[int, int]] = (),
 ) -> str:
-    """Show for each class and direction how far points are from their exact orbits.
+    """Write a table of the largest deviation of points from their exact orbits.
 
-    The `classes` are those that are compared, by default all. Those of the fewest points are shown
-    together.
+    It has a row for each class and direction; the rarest share a row. `classes` restricts the
+    comparison to these classes; by default all are compared.
     """
     import pandas as pd
 
@@ -63,11 +63,11 @@ def compare(
 
 
 def deviations(line: xr.Dataset, axis: str, coordinate: str) -> pd.DataFrame:
-    """Compare the periodic points along an axis with the stable orbits that they are on.
+    """Compare the periodic points along an axis with the stable orbits of the same class.
 
-    A row for each point with such an orbit of its own class has ``m``, ``q``, the axis, ``size``
-    (the largest deviation in its record, in the unit of the coordinate), and ``settled`` (whether
-    the multipliers reduce a deviation to rounding within the transient).
+    There is a row for each point with such an orbit: ``m``, ``q``, the axis, ``size`` (the largest
+    deviation in its record, in the unit of the coordinate), and ``settled`` (whether the Floquet
+    multipliers reduce a deviation to rounding within the transient).
     """
     import pandas as pd
 
@@ -90,7 +90,7 @@ def deviations(line: xr.Dataset, axis: str, coordinate: str) -> pd.DataFrame:
 
 
 def _row(name: str, axis: str, points: pd.DataFrame) -> tuple[str, ...]:
-    """Return how far points of one class are from their orbits, as a row of the table."""
+    """Return the row of the table for the points of one class."""
     worst = points.iloc[int(points["size"].argmax())]
     settled = points["size"][points["settled"]]
     largest = f"{settled.max():.1e}" if len(settled) else ""
@@ -99,7 +99,7 @@ def _row(name: str, axis: str, points: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _distance(record: np.ndarray, orbit: np.ndarray, coordinate: str) -> float:
-    """Return the largest distance of a record from an orbit that starts at any of its points."""
+    """Return the largest distance of a record from an orbit, for the best shift between them."""
     record = record[np.isfinite(record)]
     starts = [np.resize(np.roll(orbit, -k), record.shape) for k in range(len(orbit))]
     apart = np.abs(record - np.array(starts))

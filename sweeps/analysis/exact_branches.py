@@ -1,7 +1,8 @@
 """The exact branches of the periodic motions along a line of computed points.
 
-Every periodic motion in the file is a seed: the orbit that it is on is found by Newton's method,
-and followed with all that its flips and grazes lead to (`vibroimpact.orbits.branch_set`).
+Every periodic motion in the file is a seed: Newton's method finds its orbit, and the branch of the
+orbit is followed, with the branches that begin at its flips and grazes
+(`vibroimpact.orbits.branch_set`).
 """
 
 from __future__ import annotations
@@ -37,27 +38,27 @@ from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 from vibroimpact.points.period_class import period_class
 
-#: Longer orbits are neither seeds nor followed, nor more branches than this.
+#: Most forcing periods of an orbit that is followed, and most branches that are followed.
 LONGEST_ORBIT, MOST_BRANCHES = 8, 60
-#: Classes that the summary names.
+#: Most classes that the summary names.
 _MOST_NAMES = 8
-#: How far a branch may be from the lines between its points, as a share of the ranges: a seventh of
-#: a pixel of a picture.
+#: Largest distance of a branch from the lines between its points, as a share of the ranges: a
+#: seventh of a pixel of a picture.
 CHORD_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
 class PeriodicPoints:
-    """The computed points of a cut through a sweep, and the periodic orbits that they are on.
+    """The computed points of a cut through a sweep, with the classes of their periodic motions.
 
     Attributes
     ----------
     points : ndarray of dtype POINT, in the shape of the cut
-        The parameters, and the state at the last section as the start.
-    m, q : ndarray of int, in that shape
-        Forcing periods and impacts per repetition; 0 where the motion is not periodic.
+        The parameters, with the state at the last section as the start.
+    m, q : ndarray of int, in the same shape
+        Forcing periods and impacts per repetition; 0 if the motion is not periodic.
     phase : float
-        Of the section [rad].
+        Phase of the section [rad].
     """
 
     points: np.ndarray
@@ -67,7 +68,7 @@ class PeriodicPoints:
 
     @classmethod
     def of(cls, cut: xr.Dataset) -> Self:
-        """Read the points of a cut, of which the period may not be recorded."""
+        """Read the points of a cut; a period that was not recorded is found from the section."""
         points = points_of(cut).reshape(cut["status"].shape)
         for start, name in (("x0", "poincare_x"), ("v0", "poincare_v")):
             points[start] = cut[name].isel(section=-1).values
@@ -81,7 +82,7 @@ class PeriodicPoints:
         return cls(points, m, q, config_of(cut).record.phase)
 
     def orbit(self, *index: int) -> PeriodicOrbit:
-        """Return the orbit that a periodic point is on; OrbitError if none is found."""
+        """Return the orbit of a periodic point; raise OrbitError if none is found."""
         return orbit_at(self.points[index], int(self.m[index]), self.phase)
 
 
@@ -96,8 +97,8 @@ def branches(
 ) -> xr.Dataset:
     """Follow the orbits of the periodic motions of a sweep along one axis.
 
-    The branches of motions that are in the file come first, the most frequent class first, and then
-    those that these lead to.
+    The branches of the motions in the file come first, starting with the most frequent class. The
+    branches that begin at their flips and grazes come next.
 
     Parameters
     ----------
@@ -108,24 +109,31 @@ def branches(
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
     check : callable, optional
-        Is called before each branch; what it raises ends the work.
+        Called before each branch; an exception that it raises ends the work.
     classes : collection of (int, int), optional
         m and q of the motions to follow, by default all of at most ``LONGEST_ORBIT`` periods.
     most : int, optional
-        No more branches are followed.
+        Most branches to follow.
 
     Returns
     -------
     Dataset
-        Along ``point``, branch after branch: the axis, ``branch`` (its number), ``stable``,
-        ``multipliers`` (``point``, ``multiplier``), complex, the larger first, ``impact_phase`` and
-        ``impact_v`` (``point``, ``impact``), and ``poincare_x``, ``poincare_v`` and
-        ``poincare_height`` (``point``, ``section``), NaN beyond q and m. Along ``number``: ``m``
-        and ``q``. Along ``special``: ``kind``, ``special_value``,
-        ``special_branch``, ``special_m`` and ``special_q`` of the flips, folds, grazes and ends,
-        and their ``special_impact_phase``, and so on. The attribute ``summary`` says what was
-        found, ``given_up`` what was not followed; ``range`` has the ends of the axis, and ``phase``
-        is that of the section.
+        Along ``point``, branch after branch:
+
+        - the axis, ``branch`` (the number of the branch) and ``stable``;
+        - ``multipliers`` (``point``, ``multiplier``): the Floquet multipliers, complex, the larger
+          one first;
+        - ``impact_phase``, ``impact_v`` (``point``, ``impact``), NaN beyond q impacts;
+        - ``poincare_x``, ``poincare_v``, ``poincare_height`` (``point``, ``section``), NaN beyond m
+          periods.
+
+        Along ``number``: ``m`` and ``q`` of each branch. Along ``special``, for the flips, folds,
+        grazes and ends of the branches: ``kind``, ``special_value``, ``special_branch``,
+        ``special_m``, ``special_q``, ``special_multipliers``, and the coordinates, such as
+        ``special_impact_phase``.
+
+        The attribute ``summary`` says what was found, and ``given_up`` what was not followed.
+        ``range`` holds the ends of the axis, and ``phase`` is the phase of the section.
 
     Raises
     ------
@@ -158,9 +166,10 @@ def branches(
 
 
 def _seeds(lines: Sequence[PeriodicPoints]) -> list[tuple[PeriodicPoints, int, int]]:
-    """Return the middle and the length of each run of a class, in the order to follow them.
+    """Return the line, the middle and the length of each run of a class, in the order to follow.
 
-    The longest run of each class comes first, the most frequent class before the others.
+    The longest runs of all classes come first, in the order of the frequency of the classes; then
+    come the second longest runs, and so on.
     """
     points: Counter[tuple[int, int]] = Counter()
     runs = []
@@ -183,7 +192,7 @@ def _seeds(lines: Sequence[PeriodicPoints]) -> list[tuple[PeriodicPoints, int, i
 def _as_dataset(
     found: BranchSet, phase: float, left_out: Mapping[str, Counter[tuple[int, int]]]
 ) -> xr.Dataset:
-    """Return what `branches` does."""
+    """Collect the branches found as the Dataset that `branches` returns."""
     items = _smooth(found, phase)
     special = [point for item in items for point in item.special]
     orbits = [orbit for item in items for orbit in _orbits(item)]
@@ -212,7 +221,7 @@ def _as_dataset(
 
 
 def _smooth(found: BranchSet, phase: float) -> list[Branch]:
-    """Return the branches with as many points as a picture of any coordinate needs."""
+    """Add points to the branches until a picture of any coordinate shows smooth lines."""
 
     def shown(orbit: PeriodicOrbit) -> list[np.ndarray]:
         values = orbit_coordinates(orbit, phase)
@@ -233,7 +242,7 @@ def _smooth(found: BranchSet, phase: float) -> list[Branch]:
 
 
 def _orbits(item: Branch) -> Iterator[PeriodicOrbit]:
-    """Yield the orbits of a branch, which number their impacts alike, unlike `Branch.orbit`."""
+    """Yield the orbits of a branch with one numbering of the impacts, unlike `Branch.orbit`."""
     for value, *impacts in zip(item.values, item.phases, item.speeds, strict=True):
         yield PeriodicOrbit(item.oscillator_at(value), item.m, *impacts)
 
@@ -245,9 +254,10 @@ def numbered_dataset(
     data: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Return branches, or curves, as a Dataset along ``point``, ``number`` and ``special``.
+    """Return branches or curves as a Dataset along ``point``, ``number`` and ``special``.
 
-    To the variables `data` it adds the axes, m, q, and the numbers of the branches, the `noun`.
+    It consists of `data`, the axes, ``m``, ``q``, and the numbers of the branches or curves, which
+    are called `noun`.
     """
     columns = [np.reshape(item.values, (-1, len(axes))) for item in found]
     values = np.concatenate([np.empty((0, len(axes))), *columns]).T
@@ -263,7 +273,7 @@ def numbered_dataset(
 
 
 def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack rows of different lengths, with NaN where there is nothing."""
+    """Stack rows of different lengths, padded with NaN."""
     table = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
     for line, row in zip(table, rows, strict=True):
         line[: len(row)] = row
@@ -271,7 +281,7 @@ def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]]) -> list[str]:
-    """Say in lines what was found, and which motions and how many branches were not followed."""
+    """Write lines on the branches found, and on the motions and branches not followed."""
     classes = {(branch.m, branch.q) for branch in found.branches}
     names = listed([f"{m}/{q}" for m, q in sorted(classes)][:_MOST_NAMES])
     names += ", ..." if len(classes) > _MOST_NAMES else ""
@@ -293,7 +303,7 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
 
 
 def wide_branches(found: xr.Dataset) -> np.ndarray:
-    """Return which `branches` are stable over more than a hundredth of the axis, (number,)."""
+    """Return which branches are stable over more than a hundredth of the axis, shape (number,)."""
     (axis,), (low, high) = found.coords, found.attrs["range"]
     stable = found["stable"].values[1:] & found["stable"].values[:-1]
     same = np.diff(found["branch"].values) == 0
@@ -303,7 +313,7 @@ def wide_branches(found: xr.Dataset) -> np.ndarray:
 
 
 def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
-    """Refuse an axis that the orbits do not depend on, or of a single value."""
+    """Refuse an axis on which the orbits do not depend, and one with a single value."""
     if axis in STARTS:
         raise Refused(
             f"the exact orbits do not depend on {axis}; draw {picture} without exact orbits"
@@ -316,9 +326,9 @@ def check_axis(dataset: xr.Dataset, axis: str, picture: str) -> None:
 
 
 def lines_of(dataset: xr.Dataset, axis: str, at: Selection | None = None) -> list[xr.Dataset]:
-    """Return the points along an axis in its order, once for each direction of a followed sweep.
+    """Return the points along an axis, sorted, once for each direction of a followed sweep.
 
-    Refused if the orbits do not depend on the axis, or it has one value.
+    Raises Refused if the orbits do not depend on the axis, or if it has a single value.
     """
     line = select(dataset, at, free=[axis, DIRECTION])
     check_axis(line, axis, "it")

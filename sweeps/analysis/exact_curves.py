@@ -1,10 +1,10 @@
-"""The exact curves of flips, folds and grazes over a map: where its tongues end.
+"""The exact curves of flips, folds and grazes over a map: the borders of its tongues.
 
 From the middle of each large tongue its orbit is followed along both axes until it flips, folds or
 grazes, and these bifurcations are followed in both parameters (`vibroimpact.orbits.curves`). Then
 every change between two periodic classes, from one cell of the map to the next, is a seed: the
-orbit of one side is followed to the other. A change counts as explained where a curve of one of its
-classes passes within one cell; each of the others gets a reason.
+orbit on one side is followed to the other side. A change counts as explained if a curve of one of
+its classes passes within one cell. For every other change a reason is given.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-#: No more curves are followed. A tongue is large from this share of the map.
+#: Most curves that are followed, and least share of the map that a large tongue covers.
 MOST_CURVES, LARGE = 400, 0.01
-#: How far beyond a change, in cells, its bifurcation is looked for; and how near to a curve of its
-#: kind it is on it.
+#: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
+#: its kind a bifurcation counts as on the curve.
 _CELLS, _ON = 0.5, 0.2
-#: Pairs of classes that are named with a reason.
+#: Most pairs of classes that are named with a reason.
 _EXAMPLES = 3
 
 
@@ -47,23 +47,23 @@ def curves(
     dataset : Dataset
         From `sweeps.open_sweep`, with ``period``.
     axes : sequence of str, optional
-        Abscissa and ordinate, by default as a map has them.
+        Abscissa and ordinate, by default those of a map.
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
 
     Returns
     -------
     Dataset
-        Along ``point``, curve after curve: the two axes and ``curve`` (its number). Along
-        ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``: ``special_kind``,
-        ``special_curve`` and ``special_values`` (``special``, 2). The attributes ``changes`` and
-        ``explained`` count the changes between periodic classes, and those with a curve within one
-        cell; ``summary`` says why the others have none.
+        Along ``point``, curve after curve: the two axes and ``curve`` (the number of the curve).
+        Along ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``, for the
+        special points of the curves: ``special_kind``, ``special_curve`` and ``special_values``
+        (``special``, 2). The attribute ``changes`` counts the changes between periodic classes, and
+        ``explained`` those with a curve within one cell; ``summary`` says why the others have none.
 
     Raises
     ------
     Refused
-        If there are no two such axes, or the orbits do not depend on one.
+        If the sweep does not have two such axes, or the orbits do not depend on one of them.
     """
     chosen = [axes] if isinstance(axes, str) else axes
     across, up = map_axes(dataset, chosen)
@@ -79,7 +79,7 @@ def curves(
 def summary(
     curves: Sequence[Branch], changes: int, explained: int, reasons: Mapping[str, Counter[str]]
 ) -> str:
-    """Say in lines what was found, and why changes have no curve, by their pairs of classes."""
+    """Write lines on the curves found, and on the reasons why changes have no curve."""
     kinds = Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
     lines = [f"{len(curves)} exact curves: {counted}"]
@@ -106,7 +106,7 @@ def summary(
 
 
 def map_axes(dataset: xr.Dataset, axes: Sequence[str] = ()) -> list[str]:
-    """Return abscissa and ordinate, by default the two longest axes; of equals, the later first."""
+    """Return abscissa and ordinate, by default the two longest axes; if equal, the later first."""
     chosen = chosen_axes(dataset, axes, 2, "map")
     if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
         chosen.reverse()
@@ -114,7 +114,7 @@ def map_axes(dataset: xr.Dataset, axes: Sequence[str] = ()) -> list[str]:
 
 
 class _Search:
-    """One search for curves."""
+    """The search for the curves of one map."""
 
     def __init__(self, cut: xr.Dataset, axes: tuple[str, str]) -> None:
         self._axes = axes
@@ -128,7 +128,7 @@ class _Search:
         self._lines: list[tuple[Branch, cKDTree]] = []
 
     def _changes(self) -> Iterator[np.ndarray]:
-        """Yield the cells on both sides of every change between periodic classes."""
+        """Yield the two neighbouring cells of every change between periodic classes."""
         index = np.moveaxis(np.indices(self._classes.shape[:2]), 0, 2)
         for low, high in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
             before, after = self._classes[low], self._classes[high]
@@ -136,11 +136,11 @@ class _Search:
             yield from np.stack([index[low][where], index[high][where]], axis=1)
 
     def run(self) -> xr.Dataset:
-        """Look at the large tongues, and then at every change that no curve explains yet."""
+        """Search from the large tongues, and then from every change that no curve explains yet."""
         for cell, axis in self._tongues():
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):
-                    with suppress(OrbitError):  # its changes are looked at next, and say why
+                    with suppress(OrbitError):  # the search from its changes reports the reason
                         self._follow(point)
         reasons: dict[int, str] = {}
         while (chosen := self._next(reasons)) is not None:
@@ -156,7 +156,7 @@ class _Search:
         return self._as_dataset(counted)
 
     def _as_dataset(self, reasons: Mapping[str, Counter[str]]) -> xr.Dataset:
-        """Return what `curves` does."""
+        """Collect the curves found as the Dataset that `curves` returns."""
         found = [curve for curve, _ in self._lines]
         special = [point for curve in found for point in curve.special]
         at = np.array([point.value for point in special]).reshape(-1, 2)
@@ -174,7 +174,7 @@ class _Search:
         return numbered_dataset(found, "curve", self._axes, data, about)
 
     def _tongues(self) -> Iterator[tuple[np.ndarray, int]]:
-        """Yield the middle of every large tongue where it is widest along an axis, and the axis."""
+        """Yield the middle of every large tongue where it is widest, for each axis."""
         flat = self._classes.reshape(-1, 2)
         names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
         for name in names[counts >= LARGE * len(flat)]:
@@ -186,7 +186,7 @@ class _Search:
                 yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
 
     def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
-        """Yield the bifurcations next to a cell along an axis, on the branch of its orbit."""
+        """Yield the nearest bifurcations on both sides of a cell, on the branch of its orbit."""
         values = self._values[axis]
         try:
             special = self._branch(cell, axis, values[0], values[-1]).special
@@ -200,7 +200,7 @@ class _Search:
                 yield point
 
     def _is_on_curve(self, point: SpecialPoint, axis: int, cell: np.ndarray) -> bool:
-        """Whether a bifurcation on the line through a cell is on a curve that is known."""
+        """Whether a bifurcation on the line through a cell lies on a curve found before."""
         at = cell.astype(float)
         at[axis] = np.interp(point.value, self._values[axis], np.arange(len(self._values[axis])))
         return any(
@@ -210,7 +210,10 @@ class _Search:
         )
 
     def _next(self, reasons: Container[int]) -> int | None:
-        """Return the middle one of the changes, of the most frequent pair, that have no reason."""
+        """Return the next change to search from, the middle one of the most frequent pair.
+
+        Only changes without a curve and without a reason count; None if there is none.
+        """
         groups: dict[tuple[tuple[int, int], ...], list[int]] = {}
         for i in np.flatnonzero(~self._explained).tolist():
             if i not in reasons:
@@ -221,7 +224,7 @@ class _Search:
         return most[len(most) // 2]
 
     def _orbit(self, cell: np.ndarray) -> PeriodicOrbit:
-        """Return the orbit of a cell; OrbitError if there is none, or one of another class."""
+        """Return the orbit of a cell; raise OrbitError if none of the same class is found."""
         orbit = self._motions.orbit(*cell)
         if [orbit.m, orbit.q] != self._classes[*cell].tolist():
             raise OrbitError("a motion has not settled: its orbit is of another class")
@@ -231,7 +234,7 @@ class _Search:
         return branch(self._orbit(cell), self._axes[axis], float(low), float(high))
 
     def _bifurcation(self, cells: np.ndarray) -> SpecialPoint:
-        """Return the bifurcation at a change, coming from either side; OrbitError says why not."""
+        """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""
         axis = int(np.flatnonzero(cells[0] != cells[1])[0])
         values = self._values[axis]
         ends = values[cells[0, axis]], values[cells[1, axis]]
@@ -254,7 +257,7 @@ class _Search:
     def _follow(self, point: SpecialPoint) -> None:
         """Follow a bifurcation in both parameters, and mark the changes that its curve explains.
 
-        OrbitError if it cannot be followed.
+        Raises OrbitError if it cannot be followed.
         """
         if len(self._lines) >= MOST_CURVES:
             raise OrbitError(f"curves beyond the first {MOST_CURVES} are not followed")
@@ -276,7 +279,7 @@ class _Search:
         self._explained[rows[distances <= 1.0]] = True
 
     def _line(self, curve: Branch) -> cKDTree:
-        """Return points along a curve, a quarter of a cell apart, in units of cells."""
+        """Return points along a curve, at most a quarter of a cell apart, in units of cells."""
         from scipy.spatial import cKDTree
 
         columns = zip(curve.values.T, self._values, strict=True)

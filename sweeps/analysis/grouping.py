@@ -1,4 +1,4 @@
-"""Group the periodic motions of a sweep that are the same, reading a part of the file at a time."""
+"""Group equal periodic motions of a sweep, reading the file in parts."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from sweeps.grid import TABLE, Block, Grid, block_points
 from sweeps.store import DIRECTION
 from vibroimpact.oscillator import PARAMETERS, POINT
 
-#: Axes along which the oscillator is the same and only its past differs.
+#: Axes along which only the start or the past differs, not the oscillator.
 STARTS = ("x0", "v0", DIRECTION)
-#: The dimension of the sets of parameters of a table.
+#: The dimension of the different sets of parameters in a table.
 SETS = "set"
-#: Section states that are read at a time.
+#: Number of section states read at a time.
 _PART = 500_000
 
 
 @dataclass(frozen=True)
 class GridIndex:
-    """The points of a file in C order: the parameter point and the start of each.
+    """The parameter point and the start of each point of a file.
 
     Attributes
     ----------
     shape : tuple of int
-        Of the grid of parameter points, which is that of the file without its ``STARTS``; of a
-        table, the number of its different sets of parameters, if there are several.
+        Shape of the grid of parameter points: the grid of the file without its ``STARTS``. For a
+        table, the number of its different sets of parameters; () if there is only one.
     parameters : tuple of str
-        Its axes, or ``SETS``.
+        The axes of this grid, or ``SETS``.
     parameter, start : ndarray of int, shape (n,)
-        The number of the parameter point and of the start, each in C order.
+        Indices of the parameter point and of the start of each point, all in C order.
     oscillators : ndarray of dtype POINT, shape (count,)
-        The parameters at each parameter point, with any start.
+        The parameters at each parameter point, with an arbitrary start.
     """
 
     shape: tuple[int, ...]
@@ -51,14 +51,14 @@ class GridIndex:
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> Self:
-        """Number the points of an opened sweep, or of a cut through one."""
+        """Index the points of an opened sweep, or of a cut through one."""
         if TABLE in dataset["status"].dims:
             return cls(*_sets(points_of(dataset)))
         sizes = {str(name): size for name, size in dataset["status"].sizes.items()}
         parameters = {name: size for name, size in sizes.items() if name not in STARTS}
 
         def numbers(kept: Collection[str]) -> np.ndarray:
-            """Count the points along the axes kept; points that differ along others are one."""
+            """Number the points along the axes `kept`, ignoring the other axes."""
             counted = [size if name in kept else 1 for name, size in sizes.items()]
             grid = np.arange(math.prod(counted)).reshape(counted)
             return np.broadcast_to(grid, tuple(sizes.values())).ravel()
@@ -77,14 +77,14 @@ class GridIndex:
         return math.prod(self.shape)
 
     def cycles(self, at: np.ndarray, states: np.ndarray) -> Cycles:
-        """Return the cycles of section states (x, v) of points, shape (k, m, 2)."""
+        """Return section states (x, v) at the points `at`, shape (k, m, 2), as `Cycles`."""
         parameter, states = self.parameter[at], states.copy()
         states[:, :, 0] -= self.oscillators["clearance"][parameter, None]
         states[:, :, 1] /= self.oscillators["omega"][parameter, None]
         return Cycles(states, self.oscillators["R"][parameter])
 
     def at_states(self, at: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the parameters of points, with states at the section to start from."""
+        """Return the parameters of the points `at`, with these states as their starts."""
         points = self.oscillators[self.parameter[at]]
         points["x0"], points["v0"] = x, v
         return points
@@ -93,7 +93,7 @@ class GridIndex:
 def _sets(
     points: np.ndarray,
 ) -> tuple[tuple[int, ...], tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
-    """Return the shape and axis of the sets of a table, each row's set and start, and the sets."""
+    """Return the fields of `GridIndex` for the rows of a table."""
     rows = np.stack([points[name] for name in PARAMETERS if name not in STARTS], axis=1)
     different, first, of_row = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     if len(different) == len(rows) > 1:
@@ -120,12 +120,12 @@ def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
 
 
 class Groups:
-    """Periodic motions that are the same, found within parts of a file and then among these.
+    """Groups of equal periodic motions, found within parts of a file and then across the parts.
 
     Attributes
     ----------
     representative : ndarray of int, shape (n,)
-        The point that represents the motion of each; -1 where the motion is not periodic.
+        The point that represents the motion of each point; -1 if the motion is not periodic.
     last : ndarray, shape (n, 2)
         The last state of every record.
     """
@@ -137,7 +137,7 @@ class Groups:
         self._parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
 
     def add_records(self, dataset: xr.Dataset, period: np.ndarray) -> None:
-        """Add the motions of a file with these periods, shape (n,), 0 where they do not repeat."""
+        """Add the motions of a file; `period`, shape (n,), is 0 for motions that do not repeat."""
         for cut, states in _ends(dataset, period):
             self.last[cut] = states[:, -1]
             for m in (np.flatnonzero(np.bincount(period[cut])[1:]) + 1).tolist():
@@ -145,13 +145,13 @@ class Groups:
                 self._add(cut.start + rows, states[rows, -m:])
 
     def add_cycles(self, cycles: Mapping[int, np.ndarray]) -> None:
-        """Add motions by point with their section states, shape (m, 2)."""
+        """Add motions, given by their points and section states of shape (m, 2)."""
         for m in sorted(set(map(len, cycles.values()))):
             at = [i for i, cycle in cycles.items() if len(cycle) == m]
             self._add(np.array(at), np.array([cycles[i] for i in at]))
 
     def _add(self, at: np.ndarray, states: np.ndarray) -> None:
-        """Add motions at points by their section states, shape (k, m, 2)."""
+        """Add the motions at the points `at`, with section states of shape (k, m, 2)."""
         self.last[at] = states[:, -1]
         cycles = self._points.cycles(at, states)
         turns = shortest_turn(cycles.states, self._tolerance)
@@ -162,7 +162,7 @@ class Groups:
             self._parts.setdefault(turn, []).append((at[heads], cycles.states[heads, -turn:]))
 
     def join(self) -> PeriodicAttractors:
-        """Take the same motions of different parts together, and return the representatives."""
+        """Merge equal motions of different parts, and return the representatives."""
         final, parameter = np.arange(len(self.representative)), self._points.parameter
         heads_of, cycles_of = [np.empty((3, 0), np.int64)], {}
         for m, parts in self._parts.items():
@@ -179,16 +179,16 @@ class Groups:
         return PeriodicAttractors(at, parameter[at], m[order], place[order], cycles_of)
 
     def _represent(self, at: np.ndarray, cycles: Cycles, representative: np.ndarray) -> np.ndarray:
-        """Enter the representatives of the points `at`, and return their places in `at`."""
+        """Store the representative of each point in `at`; return the places of those in `at`."""
         places = representatives(cycles, self._points.parameter[at], self._tolerance)
         representative[at] = at[places]
         return np.flatnonzero(places == np.arange(len(places)))
 
 
 def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
-    """Read the last sections of the points, as many as one of them needs, a part at a time.
+    """Read the last section states of all points in parts, over the longest period in each part.
 
-    Yield which points, k in C order, and their states, (k, longest period among them, 2).
+    Yields a slice of k points in C order, and their states, shape (k, longest period, 2).
     """
     for block, cut in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
         ends = np.s_[*block, -max(1, int(period[cut].max(initial=1))) :]
@@ -197,7 +197,7 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[slice, np.n
 
 
 def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
-    """Read a coordinate at points in C order, shape (k, record), a part of the file at a time."""
+    """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
     width = dataset.sizes[COORDINATES[name].dimension]
     result = np.empty((len(at), width))
     for block, cut in _blocks(dataset, max(1, _PART // width)):
@@ -210,13 +210,13 @@ def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
 
 
 def grid_of(dataset: xr.Dataset) -> Grid:
-    """Return a grid with as many values along each dimension as the file has."""
+    """Return a grid with the dimensions of the file; its values are arbitrary."""
     sizes = dataset["status"].sizes
     return Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
 
 
 def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, slice]]:
-    """Split the file into blocks of at most `size` points, each a piece of the C order."""
+    """Yield blocks of at most `size` points, each with its slice of the points in C order."""
     stop = 0
     for block in grid_of(dataset).blocks(size):
         start, stop = stop, stop + block_points(block)

@@ -1,14 +1,16 @@
-"""How large a disturbance each attractor takes: the integrity measures of its basin.
+"""Integrity measures of the basin of each attractor: how large a disturbance it takes.
 
-Over the starts x0 and v0 of one parameter point, the global integrity measure is the share of the
-basin, the integrity factor the radius of the largest disc in it, and the local integrity measure
-the distance from the points of the attractor at the section, all m of a periodic one, to the
-nearest start outside (Soliman & Thompson 1989, J. Sound Vib. 135, 453-475; Rega & Lenci 2005,
-Nonlinear Anal. 63, 902-914). Distances are between starts, and so are right to their spacing.
+The measures refer to the starts x0 and v0 of one parameter point. The global integrity measure is
+the share of the starts in the basin. The integrity factor is the radius of the largest disc in the
+basin. The local integrity measure is the distance from the attractor at the section, all m states
+of a periodic one, to the nearest start outside the basin (Soliman & Thompson 1989, J. Sound Vib.
+135, 453-475; Rega & Lenci 2005, Nonlinear Anal. 63, 902-914). Distances are measured between
+starts, so their accuracy is the spacing of the starts.
 
-Outside are the starts that reach another attractor, have no result or have not settled, and what is
-beyond the window, where nothing is known. No state is beyond the stop, so that no disturbance leads
-there: where the window reaches the stop, a disc is cut off by the stop, and nothing is outside.
+Outside the basin are all starts that reach another attractor, have no result or have not settled,
+and all states beyond the window, where nothing is known. States beyond the stop do not exist, so no
+disturbance leads there: where the window reaches the stop, nothing counts as outside, and the stop
+cuts off the disc.
 """
 
 from __future__ import annotations
@@ -56,16 +58,18 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     Returns
     -------
     Dataset
-        That of `sweeps.attractors`, whose ``fraction`` is the global integrity measure. In the same
-        shape, NaN for what is no attractor: ``integrity_factor`` [length] with the centre
-        (``disc_x``, ``disc_v``) of the disc, and ``local_integrity`` [length], 0 for an attractor
-        that leaves the window. ``factor_at_edge`` and ``local_at_edge`` say where the edge of the
-        window decided: there the measure is a lower bound.
+        The result of `sweeps.attractors`, whose ``fraction`` is the global integrity measure, and
+        in the same shape, with NaN for motions that are not counted as attractors:
+
+        - ``integrity_factor`` [length], with the centre (``disc_x``, ``disc_v``) of the disc;
+        - ``local_integrity`` [length], 0 for an attractor that leaves the window;
+        - ``factor_at_edge``, ``local_at_edge``: whether the edge of the window decided the measure,
+          which is then a lower bound.
 
     Raises
     ------
     Refused
-        If the file has no period or section, or no such axes; if the section is at another phase,
+        If the file has no period or section, or not these axes; if the section is at another phase,
         or the sweep was followed; if the weight is not a positive number.
     """
     _refuse_unfit(dataset, weight)
@@ -78,7 +82,7 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     state = (found[name].values.reshape(grid)[at] for name in ("section_x", "section_v"))
     points = points_of(dataset.isel(x0=0, v0=0))[at[0]]
     points["x0"], points["v0"] = state
-    periods = np.where(m[at] > 0, m[at], config.record.periods)  # of the others, over a record
+    periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if not periodic
     longest = int(periods.max(initial=1))
     _, sections = follow(config, points, longest)
     measures = np.full((len(_MEANING), *number.shape), np.nan)
@@ -104,12 +108,13 @@ def measures_of(
 ) -> tuple[float, ...]:
     """Return the measures, in the order of ``_MEANING``, of an attractor with states (n, 2).
 
-    The starts in its basin have the shape (x, v), of increasing, evenly spaced values.
+    `basin` is the mask of the starts in its basin, over the increasing, evenly spaced values of x
+    and v.
     """
     from scipy.ndimage import distance_transform_edt
 
     step, unit = np.array([x[1] - x[0], v[1] - v[0]]), np.array([1.0, weight])
-    # One row more at each side is outside, but for where the window reaches the stop.
+    # Pad each side with starts outside the basin, except where the window reaches the stop.
     at_stop = clearance - x[-1] < 0.5 * step[0]
     padded = np.pad(basin, ((1, 0 if at_stop else 1), (1, 1)))
     away, nearest = distance_transform_edt(padded, sampling=step * unit, return_indices=True)
@@ -125,7 +130,7 @@ def measures_of(
 
 
 def _refuse_unfit(dataset: xr.Dataset, weight: float | None) -> None:
-    """Refuse a sweep whose starts make no window at the phase of its section."""
+    """Refuse a sweep whose starts are not a regular window at the phase of its section."""
     axes, config = swept_axes(dataset), config_of(dataset)
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
@@ -145,7 +150,7 @@ def _refuse_unfit(dataset: xr.Dataset, weight: float | None) -> None:
 
 
 def table_of(found: xr.Dataset) -> pd.DataFrame:
-    """Return a row for each attractor of `integrity` and, where they are there, `knocks`."""
+    """Return a row for each attractor in the result of `integrity` or `knocks`."""
     axes = [str(name) for name in found["attractors"].dims]
     frame = found.drop_dims(["x0", "v0"]).to_dataframe(dim_order=[*axes, "coexisting"])
     frame = frame[frame["integrity_factor"].notna()].reset_index()
@@ -178,7 +183,7 @@ def describe(frame: pd.DataFrame, weight: float | None) -> str:
 
 
 def shown_knock(row: Mapping[str, Any]) -> str:
-    """Write a knock: its size, the phase of its moment, and where it leads."""
+    """Write a knock: its size, its phase, and the attractor to which it leads."""
     if not math.isfinite(row["knock_harmful"]):
         return "-" if math.isnan(row["knock_harmful"]) else "none up to the height of the window"
     ends = row["knock_ends"]

@@ -1,15 +1,15 @@
 """The least knock that takes a periodic motion to another attractor.
 
-A knock is a sudden change of velocity alone, in either direction, as a blow makes. Many sizes are
-tried at moments all over the motion and just after every impact, until no moment has a smaller
-harmful one; then at moments ever closer to the worst. The interval between the last harmless and
-the first harmful size is divided until it is 1e-9 of the knock.
+A knock is a sudden change of the velocity alone, in either direction, as caused by a blow. Many
+sizes are tried at moments all over the motion and just after every impact, until no moment has a
+smaller harmful size. Then moments ever closer to the worst one are tried. The interval between the
+last harmless and the first harmful size is divided until it is 1e-9 of the knock.
 
-A tongue of another basin is found only where one of these sizes hits it: at every moment they are
-1/128 of the knock apart, and from 10 % below it on 1/660; at the worst, 1/16384. Where a moment has
-more than one change up to 2 % above the least knock, there are tongues. Then the boundary is called
-fractal, and the knock is the least of those tried: a tongue that no size has hit may lead to a
-smaller one.
+A tongue of another basin is found only if one of the tried sizes hits it. At every moment these
+sizes are 1/128 of the knock apart, and from 10 % below the knock on 1/660; at the worst moment they
+are 1/16384 apart. If a moment has more than one change between harmless and harmful up to 2 % above
+the least knock, there are tongues, and the boundary is called fractal. The knock is then the least
+of those tried; a tongue that no size has hit may contain a smaller one.
 """
 
 from __future__ import annotations
@@ -32,18 +32,19 @@ from vibroimpact.status import Status
 from vibroimpact.trajectory import exact_samples
 
 _TURN = 2.0 * math.pi
-#: Moments in a forcing period, and sizes of a scan at each; sizes at the worst moment.
+#: Number of moments in a forcing period, of sizes scanned at each, and at the worst moment.
 _MOMENTS, _SIZES, _FINEST = 64, 256, 16384
-#: How far below and above a knock the boundary is looked for, as shares of it, in so many sizes.
+#: Sizes near a knock at which the boundary is sought, relative to the knock.
 _NEAR = np.linspace(-0.1, 0.02, 80)
-#: A motion ends on an orbit that it is so near to, as a share of the orbit's size.
+#: A motion has reached an orbit if it is nearer than this, relative to the orbit's size.
 _NEARNESS = 1e-6
-#: Forcing periods that a motion is followed until it ends on an attractor, and those recorded then.
+#: Forcing periods for which a motion is followed, one after the other until it has reached an
+#: attractor, and the last of these that are recorded.
 _FOLLOWED, _RECORD = (200, 800, 3200, 12800), 32
 
 
 class Knock(NamedTuple):
-    """A change of velocity that takes a motion to another attractor, and one that is harmless."""
+    """A change of velocity that takes a motion to another attractor, and a harmless one."""
 
     phase: float = math.nan
     x: float = math.nan
@@ -56,26 +57,29 @@ class Knock(NamedTuple):
 
 
 def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
-    """Find the least knock that takes each periodic motion of a parameter point to another one.
+    """Find the least knock that takes each periodic motion at a parameter point to another one.
 
     Parameters
     ----------
     starts : Dataset
-        A cut through an opened sweep at one parameter point, over x0 and v0, by exact impacts.
+        A cut through an opened sweep at one parameter point, over x0 and v0, with exact impacts.
     found : Dataset, optional
-        From `sweeps.attractors` or `sweeps.integrity` of it.
+        The result of `sweeps.attractors` or `sweeps.integrity` for it.
 
     Returns
     -------
     Dataset
-        `found`, and of each attractor: ``knock_phase``, omega t of the worst moment, in
-        [0, 2 pi m) [rad]; ``knock_x``, ``knock_v``, the motion then; ``knock_harmful`` and
-        ``knock_harmless``, changes of velocity with their sign, less than 1e-9 of them apart;
-        ``knock_ends``, the number of the attractor that the harmful one leads to, -1: not known;
-        ``knock_certified``, whether both motions came to an attractor with no impact missed; and
-        ``knock_fractal``, whether changes are so near each other that a smaller knock may be
-        harmful, too. ``knock_harmful`` is inf where no knock up to the height of the window of
-        v0 is harmful, and NaN where the motion is not periodic.
+        `found`, and for each attractor:
+
+        - ``knock_phase``: omega t of the worst moment, in [0, 2 pi m) [rad];
+        - ``knock_x``, ``knock_v``: the state of the motion at this moment;
+        - ``knock_harmful``, ``knock_harmless``: changes of velocity with their sign, which differ
+          by less than 1e-9 of the knock. ``knock_harmful`` is inf if no knock up to the height of
+          the window of v0 is harmful, and NaN if the motion is not periodic;
+        - ``knock_ends``: the number of the attractor to which the harmful one leads, -1 if unknown;
+        - ``knock_certified``: whether both motions reached an attractor with no impact missed;
+        - ``knock_fractal``: whether harmless and harmful sizes alternate so closely that a smaller
+          knock may be harmful, too.
 
     Raises
     ------
@@ -96,7 +100,7 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
 
 
 class _Motions:
-    """The attractors of a parameter point, and on which of them a motion ends."""
+    """The attractors at a parameter point, and the knocks that lead from one to another."""
 
     def __init__(self, starts: xr.Dataset, found: xr.Dataset) -> None:
         self._config, self._oscillator = config_of(starts), oscillator_of(starts)
@@ -106,12 +110,15 @@ class _Motions:
         self._of_regime = dict(zip(columns[1], columns[0], strict=True))
         for number, _, m, x, v in zip(*columns, strict=True):
             if m > 0:
-                with suppress(OrbitError):  # as for too many periods: what ends there is unknown
+                with suppress(OrbitError):  # too many periods: motions that end there are unknown
                     phase = self._config.record.phase
                     self.orbits[number] = periodic_orbit(self._oscillator, x, v, m, phase)
 
     def _ends(self, phase: float, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where motions from states (n, 2) end, -1: unknown, and which are certified."""
+        """Return the attractors that motions from states (n, 2) reach, and which are certified.
+
+        The attractor is -1 if it is unknown.
+        """
         o = self._oscillator
         points = np.repeat(o.at(o.clearance), len(states))
         points["x0"], points["v0"] = states.T
@@ -133,19 +140,20 @@ class _Motions:
             left = left[(number[left] < 0) & np.isfinite(last[:, 0])]
             if not left.size:
                 break
-        number[left] = self._of_regime.get(Regime.CHAOTIC, -1)  # only time tells
+        number[left] = self._of_regime.get(Regime.CHAOTIC, -1)  # taken for chaos after all periods
         return number, certified
 
     def _first(self, home: int, phase: float, states: np.ndarray, ways: np.ndarray) -> Knock:
-        """Return the first harmful of the changes along ways (k, sizes) from states (n, 2), if any.
+        """Return the knock of the first harmful size, or one of infinite size if none is harmful.
 
-        All of a size come at once; the states are one forcing period apart.
+        `states`, shape (n, 2), are the motion at this phase in successive forcing periods. Each row
+        of `ways`, shape (k, sizes), has changes of velocity that start with a harmless one.
         """
         knocked = states[:, None, None] + np.stack([np.zeros_like(ways), ways], axis=2)
         ends = self._ends(phase % _TURN, knocked.reshape(-1, 2))
         number, certified = (values.reshape(knocked.shape[:3]) for values in ends)
         harmful = number != home
-        harmful[:, :, 0] = False  # as before: where the boundary is fractal, rounding decides
+        harmful[:, :, 0] = False  # known; at a fractal boundary, rounding could change it
         if not harmful.any():
             return Knock()
         size = int(harmful.any(axis=(0, 1)).argmax())
@@ -157,13 +165,13 @@ class _Motions:
         return Knock(phase + _TURN * turn, x, v, low, high, to, bool(known), bool(fractal))
 
     def _least(self, home: int, phase: float, sizes: np.ndarray) -> Knock:
-        """Return the least of increasing sizes, from 0, that is harmful at a phase, if any is."""
+        """Return the least harmful knock at a phase, out of sizes that increase from 0."""
         phase %= _TURN
         states = self.orbits[home].sections(phase)
         return self._first(home, phase, states, np.stack([sizes, -sizes]))
 
     def _divided(self, home: int, knock: Knock, share: float) -> Knock:
-        """Divide the interval of a knock, at its first change, until it is a share of the knock."""
+        """Divide the interval of a knock until its length is at most this share of the knock."""
         while abs(knock.harmful - knock.harmless) > share * _size(knock) < math.inf:
             sizes = np.linspace(knock.harmless, knock.harmful, 17)
             state = np.array([[knock.x, knock.v]])
@@ -174,9 +182,9 @@ class _Motions:
         return knock
 
     def _at(self, home: int, phase: float, near: float, zoom: float = 1.0) -> Knock:
-        """Return the least harmful knock at a phase, to 1e-7 of it, or one without a size.
+        """Return the least harmful knock at a phase, to 1e-7 of it, or one of infinite size.
 
-        It is looked for most finely near a size, the more so the larger the `zoom`.
+        It is sought near the size `near`, the more closely the larger the `zoom`.
         """
         sizes = near * np.array([0.0, *(1.0 + _NEAR / zoom)])
         return self._divided(home, self._least(home, phase, sizes), 1e-7)
@@ -213,7 +221,7 @@ def _size(knock: Knock) -> float:
 
 
 def at_section(oscillator: Oscillator, phase: float, x: float, v: float) -> tuple[float, float]:
-    """Return where a motion is when omega t is 2 pi next, to 1e-4 of it, as for a picture."""
+    """Return the state of a motion when omega t is next 2 pi, to 1e-4, enough for a picture."""
     phase %= _TURN
     motion = simulate(oscillator, 1, x0=x, v0=v, phase=phase)
     t, x_t, v_t = exact_samples(oscillator, motion.t, motion.x, motion.v)

@@ -1,9 +1,10 @@
-"""The stable periodic orbit that a motion goes to, where it settles too slowly for its record.
+"""The stable periodic orbit to which a motion converges, if it settles too slowly for its record.
 
-Beside a bifurcation motions settle ever more slowly, and a record shows a class that is not the
-attractor's, or none. Newton's method (`vibroimpact.orbits.periodic`) finds the periodic orbit near
-the last section of the record all the same. The motion goes to that orbit if the orbit is stable,
-and the motion is near it throughout the record and in the second half no farther than in the first.
+Near a bifurcation motions settle ever more slowly, and a record shows no class, or another class
+than that of the attractor. Newton's method (`vibroimpact.orbits.periodic`) still finds the periodic
+orbit near the last section of the record. The motion is taken to converge to this orbit if the
+orbit is stable, and if the motion is near it throughout the record, in the second half no farther
+than in the first.
 """
 
 from __future__ import annotations
@@ -15,18 +16,19 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit, doubled, peri
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.points.period_class import LONGEST_PERIOD
 
-#: A motion is near an orbit if no section is off by more than this share of the record's size.
+#: Largest distance of a motion from a nearby orbit at any section, relative to the record's size.
 _NEARNESS = 0.2
-#: A motion may be farther from its orbit in the second half of its record by this share: rounding.
+#: Allowance for rounding when the distances in both halves of a record are compared.
 _ROUNDING = 1e-6
-#: So many periods are tried where the record does not repeat: those after which it nearly does.
+#: Number of periods that are tried for a record that does not repeat, but nearly does after them.
 _TRIED_PERIODS = 4
 
 
 def orbit_at(point: np.void, m: int, phase: float) -> PeriodicOrbit:
     """Return the orbit near a point, of dtype POINT, whose start is its state at the section.
 
-    An impact rule may let it pass the stop. Raises OrbitError if none is found.
+    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
+    if no orbit is found.
     """
     oscillator = oscillator_of(point)
     x, v = point["x0"].item(), point["v0"].item()
@@ -36,10 +38,10 @@ def orbit_at(point: np.void, m: int, phase: float) -> PeriodicOrbit:
 def nearby_orbit(
     oscillator: Oscillator, record: np.ndarray, phase: float, m: int | None = None
 ) -> PeriodicOrbit | None:
-    """Find the stable periodic orbit that a motion goes to; None if none is found.
+    """Find the stable periodic orbit to which a motion converges; None if none is found.
 
-    The record has x and v at sections of the phase, shape (periods, 2). Without m, after which it
-    repeats, those are tried after which it nearly does.
+    `record` has x and v at sections of this phase, shape (periods, 2). It repeats after m periods;
+    without m, several numbers of periods after which it nearly repeats are tried.
     """
     if not np.isfinite(record).all():
         return None
@@ -47,7 +49,7 @@ def nearby_orbit(
     for periods in _nearly_repeats(record) if m is None else [m]:
         try:
             orbit = periodic_orbit(oscillator, x, v, periods, phase)
-            # The motion may not have left an orbit that has flipped.
+            # The motion may still be near the unstable orbit beyond a flip.
             orbit = orbit if orbit.stable else doubled(orbit)
         except OrbitError:
             continue
@@ -59,7 +61,7 @@ def nearby_orbit(
 def goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
     """Whether a motion is near an orbit throughout its record, and does not leave it.
 
-    Both are x and v at sections, shapes (periods, 2) and (m, 2), the orbit's in time order.
+    Both are given by x and v at sections, with the shapes (periods, 2) and (m, 2), in time order.
     """
     size = np.abs(record).max(axis=0)
     size[size == 0.0] = 1.0

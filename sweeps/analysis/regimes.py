@@ -1,20 +1,20 @@
 """The regime at each point of a sweep: periodic, with rest, chaotic, or not known.
 
-The regime of a point is what its record shows. The first of these that holds decides:
+The record of a point determines its regime. The first of these rules that applies decides:
 
-1. not computed, failed, or unbounded: by ``status``;
+1. not computed, failed or unbounded: according to ``status``;
 2. with rest: the mass rested on the stop during the record, after a complete chatter or, with
    R = 0, after an impact. Such a motion may be periodic, but its number of impacts depends on where
    a chatter is cut off;
 3. periodic: the record repeats (`vibroimpact.points.period_class.period_class`);
-4. by the larger Lyapunov exponent, where it is recorded. Over the time t of a record of k forcing
-   periods, tangent vectors grow by exp(lambda_1 t). On a torus they grow linearly at the most, so
-   that more than k-fold growth is chaos. From 1/k to k is neutral: a quasi-periodic motion, or a
-   periodic one too close to its bifurcation to have settled. Less is a motion that settles and has
-   not repeated yet, which is undecided;
+4. by the larger Lyapunov exponent, if it is recorded. Over the time t of a record of k forcing
+   periods, tangent vectors grow by exp(lambda_1 t). On a torus they grow at most linearly, so
+   growth by more than k is chaos. Growth between 1/k and k is neutral: a quasi-periodic motion, or
+   a periodic one too close to its bifurcation to have settled. If the growth is less, the motion
+   settles but has not repeated yet, and is undecided;
 5. undecided.
 
-The class of a motion is its regime with m and q. Where the class changes along an axis, there is a
+The class of a motion is its regime with m and q. If the class changes along an axis, there is a
 bifurcation.
 """
 
@@ -34,7 +34,7 @@ from vibroimpact.status import Status
 
 
 class Regime(IntEnum):
-    """What a record shows of a motion."""
+    """The regime of a motion according to its record."""
 
     PENDING = 0
     FAILED = 1
@@ -46,12 +46,12 @@ class Regime(IntEnum):
     UNDECIDED = 7
 
 
-#: Regimes in which the record does not show the attractor.
+#: Regimes of motions whose record does not show the attractor.
 UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 
 
 def has_result(status: np.ndarray) -> np.ndarray:
-    """Return which points were computed and did not fail."""
+    """Return the mask of points that were computed and did not fail."""
     return ~np.isin(status, [outcome for outcome in Status if outcome.failed])
 
 
@@ -67,10 +67,10 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
 
 
 def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
-    """Return the `Regime` that results of a record of so many periods show, in any shape (...).
+    """Return the `Regime` of results of any shape (...), from records of `periods` forcing periods.
 
-    The results are ``status``, ``rest_fraction``, ``period`` and, where it is recorded,
-    ``lyapunov`` of shape (..., 2), as in a file.
+    The results are ``status``, ``rest_fraction``, ``period`` and, if recorded, ``lyapunov`` of
+    shape (..., 2), as in a file.
     """
     status = results["status"]
     rules = [
@@ -98,15 +98,16 @@ def frequent_periods(period: np.ndarray, impacts: np.ndarray, count: int) -> lis
     return sorted((int(m), int(q)) for m, q in frequent)
 
 
-#: Regimes that have a class. Of the others it is not known where the motion ends.
+#: Regimes that have a class; for the others the attractor is not known.
 _CLASSIFIED = (Regime.UNBOUNDED, Regime.REST, Regime.PERIODIC, Regime.CHAOTIC)
 _WORDS = {Regime.UNBOUNDED: "unbounded", Regime.REST: "rest", Regime.CHAOTIC: "chaos"}
 
 
 class Label(NamedTuple):
-    """The class of a motion: its regime, and m forcing periods and q impacts where these are known.
+    """The class of a motion: its regime, with m forcing periods and q impacts if known, else 0.
 
-    They are those of a periodic motion, and of one with rest at R = 0, where no chatter is cut off.
+    m and q are known for periodic motions, and for motions with rest at R = 0, which have no
+    chatter that is cut off.
     """
 
     regime: Regime
@@ -125,11 +126,11 @@ class Change:
     Attributes
     ----------
     low, high : float
-        The nearest values whose classes are known.
+        The nearest values with known classes.
     before, after : Label
-        The classes there.
+        The classes at `low` and `high`.
     between : int
-        Points between them at which nothing can be said of the class.
+        Number of points of unknown class between them.
     """
 
     low: float
@@ -140,10 +141,10 @@ class Change:
 
     @property
     def kind(self) -> str:
-        """What the two classes suggest, which is no proof.
+        """The kind that the two classes suggest, without proof.
 
-        ``flip``: m and q double; ``rest``, ``chaos`` and ``unbounded``: that begins or ends;
-        ``unknown``: anything else.
+        ``flip`` if m and q double; ``rest``, ``chaos`` or ``unbounded`` if this regime begins or
+        ends; otherwise ``unknown``.
         """
         ends = {self.before.regime, self.after.regime}
         for regime, word in _WORDS.items():
@@ -154,7 +155,7 @@ class Change:
 
 
 def labels(line: xr.Dataset) -> list[Label | None]:
-    """Return the class at every point of a line with ``period``; None where it is not known."""
+    """Return the class at every point of a line with ``period``; None if it is not known."""
     regimes = classify(line)
     counted = regimes == Regime.PERIODIC
     if not parameter_at_points(line, "R").any():
@@ -167,7 +168,7 @@ def labels(line: xr.Dataset) -> list[Label | None]:
 
 
 def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Change]:
-    """Yield the changes of class along increasing values, passing over what is not known."""
+    """Yield the changes of class along increasing values, ignoring points of unknown class."""
     classified = [(i, label) for i, label in enumerate(classes) if label is not None]
     for (i, before), (j, after) in pairwise(classified):
         if before != after:
@@ -175,7 +176,7 @@ def changes(values: np.ndarray, classes: Sequence[Label | None]) -> Iterator[Cha
 
 
 def cascades(line: Sequence[Change]) -> Iterator[list[Change]]:
-    """Yield the runs of three flips and more, each of the orbit that arose in the flip before."""
+    """Yield the runs of at least three flips, each of the orbit that arose in the previous flip."""
     flips = [change for change in line if change.kind == "flip"]
     for upwards in (True, False):
         run: list[Change] = []

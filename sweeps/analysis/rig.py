@@ -1,4 +1,4 @@
-"""Results of a rig as its user reads them, in SI units, for pictures, tables and cuts."""
+"""Conversion between the model and the SI units of a rig, for pictures, tables and cuts."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sweeps.analysis.selection import Selection, config_of
 from sweeps.config.rig import QUANTITIES, RigConfig, model_name, si_name, si_values
 from sweeps.store.variables import COLUMNS
 
-#: The attribute of a dataset that is in SI units already.
+#: Attribute that marks a dataset in SI units.
 _DONE = "in_si"
 
 
 def rig_of(dataset: xr.Dataset) -> RigConfig | None:
-    """Return the rig of an opened sweep, or of one in memory, if there is one."""
+    """Return the rig of an opened sweep, or of a sweep in memory, if it has one."""
     text = dataset.attrs["configuration"]
     if isinstance(text, str) and not re.search("^rig:", text, re.MULTILINE):
         return None  # without reading a table
@@ -26,10 +26,11 @@ def rig_of(dataset: xr.Dataset) -> RigConfig | None:
 
 
 def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
-    """Return what was computed of a rig with the names and in the units of the rig.
+    """Convert the dataset of a rig to the names and SI units of the rig.
 
-    It is a sweep, or what an analysis found in the sweep `of`. That of no rig, and what is in SI
-    units already, are returned as they are. Analyses need the names of the model.
+    The dataset is a sweep, or the result of an analysis of the sweep `of`. It is returned unchanged
+    if the sweep has no rig, or if it is in SI units already. Analyses need the names of the model,
+    so convert only their results.
     """
     rig = rig_of(dataset if of is None else of)
     if rig is None or _DONE in dataset.attrs:
@@ -45,7 +46,7 @@ def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
     coordinates = {name: values for name, values in changed.items() if name in axes}
     si = dataset.assign({name: changed[name] for name in changed.keys() - coordinates.keys()})
     si = si.assign_coords(coordinates).assign_attrs({_DONE: 1})
-    if COLUMNS in si.attrs:  # of a table, which has other names from here on
+    if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
         columns = [si_name(name, rig) for name in si.attrs[COLUMNS].split()]
         si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
     if "special_value" in si:  # of branches
@@ -59,18 +60,18 @@ def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
 
 
 def _of(name: str, values: Any, rig: Any) -> np.ndarray:
-    """Return values of a parameter of the model in SI units."""
+    """Convert values of a parameter of the model to SI units."""
     return np.asarray(si_values({name: values}, rig)[si_name(name, rig)])
 
 
 def model_axes(dataset: xr.Dataset, names: Iterable[str]) -> list[str]:
-    """Return the model's names of axes that are named as in `in_si`."""
+    """Convert names of axes, as in the result of `in_si`, to those of the model."""
     rig = rig_of(dataset)
     return [model_name(name) if rig else name for name in names]
 
 
 def in_model(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
-    """Return values of axes that are named and given as in `in_si` as those of the model."""
+    """Convert values of axes, as in the result of `in_si`, to names and units of the model."""
     rig, values = rig_of(dataset), dict(at)
     if rig is None:
         return values

@@ -1,14 +1,15 @@
-"""Periodic motions as cycles of section states: how far two are apart, and which are the same.
+"""Periodic motions as cycles of section states: their distances, and which of them are equal.
 
-A cycle is the states of a motion at m passages of the section, shape (m, 2), in time order but from
-any of the m on: a motion of m forcing periods can be reached at m phases. Distances are between
-states at matched places of two cycles, for the best of the rotations against each other, so that
-states that are nearly equal in one coordinate cannot be taken for each other.
+A cycle consists of the states of a motion at m passages of the section, shape (m, 2), in time
+order. It may begin at any of the m states, because a motion of m forcing periods can be reached at
+m phases. The distance of two cycles compares the states at matching places, for the best rotation
+of one against the other. So states that nearly agree in one coordinate cannot be confused.
 
-When the phase of an impact passes that of the section, the state at the section jumps from before
-the impact to after it, though the motion does not. So a state just before an impact is near one
-just after it: they are as far apart as both are from the impact (Biemond, van de Wouw, Heemels &
-Nijmeijer 2013, IEEE Trans. Autom. Control 58, 876-890).
+If the phase of an impact passes the phase of the section along an axis, the state at the section
+jumps from before the impact to after it, although the motion changes continuously. Therefore a
+state just before an impact counts as near a state just after it: their distance is the distance of
+both from the impact (Biemond, van de Wouw, Heemels & Nijmeijer 2013, IEEE Trans. Autom. Control 58,
+876-890).
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-#: Cycles closer than this, relative to their greatest coordinate, are one motion.
+#: Cycles closer than this, relative to their greatest coordinate, are the same motion.
 TOLERANCE = 1e-3
-#: Numbers that are compared at a time: as many as stay in the cache.
+#: Number of values compared at a time, so that they stay in the cache.
 _PART = 50_000
 
 
@@ -32,10 +33,10 @@ class Cycles:
     Attributes
     ----------
     states : ndarray, shape (n, m, 2)
-        x - clearance and v, in one unit, say v / omega: tolerances are relative to the distance
-        from the stop, wherever the stop is.
+        x - clearance and v in the same unit, for example v / omega. Tolerances are thus relative to
+        the distance from the stop, wherever the stop is.
     R : ndarray, shape (n,)
-        Of the impact.
+        Coefficient of restitution.
     """
 
     states: np.ndarray
@@ -50,11 +51,11 @@ class Cycles:
 
     @property
     def m(self) -> int:
-        """Forcing periods of a turn."""
+        """Number of forcing periods of each cycle."""
         return self.states.shape[1]
 
     def last(self, m: int) -> Cycles:
-        """Return the last m states of each."""
+        """Return the last m states of each cycle."""
         return Cycles(self.states[:, -m:], self.R)
 
 
@@ -65,10 +66,10 @@ def section_distance(
     R: np.ndarray,
     scale: np.ndarray | tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
-    """Return how far states at a section are apart, directly or through an impact.
+    """Return the distance of states at a section, directly or through an impact, if that is less.
 
-    States are x and v, shape (..., 2), `scale` their units; the clearance and R are broadcast
-    against x. The distance is the larger of those in x and in v, in these units.
+    States are x and v, shape (..., 2), and `scale` gives their units. The clearance and R are
+    broadcast against x. The distance is the larger of the distances in x and in v, in these units.
     """
     (x, v), (x_0, v_0) = np.moveaxis(states, -1, 0), np.moveaxis(states_0, -1, 0)
     X, V = np.moveaxis(np.asarray(scale), -1, 0)
@@ -79,11 +80,11 @@ def section_distance(
 
 
 def distances(a: Cycles, b: Cycles) -> np.ndarray:
-    """Return how far cycles are apart, irrespective of where each begins, shape (n,).
+    """Return the distances of cycles, shape (n,), irrespective of the state at which each begins.
 
-    A cycle of `b` may be k times as long; it is compared with k turns of `a`. The distance is the
-    largest difference of a coordinate, in the rotation in which it is least, over the greatest
-    absolute coordinate of both cycles; 0 if all coordinates are 0.
+    If the cycles of `b` are k times as long, they are compared with k turns of `a`. The distance is
+    the largest difference of a coordinate, for the rotation that makes it least, divided by the
+    greatest absolute coordinate of both cycles; 0 if all coordinates are 0.
     """
     turns = b.m // a.m
     result = np.empty(len(a))
@@ -109,14 +110,14 @@ def sizes(states: np.ndarray) -> np.ndarray:
 
 
 def _greatest(table: np.ndarray) -> np.ndarray:
-    """Return the maximum of each row, column by column, which is fast for many short rows."""
+    """Return the maximum of each row; taking it column by column is fast for many short rows."""
     return reduce(np.maximum, table.T)
 
 
 def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
-    """Return the least divisor of m after which a cycle comes back to within `tolerance`.
+    """Return the least divisor of m after which a cycle repeats within `tolerance`.
 
-    The states have the shape (n, m, 2), the result (n,).
+    The states have the shape (n, m, 2), and the result has the shape (n,).
     """
     n, m, _ = states.shape
     shortest = np.full(n, m)
@@ -129,13 +130,12 @@ def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarra
 
 
 def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
-    """Find the cycles that are the same motion, within groups of numbers, shape (n,).
+    """Return for each cycle the index of a cycle that represents the same motion, shape (n,).
 
-    Returned is the index of a cycle that stands for the motion, its own for one in each. Cycles in
-    the order of their mean first coordinate are chained where neighbours are within `tolerance`;
-    chains whose first cycles are within it are then taken together. So the result does not depend
-    on the order in which the cycles come, and cycles on their way to one motion are not divided by
-    where they happen to lie.
+    Only cycles with the same number in `group` are compared. Cycles are sorted by their mean first
+    coordinate, and neighbours within `tolerance` form chains. Chains whose first cycles are within
+    `tolerance` of each other are merged. So the result does not depend on the order of the cycles,
+    and cycles that converge to the same motion are not separated by an arbitrary boundary.
     """
     order = np.lexsort((cycles.states[:, :, 0].mean(axis=1), group))
     head = np.arange(len(order))

@@ -1,4 +1,4 @@
-"""What a picture or a table shows of a sweep: its configuration, a cut through it, its values."""
+"""Selecting data of a sweep for a picture or a table: its configuration, cuts and coordinates."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from vibroimpact.status import Status
 if TYPE_CHECKING:
     from vibroimpact.orbits.orbit import PeriodicOrbit
 
-#: Where a picture cuts: values of swept axes, and of ``direction`` a name.
+#: Where a sweep is cut: a value for each swept axis, and a name for ``direction``.
 Selection = Mapping[str, float | str]
 
 
 def dataset_of(
     config: SweepConfig, axes: Mapping[str, np.ndarray], results: Mapping[str, np.ndarray]
 ) -> xr.Dataset:
-    """Return results in memory in the form of an opened file, so that all analyses can read them.
+    """Return results in memory as a Dataset like an opened file, so that all analyses can read it.
 
-    The `axes` are the swept parameters with their values at these points, slowest first; the
-    results are arrays of shape (points, ...), in C order over the axes.
+    `axes` are the swept parameters with their values, slowest first. `results` are arrays of shape
+    (points, ...), in C order over the axes.
     """
     shape = tuple(map(len, axes.values()))
     variables = {}
@@ -46,9 +46,10 @@ def dataset_of(
 
 
 def config_of(dataset: xr.Dataset) -> SweepConfig:
-    """Return the configuration of an opened sweep, or of one in memory.
+    """Return the configuration of an opened sweep, or of a sweep in memory.
 
-    Raises ConfigError if a file has one that is not valid, as one of another version may be.
+    Raises ConfigError if the configuration in a file is not valid, for example because another
+    version wrote it.
     """
     configuration = dataset.attrs["configuration"]
     if isinstance(configuration, SweepConfig):
@@ -61,27 +62,27 @@ def config_of(dataset: xr.Dataset) -> SweepConfig:
 
 @lru_cache(maxsize=8)
 def _parsed(configuration: str) -> SweepConfig:
-    """Read the configuration of a file, once for all parts of a picture."""
+    """Parse the configuration of a file; the cache avoids doing so for each part of a picture."""
     return parse_config(configuration, "its configuration", "sweep")
 
 
 def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:
-    """Return the oscillator of a point of a sweep, or of its parameters by name."""
+    """Return the oscillator at a point of a sweep, or with parameters given by name."""
     return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
 
 
 def listed(names: Iterable[str]) -> str:
-    """Write names with commas between them."""
+    """Join names with commas."""
     return ", ".join(names)
 
 
 def swept_axes(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Name the swept axes in the order of the file."""
+    """Return the names of the swept axes in the order of the file."""
     return tuple(str(name) for name in dataset["status"].dims if name != DIRECTION)
 
 
 def directions(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Name the directions that a sweep was followed in; none where there is no such dimension."""
+    """Return the directions of a sweep that was followed both ways; otherwise none."""
     return tuple(dataset[DIRECTION].values) if DIRECTION in dataset["status"].dims else ()
 
 
@@ -91,10 +92,9 @@ def split_directions(line: xr.Dataset) -> list[xr.Dataset]:
 
 
 def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
-    """Replace values by the nearest of the grid where they differ by more than rounding.
+    """Replace values that are not on the grid, except for rounding, by the nearest grid values.
 
-    Raises Refused if there is no such swept axis, a value is outside it, or there is no such
-    direction.
+    Raises Refused if there is no such swept axis or direction, or if a value is outside its axis.
     """
     axes = swept_axes(dataset)
     fixed_at: dict[str, float | str] = {}
@@ -110,7 +110,7 @@ def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
             raise Refused(f"{name} = {value} is not a number")
         values = dataset[name].values
         low, high = float(values.min()), float(values.max())
-        slack = 1e-9 * max(abs(low), abs(high))  # the user's 0.3 may be the grid's 0.1 * 3
+        slack = 1e-9 * max(abs(low), abs(high))  # a user types 0.3 for a grid value of 0.1 * 3
         if not low - slack <= value <= high + slack:
             raise Refused(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
         closest = float(values[np.argmin(np.abs(values - value))])
@@ -119,7 +119,7 @@ def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
 
 
 def _direction(dataset: xr.Dataset, name: str) -> str:
-    """Return the name of a direction of the sweep; refuse another."""
+    """Return the name of a direction of the sweep; refuse any other name."""
     valid = directions(dataset)
     if not valid:
         raise Refused("direction cannot be fixed here; the sweep was not followed in both")
@@ -130,9 +130,9 @@ def _direction(dataset: xr.Dataset, name: str) -> str:
 
 
 def select(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()) -> xr.Dataset:
-    """Fix every swept axis but those `free` at the grid value nearest to `at`, or at its first.
+    """Fix each swept axis that is not in `free` at the grid value nearest to `at`, or at its first.
 
-    Of two directions the first is taken, too, unless ``direction`` is `free` and not in `at`.
+    ``direction`` is also fixed at its first value, unless it is in `free` or `at`.
     """
     axes = [name for name in swept_axes(dataset) if name not in free]
     for name in at or {}:
@@ -159,9 +159,10 @@ def check_diagnostic(dataset: xr.Dataset, name: str) -> None:
 
 
 def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind: str) -> list[str]:
-    """Return the swept axes that a picture shows, by default the longest; of equals, the first.
+    """Return the `count` swept axes that a picture shows.
 
-    Raises Refused if the file has not so many, or not the ones asked for.
+    By default they are the longest ones, and among equally long axes the first. Raises Refused if
+    the file has fewer axes, or not the requested ones.
     """
     axes = swept_axes(dataset)
     if TABLE in axes:
@@ -189,7 +190,7 @@ def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind:
 def recorded(
     dataset: xr.Dataset, names: tuple[str, ...], at: Selection | None
 ) -> tuple[xr.Dataset, list[np.ndarray]]:
-    """Read variables at one point, without the padding."""
+    """Read variables at one point, without padding; refuse a point that has no values."""
     missing = [name for name in names if name not in dataset]
     if missing:
         raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
@@ -202,7 +203,7 @@ def recorded(
     return point, list(columns)
 
 
-#: The coordinates by name; the height is not in a file, but follows from x and the clearance.
+#: The coordinates by name. The height is not in a file, but computed from x and the clearance.
 COORDINATES: Mapping[str, Variable] = {
     "poincare_x": VARIABLES["poincare_x"],
     "poincare_v": VARIABLES["poincare_v"],
@@ -213,18 +214,18 @@ COORDINATES: Mapping[str, Variable] = {
 
 
 def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
-    """Return a coordinate at the points of a sweep, as read from the file or computed from x."""
+    """Return a coordinate at the points of a sweep, read from the file or computed from x."""
     if coordinate != "poincare_height":
         return dataset[coordinate]
     x = dataset["poincare_x"]
-    clearance = dataset["clearance" if "clearance" in dataset.coords else "gap"]  # of a rig
+    clearance = dataset["clearance" if "clearance" in dataset.coords else "gap"]  # gap of a rig
     return (clearance - x).transpose(*x.dims)
 
 
 def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:
     """Return the coordinates of an orbit by name, in time order, shapes (m,) and (q,).
 
-    The phases of the impacts increase; `phase` is that of the section [rad].
+    The phases of the impacts increase. `phase` is the phase of the section [rad].
     """
     x, v = orbit.sections(phase).T
     values = (x, v, orbit.oscillator.clearance - x, orbit.speeds, orbit.phases)

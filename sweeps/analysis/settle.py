@@ -1,21 +1,21 @@
 """Follow motions whose record does not show their attractor until they settle.
 
-A motion is followed on if it has not settled in its record: it neither repeats nor rests twice.
-Each extension makes the motion four times as long, from the last section on and with the method of
-the file. A motion that still has not settled is given the stable orbit that it goes to
-(`sweeps.analysis.nearby_orbit`), if there is such an orbit, and no chaos at its parameter point: a
-chaotic motion may be near a stable orbit for a record.
+A motion is followed further if it has not settled in its record, that is, if it neither repeats nor
+rests twice. Each extension makes the motion four times as long, continuing from the last section
+with the method of the file. A motion that still has not settled is assigned the stable orbit to
+which it converges (`sweeps.analysis.nearby_orbit`), if there is such an orbit and no chaos at its
+parameter point: a chaotic motion may stay near a stable orbit for a whole record.
 
-**Rest.** A rest leaves nothing of the past, so all motions of a parameter point that have rested
-have one future. A motion that rests twice is periodic. But where a motion that has rested is
-chaotic later, the time between two rests is longer than a record, and whether a record shows rest
-or chaos is chance: there rest and chaos are one attractor.
+**Rest.** A rest erases the past, so all motions of a parameter point that have rested have the same
+future. A motion that rests twice is periodic. But if a motion that has rested is chaotic later, the
+time between two rests is longer than a record, and it is a matter of chance whether a record shows
+rest or chaos. In this case rest and chaos are the same attractor.
 
-**Chaos** may be a long transient. It is followed on once, and then for as long as some of the
-chaotic motions of its parameter point settle. Where some settled in the last extension, the others
-are undecided.
+**Chaos** may be a long transient. A chaotic motion is followed further once, and then for as long
+as some of the chaotic motions of its parameter point settle. If some settled in the last extension,
+the others are undecided.
 
-Motions that never settle, as without damping, would take forever: all motions together are followed
+Some motions never settle, for example without damping. Therefore all motions together are followed
 for at most ``MOST_FOLLOWED`` forcing periods.
 """
 
@@ -35,27 +35,27 @@ from sweeps.config.sweep import SweepConfig
 from vibroimpact import integrate
 from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
 
-#: How often a motion is followed on, four times as long each time.
+#: How often a motion is followed further, each time four times as long.
 EXTENSIONS = 4
-#: The most forcing periods over which tangent vectors grow. Weak chaos shows after many only.
+#: Most forcing periods over which Lyapunov exponents are computed; weak chaos needs many to show.
 _LONG = 1024
-#: Forcing periods of the last record of a motion followed on: twice the longest repetition.
+#: Forcing periods of the last record of a motion followed further: twice the longest repetition.
 _RECORD = 2 * LONGEST_PERIOD
-#: The most forcing periods that all motions together are followed for.
+#: Most forcing periods for which all motions together are followed.
 MOST_FOLLOWED = 300_000_000
-#: After this many motions of a parameter point lead to no orbit, no more are tried.
+#: Number of failed searches for an orbit after which no more are made at a parameter point.
 _MOST_FAILURES = 5
-#: Points that are followed in one call.
+#: Number of points that are followed in one call.
 _PART = 4_000
 
 
 def follow(
     config: SweepConfig, points: np.ndarray, periods: int, **options: Any
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Follow motions on from their states at the section, with the method of a sweep.
+    """Follow motions from their states at the section, with the method of a sweep.
 
-    The options are of `vibroimpact.integrate`. Return its results, and the states at the sections,
-    shape (n, periods, 2).
+    `options` are arguments of `vibroimpact.integrate`. Returns its results and the states at the
+    sections, shape (n, periods, 2).
     """
     record = {"transient": 0, "phase": config.record.phase, "impacts": 0} | options
     results = integrate(points, **config.integration, periods=periods, at_section=True, **record)
@@ -63,18 +63,17 @@ def follow(
 
 
 class Outcomes:
-    """What the motions of a file are: by their records, and in the long run once followed on.
+    """The regimes and classes of the motions of a file, from their records or from longer runs.
 
     Attributes
     ----------
     regime, m, q : ndarray of int, shape (n,)
-        The `Regime` at each point, and forcing periods and impacts per repetition of a periodic
-        motion, otherwise 0.
+        The `Regime` at each point; forcing periods and impacts per repetition of a periodic motion,
+        otherwise 0.
     followed : ndarray of bool, shape (n,)
-        Whether the motion was followed on: then these values come from the longer run, not from
-        its record.
+        Whether the motion was followed further, so that these values come from the longer run.
     cycles : dict of int to ndarray, shape (m, 2)
-        The section states of the periodic motions that were followed on, by point.
+        The section states of the periodic motions that were followed further, by point.
     """
 
     def __init__(self, dataset: xr.Dataset, points: GridIndex) -> None:
@@ -93,9 +92,9 @@ class Outcomes:
         self._orbits: dict[int, list[tuple[int, int, np.ndarray]]] = {}
 
     def follow_on(self, last: np.ndarray, extensions: int) -> None:
-        """Follow the motions that have not settled on from their `last` states, shape (n, 2).
+        """Follow the motions that have not settled from their `last` states, shape (n, 2).
 
-        Each extension, of at most so many, makes them four times as long.
+        Each of at most `extensions` extensions makes them four times as long.
         """
         self._last = last.copy()
         left, chaos_ends = MOST_FOLLOWED, np.zeros(self._points.count, bool)
@@ -117,17 +116,17 @@ class Outcomes:
             self._conclude(chaos_ends)
 
     def _at_points(self, which: np.ndarray) -> np.ndarray:
-        """Return at which parameter points some of these motions are."""
+        """Return the mask of the parameter points that have some of the motions in `which`."""
         return np.bincount(self._points.parameter[which], minlength=self._points.count) > 0
 
     def _chaotic(self) -> np.ndarray:
-        """Return which motions are chaotic, or rest where a rest leads to chaos."""
+        """Return the mask of motions that are chaotic, or that rest where a rest leads to chaos."""
         chaotic = self.regime == Regime.CHAOTIC
         leads_to_chaos = self._at_points(chaotic & (self._rests > 0))
         return chaotic | ((self.regime == Regime.REST) & leads_to_chaos[self._points.parameter])
 
     def _conclude(self, chaos_ends: np.ndarray) -> None:
-        """Give the chaotic motions of a parameter point one kind."""
+        """Assign the same regime to all chaotic motions of a parameter point."""
         parameter, chaotic = self._points.parameter, self._chaotic()
         rests_again = self._at_points(chaotic & (self._rests > 1))[parameter]
         self.regime[chaotic] = np.where(rests_again[chaotic], Regime.REST, Regime.CHAOTIC)
@@ -136,17 +135,17 @@ class Outcomes:
     def _record(
         self, at: np.ndarray, periods: int, lyapunov: bool = False
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Follow motions over a record as `follow` does, and count their rests."""
+        """Follow motions as `follow` does, keep their last states, and count their rests."""
         points = self._points.at_states(at, *self._last[at].T)
         results, sections = follow(self._config, points, periods, lyapunov=lyapunov)
         last = sections[:, -1]
-        # NaN after a failure, which the next record shows again
+        # A failed motion keeps its old state, so that the next record fails again.
         self._last[at] = np.where(np.isfinite(last), last, self._last[at])
         self._rests[at] += _rests(results["rest_fraction"], results["chatters"])
         return results, sections
 
     def _follow(self, at: np.ndarray, length: int) -> None:
-        """Follow motions over so many periods and a record, and store what that shows."""
+        """Follow motions over `length` periods and a last record, and store their regimes."""
         for done in range(0, length - _LONG, _LONG):
             self._record(at, min(length - _LONG - done, _LONG))
         grown = min(length, _LONG)
@@ -173,7 +172,7 @@ class Outcomes:
                 self._store_orbit(i, record, failures)
 
     def _store_orbit(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
-        """Store the stable orbit that a motion goes to, if there is one."""
+        """Store the stable orbit to which a motion converges, if there is one."""
         parameter = int(self._points.parameter[i])
         orbits = self._orbits.setdefault(parameter, [])
         class_and_cycle = next((orbit for orbit in orbits if goes_to(record, orbit[2])), None)
@@ -194,7 +193,7 @@ class Outcomes:
 
 
 def _rests(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:
-    """Count the rests of records; one that lasts is two, since nothing else can follow it."""
+    """Count the rests in records; a rest that lasts counts as two, since nothing can follow it."""
     return np.where(share > 0.999, 2, chatters)
 
 
@@ -203,8 +202,8 @@ def orbit_speeds(
 ) -> list[np.ndarray]:
     """Compute the speeds before the impacts of periodic motions, with the method of a file.
 
-    The motions begin in the states of `points` at the section, and have m periods and q impacts per
-    repetition; of each, q speeds are returned, increasing.
+    The motions start from the states of `points` at the section, and have m periods and q impacts
+    per repetition. The q speeds of each motion are returned in increasing order.
     """
     speeds = []
     for i in range(len(points)):

@@ -1,4 +1,4 @@
-"""Tables as CSV and Parquet files, and those of exact branches and curves."""
+"""Writing tables as CSV and Parquet files, and the tables of exact branches and curves."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ if TYPE_CHECKING:
 
 
 def write_csv(path: Path, frame: pd.DataFrame) -> None:
-    """Write a table to a CSV file with all digits, whole or not at all."""
+    """Write a table to a CSV file with all digits, either whole or not at all."""
     with writing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
         frame.to_csv(file, index=False, float_format=float.__repr__, lineterminator="\n")
 
 
 def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
-    """Return a row for every section of the orbits of `branches`, or for every impact.
+    """Return a row for every section, or for every impact, of the orbits of `branches`.
 
-    That is as the `coordinate` has it; they are numbered from 1. The special points, which have a
-    kind, come after all branches. Of an orbit, the row has both Floquet multipliers.
+    The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
+    both Floquet multipliers of its orbit. The special points, which have a kind, come after all
+    branches.
     """
     import pandas as pd
 
@@ -82,13 +83,13 @@ def curve_table(found: xr.Dataset) -> pd.DataFrame:
     return frame.sort_values("curve", kind="stable")
 
 
-#: Points that are held in memory at a time for a CSV file.
+#: Number of points in memory at a time while a CSV file is written.
 _PART = 200_000
 ENDINGS = (".csv", ".parquet")
 
 
 def check_table(path: Path) -> None:
-    """Refuse a file with another ending than ``ENDINGS``, or that cannot be written here."""
+    """Refuse a file whose ending is not one of ``ENDINGS``, or that cannot be written."""
     if path.suffix not in ENDINGS:
         raise Refused(f"the table {path} is not allowed; expected: a .csv or .parquet file")
     check_target(path, "table")
@@ -102,8 +103,8 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
     """Write a row for every point: its parameters, and every result that is a single number.
 
     Lyapunov exponents are ``lyapunov_1`` and ``lyapunov_2``; ``status`` is written as its name. All
-    digits are kept, so that a CSV file gives the same numbers back; NaN is an empty field. The file
-    is replaced only when the table is complete. Return the number of rows.
+    digits are kept, so that reading a CSV file gives the same numbers; NaN is an empty field. The
+    file is replaced only when the table is complete. Returns the number of rows.
     """
     check_table(path)
     scalars = in_si(_scalars(dataset))
@@ -112,7 +113,7 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
         if path.suffix == ".parquet":
             _frame(scalars).to_parquet(new, index=False)
         else:
-            digits = float.__repr__  # all of them, whatever NumPy prints
+            digits = float.__repr__  # all digits, whatever the print options of NumPy
             with new.open("w", encoding="utf-8", newline="") as file:
                 for i, block in enumerate(grid_of(dataset).blocks(_PART)):
                     part = _frame(scalars.isel(dict(zip(axes, block, strict=True))))
@@ -121,7 +122,7 @@ def write_points(dataset: xr.Dataset, path: Path) -> int:
 
 
 def _scalars(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the results that are a single number per point."""
+    """Return the results with a single number per point, and each Lyapunov exponent."""
     axes = set(dataset["status"].dims)
     columns = {}
     for name in VARIABLES:
@@ -136,7 +137,7 @@ def _scalars(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _frame(scalars: xr.Dataset):  # type: ignore[no-untyped-def]
-    """Return the rows of points, in C order over the file."""
+    """Return a row for each point, in the C order of the file."""
     names = {int(status): status.name.lower() for status in Status}
     axes = [str(name) for name in scalars["status"].dims]
     rig = rig_of(scalars)

@@ -1,17 +1,18 @@
-"""Track attractors from one parameter point to the next: one number for each along the axes.
+"""Track attractors from one parameter point to the next: each has one number along the axes.
 
-Two attractors at neighbouring values of an axis get one number if each cycle is the nearest to the
-other and they are no further apart than ``MAX_DISTANCE``; or, if a step moves the section by more,
-if both are on the same exact branch (`vibroimpact.branch`): it is stable from the one value to the
-other and ends at the other orbit, or the branches of m and of 2 m periods meet in a flip. An
-attractor keeps its number through a flip: an orbit of m periods may go on as a nearby orbit of 2 m
-or m / 2 periods, as the branches of a diagram do. It loses its number in a jump, as at the end of a
-window.
+Two attractors at neighbouring values of an axis get the same number if each is the nearest to the
+other and their distance is at most ``MAX_DISTANCE``. If a step moves the section by more, they get
+the same number if both are on the same exact branch (`vibroimpact.branch`): either the branch is
+stable from one value to the other and leads to the other orbit, or the branches of m and of 2 m
+periods meet in a flip. An attractor keeps its number through a flip: an orbit of m periods may
+continue as a nearby orbit of 2 m or m / 2 periods, as the branches of a diagram do. It loses its
+number in a jump, for example at the end of a window.
 
-These links make chains along the longest axis, also over gaps of ``MAX_GAP`` of the axis: beside a
-flip the motion settles slowly, and for a few values no repetition is found. Along the other axes
-chains are joined, the longest border first, but never two chains that coexist somewhere. Around a
-cusp, where one attractor leads to another, the number therefore changes along some line.
+These links form chains along the longest axis, also over gaps of at most ``MAX_GAP`` of the axis,
+because near a flip motions settle slowly and at a few values no repetition is found. Along the
+other axes chains are joined, those with the longest border first, but never two chains that coexist
+at some point. Around a cusp, where one attractor leads to another, the number therefore changes
+along some line.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Attractors further apart than this, relative to their greatest coordinate, are different.
+#: Attractors farther apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2
-#: The most pairs that are tried by their exact branches, each for some milliseconds.
+#: Most pairs whose exact branches are tried; each pair takes some milliseconds.
 MOST_BRANCHES = 1000
-#: The longest gap that is bridged, as a share of an axis.
+#: Longest gap that is bridged, as a share of an axis.
 MAX_GAP = 1 / 32
-#: Orbits and flips are the same to this share: that of Newton's method, and a margin.
+#: Relative tolerance for equal orbits and flips: that of Newton's method, with a margin.
 _TOLERANCE = 1e-6
 
-#: Whether one attractor goes on as another, which is beside it on the longest axis.
+#: Tells whether an attractor continues as another one at the next value of the longest axis.
 Continues = Callable[[int, int], bool]
 
 
@@ -53,14 +54,15 @@ class PeriodicAttractors:
     Attributes
     ----------
     at : ndarray of int, shape (n,)
-        The number of the point that stands for the attractor.
+        Index of the point that represents the attractor.
     point : ndarray of int, shape (n,)
-        The number of its parameter point, increasing.
+        Index of its parameter point, increasing.
     m : ndarray of int, shape (n,)
-        Forcing periods.
+        Forcing periods per repetition.
     place : ndarray of int, shape (n,)
-        Where the cycle is in ``cycles[m]``.
+        Index of its cycle in ``cycles[m]``.
     cycles : mapping of int to Cycles
+        The cycles, by m.
     """
 
     at: np.ndarray
@@ -70,7 +72,7 @@ class PeriodicAttractors:
     cycles: Mapping[int, Cycles]
 
     def distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return how far pairs are apart; inf where neither can be the flip of the other."""
+        """Return the distances of pairs; inf unless their periods are equal or one is double."""
         swap = self.m[a] > self.m[b]
         a, b = np.where(swap, b, a), np.where(swap, a, b)
         apart = np.full(len(a), np.inf)
@@ -84,9 +86,9 @@ class PeriodicAttractors:
         return apart
 
     def links(self, a: np.ndarray, b: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Pair attractors of `a` with those of `b` that continue them `step` points further.
+        """Pair attractors of `a` with attractors of `b` that continue them `step` points further.
 
-        Both are in increasing order, and none of them is in two pairs.
+        `a` and `b` must be in increasing order. No attractor is in two pairs.
         """
         pairs = self._pairs(a, b, step)
         pairs["apart"] = self.distances(pairs["a"].values, pairs["b"].values)
@@ -98,7 +100,7 @@ class PeriodicAttractors:
     def on_branches(
         self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Continues
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pair attractors as `links` does, but those that are on one branch, at any distance."""
+        """Pair attractors on the same exact branch, at any distance; otherwise as `links` does."""
         pairs: dict[int, int] = {}
         tried = 0
         for i, j in self._pairs(a, b, step).values.tolist():
@@ -111,7 +113,7 @@ class PeriodicAttractors:
         return np.array([*pairs], np.int64), np.array([*pairs.values()], np.int64)
 
     def _pairs(self, a: np.ndarray, b: np.ndarray, step: int) -> pd.DataFrame:
-        """Return every pair of `a` and `b` of which the second is `step` points further."""
+        """Return all pairs of `a` and `b` in which the second is `step` points further."""
         import pandas as pd
 
         before = pd.DataFrame({"a": a, "point": self.point[a] + step})
@@ -125,7 +127,7 @@ def track(
 ) -> np.ndarray:
     """Return a number for each attractor, shape (n,), the same for those that continue each other.
 
-    They are on a grid of parameter points of this shape.
+    `shape` is the shape of the grid of parameter points.
     """
     alone = np.arange(len(attractors.point))
     if not shape or not len(alone):
@@ -135,7 +137,7 @@ def track(
     gap = max(1, int(MAX_GAP * shape[longest]))
     for a, b in _along(shape, attractors, longest, gap, on_one_branch):
         before[b] = a
-    while not np.array_equal(before, before[before]):  # twice as far back each time
+    while not np.array_equal(before, before[before]):  # each pass doubles the distance back
         before = before[before]
     borders: Counter[tuple[int, int]] = Counter()
     for axis in range(len(shape)):
@@ -149,10 +151,10 @@ def track(
 
 
 def exact_links(axis: str, phase: float, points: np.ndarray, m: np.ndarray) -> Continues:
-    """Return what tells whether periodic attractors are on one exact branch along an axis.
+    """Return the function that tells whether two attractors are on one exact branch along an axis.
 
-    Attractors are given by points whose starts are their states at a section of this phase, shape
-    (n,), and by their periods m. The file was computed with exact impacts.
+    `points`, shape (n,), have the states of the attractors at a section of this phase as starts,
+    and `m` are their forcing periods. The file must have been computed with exact impacts.
     """
 
     @cache
@@ -199,7 +201,7 @@ def _along(
     longest_step: int,
     on_one_branch: Continues | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the links along an axis, those over gaps last; none has two ahead or behind."""
+    """Yield the links along an axis, over gaps last; each attractor has at most one per side."""
     n = len(attractors.point)
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
     at = attractors.point // stride % shape[axis]
@@ -221,7 +223,7 @@ def _along(
 def _joined(
     chain: np.ndarray, point: np.ndarray, borders: Mapping[tuple[int, int], int]
 ) -> np.ndarray:
-    """Join chains along their borders, the longest first, but none that share a parameter point."""
+    """Join chains along their borders, longest first, unless they share a parameter point."""
     separate: dict[int, set[int]] = {}
     for apart in range(1, int(np.unique(point, return_counts=True)[1].max())):
         both = np.flatnonzero(point[apart:] == point[:-apart])

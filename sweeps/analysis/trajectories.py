@@ -1,4 +1,4 @@
-"""The motion of one point of a sweep over time: as recorded, or computed from its last section."""
+"""The motion of one point of a sweep in time: as recorded, or computed from its last section."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ class PointMotion:
     point : Dataset
         The point of the sweep.
     oscillator : Oscillator
+        Its oscillator.
     rows : ndarray, shape (3, n)
-        Time, displacement and velocity, without NaN. Two rows at one time are the two sides of an
-        impact.
+        Time, displacement and velocity, without NaN. Two columns with the same time are the states
+        before and after an impact.
     turns : int
-        Forcing periods of the sweep that are left out of the time.
+        Number of forcing periods of the sweep before time 0 of the rows.
     """
 
     point: xr.Dataset
@@ -39,12 +40,12 @@ class PointMotion:
 
     @property
     def impacts(self) -> np.ndarray:
-        """The rows just before the impacts, shape (3, k)."""
+        """Time, displacement and velocity just before the impacts, shape (3, k)."""
         t, _, v = self.rows
         return self.rows[:, np.append((np.diff(t) == 0.0) & (v[:-1] > 0.0), False)]
 
     def flow(self, per_period: int) -> np.ndarray:
-        """Return the rows; of the integrator ``exact``, with so many samples a period between."""
+        """Return the rows; for the integrator ``exact``, with `per_period` samples in between."""
         if config_of(self.point).method.integrator != "exact":
             return self.rows
         t, x, v = self.rows
@@ -52,17 +53,17 @@ class PointMotion:
 
 
 def recorded_motion(dataset: xr.Dataset, at: Selection | None) -> PointMotion:
-    """Return the trajectory of the file at a point; refuse a point without one."""
+    """Return the recorded trajectory of a point; refuse a point without one."""
     point, rows = recorded(dataset, RECORDED, at)
     return PointMotion(point, oscillator_of(point), np.stack(rows))
 
 
 def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) -> PointMotion:
-    """Compute the motion that follows the last state of the section at a point.
+    """Compute the motion that follows the last recorded state at the section of a point.
 
-    With an impact rule that lets the mass pass the stop, a state beyond it starts no motion: the
-    last one that is not beyond it is taken. Raises Refused if there is no such state, or no motion
-    from it.
+    Some impact rules let the mass pass the stop, and a motion cannot start beyond the stop. Then
+    the last state that is not beyond it is used. Raises Refused if there is no such state, or if
+    the motion cannot be computed.
     """
     point, (x, v) = recorded(dataset, ("poincare_x", "poincare_v"), at)
     config = config_of(dataset)
