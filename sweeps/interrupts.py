@@ -37,7 +37,7 @@ class Cancelled(BaseException):
     """
 
 
-def came() -> bool:
+def signal_came() -> bool:
     """Whether a signal was received."""
     return _came
 

@@ -39,7 +39,7 @@ def _run() -> int:
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 1
     except (interrupts.Cancelled, Exception) as error:
-        if interrupts.came():  # a library may have raised another error because of the signal
+        if interrupts.signal_came():  # a library may have raised another error because of it
             _report("interrupted")
         elif isinstance(error, MemoryError):
             _report("there is not enough memory")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sweeps.cli.options import say
-from sweeps.interrupts import came
+from sweeps.interrupts import signal_came
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
@@ -50,7 +50,7 @@ def explore(
         with TemporaryDirectory(prefix="vibroimpact-") as private:
             if not no_browser and not _open(_redirection(explorer.address, Path(private))):
                 say("no browser can be opened here; open the address in one", error=True)
-            while not came():
+            while not signal_came():
                 time.sleep(_WAIT)
     finally:
         explorer.close()

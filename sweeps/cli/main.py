@@ -19,7 +19,7 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.options import in_options, say
+from sweeps.cli.options import say, with_option_names
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled, raised_at_once
 from sweeps.text import nearest, shortened, suggestion
@@ -36,9 +36,9 @@ class _Commands(TyperGroup):
         except (Cancelled, KeyboardInterrupt):  # KeyboardInterrupt if our handlers are not active
             error, code = "interrupted", 1
         except Failed as failure:
-            error, code = in_options(str(failure)), 1
+            error, code = with_option_names(str(failure)), 1
         except Refused as refusal:
-            error, code = in_options(str(refusal)), 2
+            error, code = with_option_names(str(refusal)), 2
         say(f"vibroimpact: error: {error}", error=True)
         raise typer.Exit(code)
 
@@ -131,7 +131,7 @@ def init(
     new_texts[Path(f"{scene}.yaml")] = texts[scene]
     for path in new_texts:
         if check_target(path, "configuration"):
-            raise Refused(f"{path} exists, and is left as it is; remove it, or rename it")
+            raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
     for path, text in new_texts.items():
         with writing(path, "configuration") as new:
             new.write_text(text, encoding="utf-8")

@@ -202,7 +202,7 @@ def on_axes(dataset: xr.Dataset, cuts: Selection) -> tuple[Selection, Selection]
     return seen, in_model(dataset, seen)
 
 
-def in_options(text: str) -> str:
+def with_option_names(text: str) -> str:
     """Replace the Python arguments in a message by the options of the command line."""
     text = re.sub(r"\b(overwrite|resume)=True", r"--\1", text)
     text = re.sub(r"\b(below|coordinate)=\[?'(\w+)'\]?", r"--\1 \2", text)

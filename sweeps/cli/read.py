@@ -142,7 +142,7 @@ def _show_configuration(dataset: xr.Dataset) -> None:
 
     rows = dataset.sizes.get("point", 0)
     if rows > 1000:
-        raise Refused(f"{rows:,} rows are too long for YAML; run takes the file itself")
+        raise Refused(f"{rows:,} rows are too many for YAML; run also accepts the file itself")
     say(config_of(dataset).to_yaml() if rows else dataset.attrs["configuration"], end=False)
 
 

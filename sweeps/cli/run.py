@@ -66,7 +66,7 @@ Dask = Annotated[
     ),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Show what would be computed, and compute nothing.")
+    bool, typer.Option("--dry-run", help="Show the plan of the sweep, and compute nothing.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 

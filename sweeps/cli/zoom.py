@@ -41,7 +41,7 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="OUT.h5",
-        help="The file to write, the picture beside it; if not given, OUT-NAME-LOW-HIGH.h5.",
+        help="The file to write, with the picture beside it; OUT-NAME-LOW-HIGH.h5 if not given.",
     ),
 ]
 
@@ -54,7 +54,7 @@ def zoom(
     resume: Resume = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Compute a piece of a sweep with as many points along its axes, and draw it."""
+    """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.analysis.selection import COORDINATES
     from sweeps.engine.configurations import read_config, zoomed
     from sweeps.plotting.saving import check_picture

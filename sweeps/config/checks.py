@@ -99,8 +99,8 @@ def refuse_refinement(sweep: SweepConfig, axis: str) -> None:
     if sweep.method.impact != "exact":
         raise MisplacedError(
             ("refine",),
-            f"the orbits beside a change are found with the impact rule exact, not "
-            f"{sweep.method.impact}; expected: method.impact: exact, or no refine",
+            f"refine needs the impact rule exact, not {sweep.method.impact}; "
+            "expected: method.impact: exact, or no refine",
         )
     if "period" not in sweep.record.diagnostics:
         raise MisplacedError(
@@ -111,7 +111,7 @@ def refuse_refinement(sweep: SweepConfig, axis: str) -> None:
     if sweep.record.trajectory:
         raise MisplacedError(
             ("record", "trajectory"),
-            "is not kept where points are added; expected: false, or no refine",
+            "cannot be recorded with refine; expected: false, or no refine",
         )
     if sweep.follow is not None and sweep.follow.direction == "both":
         raise MisplacedError(

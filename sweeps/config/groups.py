@@ -133,7 +133,7 @@ class MethodConfig(Group):
     )
     allow_unstable: bool = Field(
         default=False,
-        description="compute although the step is too long for the integrator to be stable: "
+        description="compute even if the step is too long for the integrator to be stable: "
         "true or false",
     )
 
@@ -216,7 +216,7 @@ class RecordConfig(Group):
 def _followable(name: str) -> str:
     """Refuse a name that is not an axis that can be followed."""
     if name in StartConfig.model_fields:
-        raise ValueError("is a start, which every point but the first has from its neighbour")
+        raise ValueError("is a start, but only the first point starts there")
     if name not in OscillatorConfig.model_fields:
         raise ValueError("is unknown" + suggestion(nearest(name, OscillatorConfig.model_fields)))
     return name
@@ -242,7 +242,7 @@ def _unit(quantity: str) -> Any:
     return Field(
         quantity,
         pattern=r"^[^\W\d_]{1,12}$",
-        description=f"how the unit of {quantity} is called: a word of at most 12 letters",
+        description=f"name of the unit of {quantity}: a word of at most 12 letters",
     )
 
 

@@ -53,7 +53,7 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
         columns = {name: table[name] for name in table.dtype.names if name in group.model_fields}
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
-                problem = "stands beside points; expected: one number here, or only a column"
+                problem = "conflicts with points; expected: one number here, or only a column"
                 raise MisplacedError((title, name), f"{problem} {name} of points")
         groups[title] = {**given, **columns}
     return {**data, **groups}

@@ -20,7 +20,7 @@ from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
 class Quantity(NamedTuple):
-    """A quantity of the rig, with its conversions from and to the model; both take the mass."""
+    """A quantity of the rig: its name, description and conversions, which also take the mass."""
 
     name: str
     about: Parameter
@@ -180,7 +180,7 @@ def checked_units(units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
     """Prepare the data of a configuration with a rig: rename followed axes, and add columns."""
     if "oscillator" in data:
-        problem = "stands beside oscillator; expected: one of them"
+        problem = "conflicts with oscillator; expected: one of them"
         raise MisplacedError(("rig",), problem)
     data = {**data, "oscillator": {}}
     for group in ("follow", "refine"):
@@ -201,10 +201,10 @@ def _columns(table: np.ndarray, rig: Mapping[str, Any]) -> dict[str, np.ndarray]
     )
     for name, own in names.items():
         if name in columns and name != own:
-            problem = f"is no column beside a rig; expected: {own}, in the unit of the model"
+            problem = f"cannot be a column with a rig; expected: {own}, in the unit of the model"
             raise MisplacedError(("points", name), problem)
         value = rig.get(name)
         if isinstance(value, list | tuple | dict) or (value is not None and own in columns):
-            problem = "stands beside points; expected: one number here, or only a column"
+            problem = "conflicts with points; expected: one number here, or only a column"
             raise MisplacedError(("rig", name), f"{problem} {own} of points")
     return {name: table[own] for name, own in names.items() if own in columns}

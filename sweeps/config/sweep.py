@@ -99,11 +99,11 @@ class SweepConfig(Group):
     )
     refine: Annotated[RefineConfig | None, BeforeValidator(null)] = Field(
         None,
-        description="put further points where the class of the motion changes: "
+        description="add points where the class of the motion changes: "
         f"{key_list(RefineConfig)}, or null",
     )
     units: Annotated[UnitsConfig, AfterValidator(checked_units)] = _group(
-        "names of the units, for axes and attributes, by which no number is converted; with a rig "
+        "names of the units, for axes and attributes; no number is converted; with a rig always "
         "m, s and kg",
         UnitsConfig,
     )
@@ -111,7 +111,7 @@ class SweepConfig(Group):
         Path("sweep.h5"), description="HDF5 file to write: a path (default: <name>.h5)"
     )
     compression: Annotated[str, one_of(COMPRESSIONS)] = choice(
-        "how the file is compressed when it is complete", COMPRESSIONS, "none"
+        "compression of the complete file", COMPRESSIONS, "none"
     )
 
     @model_validator(mode="before")
@@ -216,7 +216,7 @@ class SweepConfig(Group):
     def _has_neighbours(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse to follow or refine a table, which has no axis."""
         if value is not None and info.data.get("points") is not None:
-            problem = "needs an axis, which points has not; expected: a range instead of points"
+            problem = "needs an axis, but points has none; expected: a range instead of points"
             raise MisplacedError((str(info.field_name),), problem)
         return value
 

@@ -93,8 +93,8 @@ def _registered(address: str) -> Client:
     except Exception as error:  # any program may answer at the address
         reason = shortened(str(error)) or f"no answer in {_PATIENCE} s"
         raise Refused(
-            f"the Dask scheduler at {address} answers, but does not take this process in "
-            f"({reason}); look at what it logs, and whether it has the same version of Dask"
+            f"the Dask scheduler at {address} answers, but does not accept this process "
+            f"({reason}); check its log, and whether it has the same version of Dask"
         ) from None
 
 

@@ -54,7 +54,7 @@ _BLOCK_RATE = 100
 _BLOCKS_PER_CORE = 20
 
 #: The lock on a worker of the task that computes.
-_ALONE = threading.Lock()
+_KERNEL_LOCK = threading.Lock()
 
 
 class Cluster:
@@ -197,7 +197,7 @@ def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:
     worker = get_worker()
     if numerics != _own_numerics():
         raise Failed(_difference(worker.address, _own_numerics(), numerics))
-    with _ALONE:
+    with _KERNEL_LOCK:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         results = compute_block(config, block, min(worker.state.nthreads, available))
         # Contiguous arrays are sent without a copy.

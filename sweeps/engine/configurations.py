@@ -24,7 +24,9 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
     """
     if not is_sweep(path):
         if path.suffix == ".h5" and path.is_file():
-            raise Refused(f"{path} is no file of a sweep; a configuration has another ending")
+            raise Refused(
+                f"{path} is no file of a sweep; a configuration must not have the ending .h5"
+            )
         with raised_at_once():  # reading from a pipe may never end
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:

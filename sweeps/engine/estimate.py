@@ -83,7 +83,7 @@ def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) ->
 
 
 def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
-    """Return the number of grid points per block: few enough for the memory and for the progress.
+    """Return the number of grid points per block: few enough to fit memory and to show progress.
 
     If an axis is followed, a block holds whole chains of points along it, each in a lane. The
     memory is the memory of this machine, even if others compute. A block has at least `least`
@@ -93,7 +93,7 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     """
     record, chain, lanes = config.record, _chain(config), _lanes(config)
     chain_memory = chain * _memory_per_point(config)
-    available = check_memory(config, chain, _unit(config))
+    available = check_memory(config, chain, _smallest_block(config))
     # Full sets of lanes may take more memory than a normal block.
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
@@ -123,7 +123,7 @@ def _chain(config: SweepConfig) -> int:
     return len(config.grid.axes[config.follow.axis]) if config.follow else 1
 
 
-def _unit(config: SweepConfig) -> str:
+def _smallest_block(config: SweepConfig) -> str:
     """Name the smallest content of a block, for a message."""
     if config.follow is None:
         return "one point"
@@ -145,7 +145,8 @@ def _available_memory() -> int:
 
 def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     """Return the expected duration of a sweep, from trials of few points with growing periods."""
-    # Try no more points than a block computes side by side: a few lanes cost as much as a full set.
+    # Try no more points than a block computes side by side: a full set of lanes takes hardly longer
+    # than a few.
     chains = min(block_size(config), config.grid.size) // _chain(config)
     beside = chains * max(1, len(config.directions))
     count = min(2 * _lanes(config) * (threads or ALL_THREADS), beside)

@@ -91,7 +91,7 @@ def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) ->
         complete, total = points
         return f"{complete:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
     if old != (None, None) and (file, journal) == old:
-        return f"nothing is kept of it, and the old {path if file else name} is as it was"
+        return f"nothing of it is kept, and the old {path if file else name} is unchanged"
     return "nothing is kept" if file is None else f"all of it is kept in {path}"
 
 
@@ -158,7 +158,7 @@ def _outcomes(variables: Mapping[Any, Any]) -> str:
         text += ", all certified: every impact found, none missed"
     elif remarks:
         text += f", of which {'; '.join(remarks)}"
-    contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # NaN is not
+    contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
     if counts[Status.PENDING] < points and not any(met.any() for met in contact):
         text += "; no impact in any record: no motion meets the stop"
     return text

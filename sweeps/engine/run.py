@@ -98,7 +98,7 @@ def run_sweep(
     )
     with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
         computer = computer_for(client, threads)
-        with console.status("preparing (the first run compiles, and keeps it for the next)"):
+        with console.status("preparing (the first run compiles; later runs reuse the result)"):
             cost = expected(config, path, computer, resume)
         console.print(printable(plan(config, path, cost)))
         schema = _schema(config, computer.block_limits(cost.seconds, config.grid.size))
@@ -106,7 +106,7 @@ def run_sweep(
             if writer is None:  # the file is complete
                 return path
             if writer.damaged:
-                console.print(f"blocks that were damaged, and are computed again: {writer.damaged}")
+                console.print(f"damaged blocks, which are computed again: {writer.damaged}")
             pending = writer.pending()
             with _progress(config, pending, computer, console) as advance:
                 with closing(computer.computed(config, pending, advance)) as computed:

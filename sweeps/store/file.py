@@ -1,9 +1,9 @@
 """The complete file of a sweep: written in one pass, verified before HDF5 opens it, and read.
 
-HDF5 hangs or crashes on some damaged files: one flipped bit in about one of a thousand bytes of a
-small sweep was enough. Therefore a trailer follows the data of HDF5, which ignores it. The trailer
-lists the parts of the file, with the variable and the checksum of each. It is read from the end of
-the file without HDF5, and HDF5 opens the file only if the checksums agree.
+HDF5 hangs or crashes on some damaged files: in a small sweep, a flipped bit did so in about one of
+a thousand bytes. Therefore a trailer follows the data of HDF5, which ignores it. The trailer lists
+the parts of the file, with the variable and the checksum of each. It is read from the end of the
+file without HDF5, and HDF5 opens the file only if the checksums agree.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ class Journal:
     def append(
         self, number: int, arrays: Mapping[str, np.ndarray], samples: int, seconds: float
     ) -> None:
-        """Append a block, with contiguous arrays in the order of the schema, and sync the disk."""
+        """Append a block, given by contiguous arrays in the schema's order; it is then on disk."""
         self.refuse_loss()
         checksums = {name: zlib.crc32(_bytes(array)) for name, array in arrays.items()}
         head = np.array((0, number, samples, seconds, [*checksums.values()]), self._head)

@@ -130,14 +130,14 @@ def refuse_version(path: Path) -> NoReturn:
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
     """Raise StoreError if a sweep cannot be written to a path.
 
-    This is so if its folder does not exist, if its ending belongs to another kind of file, or if
-    the file or its journal exists and is of another kind, or is neither overwritten nor resumed.
+    The folder must exist, and the ending must not belong to another kind of file. An existing file
+    or journal must be that of a sweep, and be overwritten or resumed.
     """
     path = Path(path)
     check_target(path, "output")
     if path.suffix.lower() in _OTHER_ENDINGS:
         raise StoreError(
-            f"the output {path} is to be an HDF5 file, whose name does not end in {path.suffix}; "
+            f"the output {path} must be an HDF5 file, whose name does not end in {path.suffix}; "
             f"did you mean {path.with_suffix('.h5')}?"
         )
     journal = journal_path(path)
@@ -189,7 +189,8 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
     real = path.resolve()
     try:
         name = real.with_name(f"{real.name}.lock")
-        users = os.path.lexists(name) and not _lock_text(name)  # an empty file may be the user's
+        # An empty file may be the user's, so it is left empty instead of removed.
+        was_empty = os.path.lexists(name) and not _lock_text(name)
         lock = FileLock(name)
         lock.acquire(blocking=False)
     except Timeout:
@@ -205,18 +206,18 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
         ) from None
     except OSError as error:
         raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
-    by_itself = isinstance(lock, SoftFileLock)  # it writes and removes the file itself
+    is_soft = isinstance(lock, SoftFileLock)  # it writes and removes the file itself
     try:
         with suppress(PermissionError):  # on Windows a locked file cannot be written
-            if not by_itself:
+            if not is_soft:
                 name.write_bytes(b"vibroimpact lock of process %d\n" % os.getpid())
         check_output(path, overwrite=overwrite, resume=resume)
         yield
     finally:
         with suppress(PermissionError):
-            if users:
+            if was_empty:
                 name.write_bytes(b"")
-            elif not by_itself:
+            elif not is_soft:
                 name.unlink(missing_ok=True)
         lock.release()
 
@@ -228,7 +229,7 @@ def _lock_text(name: Path) -> bytes:
         text = name.read_bytes()[:100] if stat.S_ISREG(os.lstat(name).st_mode) else b"another"
     if not _LOCK_TEXT.fullmatch(text):
         raise StoreError(
-            f"{name} is needed as a lock, and there is something else of that name; move it, or "
-            "give another output"
+            f"{name} is needed as a lock, but something else has that name; move it, or give "
+            "another output"
         )
     return text

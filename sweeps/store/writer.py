@@ -150,7 +150,7 @@ class SweepWriter:
         if now is not None and now != self._before:
             raise Failed(
                 f"{self._path} was written by another program while the sweep was computed, "
-                "and is left alone; move it, and go on"
+                "and is not replaced; move it, and resume the run"
             )
 
     def _seconds(self) -> float:

@@ -168,7 +168,7 @@ def test_a_scheduler_that_answers_and_never_registers(monkeypatch, answer):
     threading.Thread(target=asyncio.run, args=[serve()], daemon=True).start()
     monkeypatch.setattr(clients, "_PATIENCE", 1)
     message = refused_run("--dask", addresses.get(timeout=300))
-    assert "answers, but does not take this process in" in message
+    assert "answers, but does not accept this process" in message
     gc.collect()  # a client that was thrown away says nothing (pytest would)
 
 

@@ -87,7 +87,7 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
 @pytest.mark.parametrize(
     ("text", "line", "parts"),
     [
-        (rig() + "oscillator: {h: 1}\n", 1, ["rig: stands beside oscillator; expected: one of"]),
+        (rig() + "oscillator: {h: 1}\n", 1, ["rig: conflicts with oscillator; expected: one of"]),
         (rig(mass="-2"), 1, ["rig.mass = -2 is not allowed; expected: mass [kg]: ", "> 0"]),
         (rig(mass="{start: 1, stop: 2, num: 3}"), 1, ["rig.mass = {start: 1", "not a number",
                                                       "the same all over the sweep"]),
@@ -112,10 +112,10 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
                                                 "swept axis out of frequency"]),
         (rig() + "refine: {axis: gap, levels: 3}\n", 2, ["refine.axis: gap must be the only",
                                                          "swept: frequency"]),
-        (rig() + "points: {omega: [1, 2]}\n", 1, ["rig.frequency: stands beside points",
+        (rig() + "points: {omega: [1, 2]}\n", 1, ["rig.frequency: conflicts with points",
                                                   "a column omega of points"]),
         (rig(damping=None, frequency=3) + "points: {h: [1, 2], gap: [1, 2]}\n", 2,
-         ["points.gap: is no column beside a rig; expected: clearance"]),
+         ["points.gap: cannot be a column with a rig; expected: clearance"]),
         ("rig: 5\n", 1, ["rig = 5 is not allowed; expected: a rig in SI units"]),
         ("rig: null\n", 1, ["oscillator is missing"]),
         ("mass: 3\n" + rig(), 1, ["unknown key mass (did you mean rig.mass?)"]),

@@ -197,8 +197,8 @@ def test_a_followed_sweep_is_not_scaled():
     [
         ("{axis: omgea}", r"line 2: follow\.axis = omgea is unknown \(did you mean omega\?\)"
          r"; expected: .* a swept parameter out of h, R, omega, f, p, clearance"),
-        ("{axis: x0}", r"line 2: follow\.axis = x0 is a start, which every point but the first has "
-         r"from its neighbour; expected: .* h, R, omega, f, p, clearance"),
+        ("{axis: x0}", r"line 2: follow\.axis = x0 is a start, but only the first point starts "
+         r"there; expected: .* h, R, omega, f, p, clearance"),
         ("{axis: v0}", r"follow\.axis = v0 is a start"),
         ("{axis: h}", r"line 2: follow\.axis: h has only one value, so that there is nothing to "
          r"follow; expected: a swept axis out of R, omega$"),

@@ -163,7 +163,7 @@ def refusal(text):
         ("R,R\n0.5,2\n", "'R' occurs more than once"),
         ("R,omega\n", "the table has no row"),
         ("R\n0.5\n", "oscillator.omega is missing; expected"),
-        ("R,omega,h\n0.5,2,1\n", "oscillator.h: stands beside points; expected: one number here"),
+        ("R,omega,h\n0.5,2,1\n", "oscillator.h: conflicts with points; expected: one number here"),
         ("R,omega,x0,clearance\n0.5,2,1,1\n0.5,2,2,1\n", "row 2 of points: x0 = 2 lies beyond"),
     ],
 )  # fmt: skip
@@ -212,10 +212,10 @@ def test_columns_that_are_no_table_are_refused(points, part):
 @pytest.mark.parametrize(
     ("override", "part"),
     [
-        ("follow.axis=omega", "follow: needs an axis, which points has not"),
-        ("refine={axis: omega, levels: 3}", "refine: needs an axis, which points has not"),
-        ("oscillator.h=[0.1, 0.2]", "oscillator.h: stands beside points"),
-        ("oscillator.R=0.5", "oscillator.R: stands beside points"),
+        ("follow.axis=omega", "follow: needs an axis, but points has none"),
+        ("refine={axis: omega, levels: 3}", "refine: needs an axis, but points has none"),
+        ("oscillator.h=[0.1, 0.2]", "oscillator.h: conflicts with points"),
+        ("oscillator.R=0.5", "oscillator.R: conflicts with points"),
     ],
 )
 def test_what_needs_an_axis_is_refused(override, part):

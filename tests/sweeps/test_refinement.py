@@ -302,7 +302,7 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
         (["refine.lvls=3"], "unknown key refine.lvls (did you mean levels?)"),
         (["refine={axis: omega}"], "refine.levels is missing"),
         (["record.diagnostics=[lyapunov]"], "record.diagnostics: [period]"),
-        (["record.trajectory={every: 5}"], "is not kept where points are added"),
+        (["record.trajectory={every: 5}"], "cannot be recorded with refine"),
         (["method={integrator: rk4, impact: cubic}"], "the impact rule exact, not cubic"),
         (["follow={axis: omega, direction: both}"], "expected: up or down, or no refine"),
     ],

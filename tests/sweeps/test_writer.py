@@ -364,7 +364,7 @@ def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure,
             patch.setattr(where, fail)
             result = call("run", "sweep.yaml", "--quiet", "--overwrite")
         assert result.exit_code == 1
-        assert f"nothing is kept of it, and the old {old} is as it was" in result.stderr
+        assert f"nothing of it is kept, and the old {old} is unchanged" in result.stderr
         assert "--resume" not in result.stderr
         assert old.read_bytes() == before
 
