@@ -47,7 +47,7 @@ from vibroimpact.kernel.workspace import (
     sleeps_until,
 )
 from vibroimpact.step.exact import exact_step
-from vibroimpact.step.impact import ONLY
+from vibroimpact.step.impact import ONLY, Impact
 from vibroimpact.step.propagator import (
     Forcing,
     Propagator,
@@ -62,7 +62,7 @@ from vibroimpact.step.scheme import COS, SIN, THETA
 from vibroimpact.step.variational import carry_tangents, orthonormalise, propagate_tangents
 
 # Steps between two checks of the tangent vectors.
-_STRIDE = 4
+_CHECKED_EVERY = 4
 
 
 @jit(inline=True)
@@ -122,7 +122,10 @@ def place_of_added(workspace, grid, n):
 
 @jit(refcounts=False)
 def propagate_lanes(lanes, size, added, step, n):
-    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact."""
+    """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
+
+    A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step.
+    """
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
@@ -151,11 +154,12 @@ def scatter(batch, lo, count, grid, n, recording, carrying):
 
     A lane whose single impact is not proved is resolved alone.
     """
-    (lanes, met, c, _, _), points, record = batch
+    workspace, points, record = batch
+    lanes, columns = workspace.lanes, workspace.columns
     theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
     for j in range(count):
-        i = met[lo + j] & (LANES - 1)
-        if c[PROVED + j] != ONLY:
+        i = workspace.met[lo + j] & (LANES - 1)
+        if columns[PROVED + j] != ONLY:
             if sleeps_until(lanes, i, theta + grid.step):
                 lanes[POSITION + new_row + i] = lanes[VELOCITY + new_row + i] = 0.0
                 if recording:
@@ -163,18 +167,21 @@ def scatter(batch, lo, count, grid, n, recording, carrying):
             else:
                 resolve_scalar(batch, i, j, grid, n, recording, carrying)
             continue
-        lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = c[Y_T + j], c[W_T + j]
+        lanes[POSITION + new_row + i] = columns[Y_T + j]
+        lanes[VELOCITY + new_row + i] = columns[W_T + j]
         if carrying:
-            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair_in(c, PAIR + j, COLUMN_ROW))
+            pair = pair_in(columns, PAIR + j, COLUMN_ROW)
+            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
         if recording:
-            speed = c[W_I + j] * points[i].omega
-            list_impact(record.impacts[i], record.sums[i], theta + c[U + j], speed)
+            speed = columns[W_I + j] * points[i].omega
+            list_impact(record.impacts[i], record.sums[i], theta + columns[U + j], speed)
 
 
 @jit(refcounts=False)
 def resolve_scalar(batch, i, j, grid, n, recording, carrying):
     """Take lane `i`, which is in column `j`, over step `n` with every impact in it."""
-    (lanes, _, c, _, scratch), points, record = batch
+    workspace, points, record = batch
+    lanes, columns, scratch = workspace.lanes, workspace.columns, workspace.scratch
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
     theta = table[THETA, n]
@@ -185,7 +192,7 @@ def resolve_scalar(batch, i, j, grid, n, recording, carrying):
     y, w, resting, n_events, rested, status, grazes = exact_step(
         eq, pt, (lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i], was_resting),
         (lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i], lanes[REMAINDER_BOUND + i]),
-        (0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
+        Impact(0.0, 0.0, columns[U + j], columns[W_I + j], columns[PROVED + j]),
         (theta, table[SIN, n], table[COS, n]), step, scratch,
     )  # fmt: skip
     lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = y, w
@@ -231,7 +238,8 @@ def judge_tangents(lanes, size, row):
 @jit(refcounts=False)
 def stretch_lanes(batch, n):
     """Orthonormalise the tangent vectors that need it, before step `n`."""
-    (lanes, met, _, _, _), points, record = batch
+    workspace, points, record = batch
+    lanes, met = workspace.lanes, workspace.met
     row = TANGENTS + (n & 1) * ROW
     judge_tangents(lanes, points.size, row)
     for j in range(list_lanes(lanes, met, points.size)):
@@ -240,7 +248,7 @@ def stretch_lanes(batch, n):
 
 
 @jit(refcounts=False)
-def advance(batch, grid, recording, carrying):
+def take_steps(batch, grid, recording, carrying):
     """Take a batch over the steps of `grid`."""
     workspace, points, _ = batch
     lanes, size = workspace.lanes, grid.size
@@ -254,7 +262,7 @@ def advance(batch, grid, recording, carrying):
             count = min(COLUMNS, listed - lo)
             correct_side_by_side(workspace, lo, count, grid, n, carrying)
             scatter(batch, lo, count, grid, n, recording, carrying)
-        if carrying and ((n + 1) % _STRIDE == 0 or n + 1 == size):
+        if carrying and ((n + 1) % _CHECKED_EVERY == 0 or n + 1 == size):
             stretch_lanes(batch, n + 1)
     if size & 1:
         for a in range(0, GUARD if carrying else TANGENTS, 2 * ROW):  # the next step has number 0
@@ -284,7 +292,8 @@ def forget_at_rest(lanes, size):
 @jit(refcounts=False)
 def sum_up_tangents(batch):
     """Add up the growth that remains in the tangent vectors, in the units of (x, v)."""
-    (lanes, _, _, _, _), points, record = batch
+    workspace, points, record = batch
+    lanes = workspace.lanes
     for i in range(points.size):
         ay, aw, by, bw = pair_in(lanes, TANGENTS + i, 2 * ROW)
         omega = points[i].omega

@@ -131,7 +131,7 @@ def carry_columns(c, vectors, wave, step):
 @jit(refcounts=False)
 def correct_side_by_side(workspace, lo, count, grid, n, carrying):
     """Copy `count` listed lanes, from index `lo` on, into columns, and correct step `n` there."""
-    lanes, met, c, _, _ = workspace
+    lanes, met, c = workspace.lanes, workspace.met, workspace.columns
     table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
     for j in range(count):
         i = met[lo + j] & (LANES - 1)  # shows LLVM that it is not negative

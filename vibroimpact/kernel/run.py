@@ -1,8 +1,14 @@
 """The run of the kernel: batches of points over the threads, period by period.
 
 All lanes of a batch take a step as if there were no stop, and lanes that may have met it are
-corrected. Exact impacts have their loop in ``exact.py``, the other rules in ``time_stepping.py``.
-Each thread takes batch after batch, without holding Python's global lock.
+corrected. Each thread takes batch after batch, without holding Python's global lock:
+
+- ``run_batches``: starts the threads.
+- ``take_exact``, ``take_plain``, ``take_shortened``: the work of one thread, compiled for one rule.
+  It allocates the workspace.
+- ``run_exact`` and so on: one batch, from its start to the end of the record. From here on nothing
+  is allocated, so references to arrays need not be counted.
+- ``take_steps`` of ``exact.py`` or ``time_stepping.py``: one forcing period.
 """
 
 from __future__ import annotations
@@ -60,7 +66,8 @@ def lanes_per_batch(points: int, threads: int) -> int:
 @jit(refcounts=False)
 def end_period(batch, k, row, step):
     """Store the states as section `k` of the record; `row` is 0 or ROW, where the states lie."""
-    (lanes, _, _, _, _), points, record = batch
+    workspace, points, record = batch
+    lanes = workspace.lanes
     for i in range(LANES):
         lanes[WAKE + i] -= 2.0 * math.pi  # the phases of the grid begin again
     if k >= 0:
@@ -81,7 +88,7 @@ def run_batch(batch, job, exactly, plain):
     workspace, points, _ = batch
     lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.scheme
     set_start(lanes, points, method[0], sine_at_start(lead, grid))
-    # The lead-in counts as the period before the transient: `advance` is then compiled only once.
+    # The lead-in counts as the period before the transient, so `take_steps` is compiled only once.
     for k in range(-transient - 1, job.periods):
         if is_set(job.interrupt):
             break
@@ -91,13 +98,13 @@ def run_batch(batch, job, exactly, plain):
                 exact.set_propagators(workspace, points, steps)
             if k == 0:
                 exact.forget_at_rest(lanes, points.size)
-            exact.advance(batch, steps, k >= 0, k >= 0 and job.lyapunov)
+            exact.take_steps(batch, steps, k >= 0, k >= 0 and job.lyapunov)
             if k >= -transient:
                 exact.round_states(lanes)
         else:
             if k <= -transient:
                 time_stepping.set_maps(lanes, points, method[1], steps)
-            time_stepping.advance(batch, method, plain, steps, k >= 0)
+            time_stepping.take_steps(batch, method, plain, steps, k >= 0)
         if k >= -transient:
             end_period(batch, k, ROW if exactly else 0, steps.step)
     if exactly and job.lyapunov:

@@ -167,9 +167,9 @@ def plain_lanes(lanes, size, table, n, span, recording):
 @jit(refcounts=False)
 def list_plain_impacts(batch, listed, grid, n, span):
     """Record the impacts of the listed lanes in a stride from step `n`."""
-    (lanes, met, _, _, _), _, record = batch
+    lanes, record = batch.workspace.lanes, batch.record
     for j in range(listed):
-        i = met[j]
+        i = batch.workspace.met[j]
         for q in range(span):
             speed = lanes[SPEEDS + q * ROW + i]
             if speed < math.inf:
@@ -180,7 +180,8 @@ def list_plain_impacts(batch, listed, grid, n, span):
 @jit(refcounts=False)
 def sum_up_plain(batch):
     """Record the greatest penetrations."""
-    (lanes, _, _, _, _), points, record = batch
+    workspace, points, record = batch
+    lanes = workspace.lanes
     for i in range(points.size):
         sums = record.sums[i]
         sums.max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
@@ -191,9 +192,10 @@ def sum_up_plain(batch):
 @jit(refcounts=False)
 def gather(batch, lo, count, table, n):
     """Fill the columns: take each lane from step `n` to the step that may take it to its stop."""
-    (lanes, met, columns, _, _), points, _ = batch
+    workspace, points, _ = batch
+    lanes, columns = workspace.lanes, workspace.columns
     for j in range(count):
-        i = met[lo + j]
+        i = workspace.met[lo + j]
         x, v, safe, k = lanes[POSITION + i], lanes[VELOCITY + i], True, n
         for q in range(n, n + STRIDE - 1):
             x_T, v_T, below = step_lane(lanes, i, x, v, table[SIN, q], table[COS, q])
@@ -215,8 +217,8 @@ def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
     A lane for which a single impact is not certain is not moved; it is listed again, after the
     `left` lanes that are listed again so far. Returns the new number of such lanes.
     """
-    (lanes, met, c, _, _), points, record = batch
-    table = grid.table
+    workspace, points, record = batch
+    lanes, met, c, table = workspace.lanes, workspace.met, workspace.columns, grid.table
     gather(batch, lo, count, table, n)
     shorten_steps(c, count, grid.step)
     take_remainders(c, count, integrator)
@@ -242,7 +244,8 @@ def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
 @jit(refcounts=False)
 def resolve_scalar(batch, i, method, grid, n, span, recording):
     """Take lane `i` over `span` steps from step `n` with every impact in them."""
-    (lanes, _, _, _, scratch), points, record = batch
+    workspace, points, record = batch
+    lanes, scratch = workspace.lanes, workspace.scratch
     pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
     rows = map_of(lanes, i)
     state = lanes[POSITION + i], lanes[VELOCITY + i], lanes[LEVEL + i] == AT_REST
@@ -265,12 +268,13 @@ def resolve_scalar(batch, i, method, grid, n, span, recording):
 
 
 @jit(inline=True)
-def advance(batch, method, plain, grid, recording):
+def take_steps(batch, method, plain, grid, recording):
     """Take a batch over the steps of `grid` stride by stride, and singly over those left over.
 
     `plain` says whether the rule is ``plain``. It is a literal, so only that loop is compiled.
     """
-    (lanes, met, _, _, _), points, _ = batch
+    workspace, points, _ = batch
+    lanes, met = workspace.lanes, workspace.met
     rule, integrator = method
     size, strides = points.size, grid.size // STRIDE
     for k in range(strides + grid.size % STRIDE):

@@ -36,8 +36,9 @@ COEFFICIENTS_SIZE = 8
     # The state, (x, v) or with exact impacts (y, w), and the tangent vectors. Each number has two
     # rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
     POSITION, VELOCITY, TANGENTS,
-    # GUARD is not negative if the lane may have met its stop. LEVEL is the stop to watch, or
-    # AT_REST. WAKE is the phase before which a resting lane is not released, or AWAKE.
+    # GUARD is not negative if the lane may have met its stop, or is at rest. LEVEL is the stop that
+    # time stepping watches, or AT_REST. WAKE is the phase before which a resting lane is not
+    # released, or AWAKE.
     GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
     # For exact impacts: the propagator of a step, its forcing and bound, and the steps at rest.
     PROPAGATOR, FORCING, REMAINDER_BOUND, SLEPT,
@@ -51,7 +52,8 @@ COEFFICIENTS_SIZE = 8
 )  # fmt: skip
 _SIZE = COEFFICIENTS + COEFFICIENTS_SIZE * LANES
 
-#: The LEVEL of a lane at rest, which is then listed in every stride; the WAKE of other lanes.
+#: The LEVEL of a lane at rest: below every displacement, so time stepping lists the lane each time.
+#: The WAKE of a lane that is not at rest.
 AT_REST, AWAKE = -math.inf, -math.inf
 
 

@@ -128,7 +128,7 @@ def polished(eq, start, free, impact, phase, step):
 
     Most of these impacts are slow.
     """
-    if not (start[0] < 0.0 < free[0] and impact[4] < FIRST):
+    if not (start[0] < 0.0 < free[0] and impact.proved < FIRST):
         return impact
     s_T, c_T = sin_cos(phase[0] + step)
     return single_impact(eq, start, free, (phase[1], phase[2], s_T, c_T), step, _POLISH)
@@ -183,15 +183,15 @@ def fly(eq, launch, released, bound, left, step, flight):
 @jit(inline=True)
 def log_impact(events, impact, pt):
     """Write the impact of a step that has only this event; return the number of rows."""
-    return log_event(events, 0, IMPACT, impact[2] / pt.omega, impact[3] * pt.omega, pt.clearance)
+    return log_event(events, 0, IMPACT, impact.u / pt.omega, impact.w_i * pt.omega, pt.clearance)
 
 
 @jit(refcounts=False)
 def exact_step(eq, pt, start, free, impact, phase, step, scratch):
     """Take one step with every impact in it.
 
-    `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``; `impact` is the
-    result of ``single_impact``, which is not ``ONLY``; `phase` is the phase at the start, its sine
+    `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``; `impact` is
+    from ``single_impact``, not proved to be ``ONLY``; `phase` is the phase at the start, its sine
     and its cosine. Returns y, w, resting, the number of events in `scratch` (in the units of
     (x, v)), the phase spent at rest, the status, and the number of near grazes.
     """
@@ -202,9 +202,9 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
     undisturbed = True  # no impact yet: `end` is still the state at the end of the step
     end, bound = (free[0], free[1]), free[2]
     impact = polished(eq, (y, w), free, impact, phase, step)
-    if impact[4] == ONLY:
-        return impact[0], impact[1], False, log_impact(events, impact, pt), 0.0, status, 0
-    dtheta, w_i = impact[2] if impact[4] >= FIRST else -1.0, impact[3]
+    if impact.proved == ONLY:
+        return impact.y, impact.w, False, log_impact(events, impact, pt), 0.0, status, 0
+    dtheta, w_i = impact.u if impact.proved >= FIRST else -1.0, impact.w_i
     for _ in range(MAX_FLIGHTS):  # limits the loop even where `passed` does not rise
         released = resting
         if resting:

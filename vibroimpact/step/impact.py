@@ -18,6 +18,8 @@ takes the other steps.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vibroimpact.jit import fma, jit, select
@@ -30,6 +32,19 @@ _RESIDUAL, _LAST_CHANGE = 1e-17, 1e-5
 #: What ``single_impact`` has proved: nothing; that it found the first impact of the step; that this
 #: impact is also the only one.
 NOTHING, FIRST, ONLY = 0.0, 1.0, 2.0
+
+
+class Impact(NamedTuple):
+    """The impact of a step, as far as `proved` says that its numbers are valid.
+
+    With ``ONLY`` all numbers are valid, with ``FIRST`` only `u` and `w_i`, with ``NOTHING`` none.
+    """
+
+    y: float  #: State at the end of the step, with the impact.
+    w: float
+    u: float  #: Phase of the impact since the start of the step.
+    w_i: float  #: w just before the impact.
+    proved: float  #: ``NOTHING``, ``FIRST`` or ``ONLY``.
 
 
 @jit(forced_inline=True)
@@ -179,13 +194,11 @@ def rebound(eq, free, r, w_i, proved, step):
 
 @jit(forced_inline=True)
 def single_impact(eq, start, free, waves, step, polish):
-    """Correct a step that may have met the stop; return y, w, u, w_i and what is proved.
+    """Correct a step that may have met the stop; return its ``Impact``.
 
     `start` is (y, w), `free` is y_T, w_T and the bound from ``propagate``. `waves` are sine and
     cosine of the phase at the start, then at the end. The guess is improved `polish` times; once is
-    mostly enough. y, w is the state at the end of the step, u the time of the impact since its
-    start, w_i is w just before the impact. With ``ONLY`` all four are valid, with ``FIRST`` only u
-    and w_i, with ``NOTHING`` none.
+    mostly enough.
     """
     late, t = guess(start, free, step)
     k = expand_near(eq, start, free, waves, late)
@@ -194,4 +207,4 @@ def single_impact(eq, start, free, waves, step, polish):
     values, (y_T, _, bound) = all_terms(k, t), free
     u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, values, step)
     y, w, proved = rebound(eq, free, r, w_i, proved, step)
-    return y, w, u, w_i, proved
+    return Impact(y, w, u, w_i, proved)

@@ -134,7 +134,7 @@ def bound_factors(eq, step):
 
 @jit(inline=True)
 def forced(forcing, s, c):
-    """Return the ``Forcing`` of y and w in a step from the phase with sine `s` and cosine `c`."""
+    """Return what a step from the phase with sine `s` and cosine `c` adds to y and w."""
     added_y = fma(forcing.ys, s, fma(forcing.yc, c, forcing.y1))
     return added_y, fma(forcing.ws, s, fma(forcing.wc, c, forcing.w1))
 

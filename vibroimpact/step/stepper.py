@@ -100,9 +100,9 @@ def take_exact_step(eq, propagators, state, phase, end_wave, step, pt, scratch):
         return y_T, w_T, False, 0, 0.0, 0, 0
     waves = s, c, end_wave[0], end_wave[1]
     impact = single_impact(eq, (y, w), (y_T, w_T, bound), waves, step, 1)
-    if impact[4] == ONLY:
+    if impact.proved == ONLY:
         n = log_impact(scratch.events, impact, pt)
-        return impact[0], impact[1], False, n, 0.0, 0, 0
+        return impact.y, impact.w, False, n, 0.0, 0, 0
     return exact_step(eq, pt, state, (y_T, w_T, bound), impact, phase, step, scratch)
 
 
