@@ -33,17 +33,17 @@ def compare(
     """Write a table of the largest deviation of points from their exact orbits.
 
     It has a row for each class and direction; the rarest share a row. `classes` restricts the
-    comparison to these classes; by default all are compared.
+    comparison to these classes; by default all classes with impacts and of at most
+    ``LONGEST_ORBIT`` periods are compared.
     """
     import pandas as pd
 
     parts, rig = [], rig_of(dataset)
     for line in lines_of(dataset, axis, at):
         way = f" {line[DIRECTION].item()}" if DIRECTION in line.coords else ""
-        found = deviations(line, axis, coordinate)
-        pairs = list(zip(found["m"], found["q"], strict=True))
-        found["name"] = [f"{m}/{q}{way}" for m, q in pairs]
-        parts.append(found[[not classes or pair in classes for pair in pairs]])
+        found = deviations(line, axis, coordinate, classes)
+        found["name"] = [f"{m}/{q}{way}" for m, q in zip(found["m"], found["q"], strict=True)]
+        parts.append(found)
     points = pd.concat(parts, ignore_index=True)
     if points.empty:
         return "no point follows a stable exact orbit"
@@ -62,10 +62,12 @@ def compare(
     )
 
 
-def deviations(line: xr.Dataset, axis: str, coordinate: str) -> pd.DataFrame:
+def deviations(
+    line: xr.Dataset, axis: str, coordinate: str, classes: Collection[tuple[int, int]] = ()
+) -> pd.DataFrame:
     """Compare the periodic points along an axis with the stable orbits of the same class.
 
-    There is a row for each point with such an orbit: ``m``, ``q``, the axis, ``size`` (the largest
+    The `classes` are chosen as in `compare`. There is a row for each point with such an orbit: ``m``, ``q``, the axis, ``size`` (the largest
     deviation in its record, in the unit of the coordinate), and ``settled`` (whether the Floquet
     multipliers reduce a deviation to rounding within the transient).
     """
@@ -75,12 +77,15 @@ def deviations(line: xr.Dataset, axis: str, coordinate: str) -> pd.DataFrame:
     records = recorded_coordinate(line, coordinate).values
     transient = int(line["section"].values[0]) - 1
     rows = []
-    for i in np.flatnonzero((motions.q > 0) & (motions.m <= LONGEST_ORBIT)).tolist():
+    for i in np.flatnonzero(motions.q > 0).tolist():
+        mq = int(motions.m[i]), int(motions.q[i])
+        if mq not in classes if classes else mq[0] > LONGEST_ORBIT:
+            continue
         try:
             orbit = motions.orbit(i)
         except OrbitError:
             continue
-        if orbit.stable and (orbit.m, orbit.q) == (motions.m[i], motions.q[i]):
+        if orbit.stable and (orbit.m, orbit.q) == mq:
             exact = orbit_coordinates(orbit, motions.phase)[coordinate]
             size = _distance(records[i], exact, coordinate)
             decay = float(np.abs(orbit.multipliers).max()) ** (transient / orbit.m)

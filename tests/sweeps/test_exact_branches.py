@@ -114,6 +114,14 @@ def test_the_rarest_classes_are_compared_together(monkeypatch, exact):
     assert counts[0] == counts[1]
 
 
+def test_a_class_of_long_orbits_is_compared_if_it_is_asked_for(tmp_path):
+    long = ["oscillator.omega=[2.978, 2.9785, 2.979]", "oscillator.R=0.8", "record.transient=1000"]
+    with computed(tmp_path, *long) as dataset:
+        assert dataset["period"].values.tolist() == [16, 16, 16]
+        assert compare(dataset, "omega") == "no point follows a stable exact orbit"
+        assert re.search(r"^16/16 +3 ", compare(dataset, "omega", classes=[(16, 16)]), re.M)
+
+
 def test_phases_are_compared_around_the_circle():
     record, orbit = np.array([1e-9]), np.array([2.0 * np.pi - 1e-9])
     assert _distance(record, orbit, "impact_phase") == pytest.approx(2e-9, rel=1e-5)
