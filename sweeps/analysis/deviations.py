@@ -67,9 +67,10 @@ def deviations(
 ) -> pd.DataFrame:
     """Compare the periodic points along an axis with the stable orbits of the same class.
 
-    The `classes` are chosen as in `compare`. There is a row for each point with such an orbit: ``m``, ``q``, the axis, ``size`` (the largest
-    deviation in its record, in the unit of the coordinate), and ``settled`` (whether the Floquet
-    multipliers reduce a deviation to rounding within the transient).
+    The `classes` are chosen as in `compare`. There is a row for each point with such an orbit:
+    ``m``, ``q``, the axis, ``size`` (the largest deviation in its record, in the unit of the
+    coordinate), and ``settled`` (whether the Floquet multipliers reduce a deviation to rounding
+    within the transient).
     """
     import pandas as pd
 
