@@ -134,11 +134,11 @@ def _plan(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
-    from sweeps.engine.estimate import expected
+    from sweeps.engine.estimate import expected_cost
     from sweeps.engine.executors import computer_for
     from sweeps.engine.reports import plan
 
-    return plan(sweep, path, expected(sweep, path, computer_for(client, threads), resume))
+    return plan(sweep, path, expected_cost(sweep, path, computer_for(client, threads), resume))
 
 
 def run_and_report(sweep: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:

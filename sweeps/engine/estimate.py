@@ -45,41 +45,31 @@ _LEAST_TRIED = 16
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Cost:
     """The expected cost of a sweep.
 
     `seconds` is extrapolated from short trials, which cannot show later changes of the motions; it
-    excludes compilation. The others are in bytes: `file` is the size of the complete file without
-    compression, `disk` the disk space for the file and the journal, and `memory` the memory for the
-    blocks.
+    excludes compilation. The next three are in bytes: `file` is the size of the complete file
+    without compression, `disk` the disk space for the file and the journal, and `memory` the memory
+    for the blocks. `block` is the number of points in a block.
     """
 
     seconds: float
     file: int
     disk: int
     memory: int
+    block: int
 
 
-def expected(config: SweepConfig, path: Path, computer: Local | Cluster, resume: bool) -> Estimate:
-    """Return the cost of a sweep; refuse the sweep if memory or disk space is too small."""
-    cost = in_thread(estimate, config, computer.threads, computer.cores)
-    check_room(path, cost.disk, resume=resume)
-    return cost
-
-
-def estimate(config: SweepConfig, threads: int | None = None, cores: int = 1) -> Estimate:
-    """Estimate the cost of a sweep.
-
-    Trials use `threads` threads, all by default; `cores` computations of that size run in parallel.
-    Raises StoreError if there is not enough memory for one point, or one chain of points.
-    """
-    size = config.size
-    file = size * bytes_per_point(config.spec)
-    disk = 2 * size * bytes_per_point(config.spec, _AT_IMPACTS)
-    points = min(block_size(config), config.grid.size)
-    memory = _BLOCKS_HELD * points * _memory_per_point(config)
-    seconds = expected_seconds(config, threads) / cores
-    return Estimate(seconds, file, disk, memory)
+def expected_cost(config: SweepConfig, path: Path, computer: Local | Cluster, resume: bool) -> Cost:
+    """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
+    file = config.size * bytes_per_point(config.spec)
+    disk = 2 * config.size * bytes_per_point(config.spec, _AT_IMPACTS)
+    check_room(path, disk, resume=resume)
+    seconds = in_thread(expected_seconds, config, computer.threads) / computer.cores
+    block = block_size(config, **computer.block_limits(seconds, config.grid.size))
+    memory = _BLOCKS_HELD * min(block, config.grid.size) * _memory_per_point(config)
+    return Cost(seconds, file, disk, memory, block)
 
 
 def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:

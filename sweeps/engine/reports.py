@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sweeps.config.sweep import SweepConfig
-    from sweeps.engine.estimate import Estimate
+    from sweeps.engine.estimate import Cost
 
 #: If neither is above 0, the mass did not meet the stop.
 _CONTACT = ("impacts_per_period", "rest_fraction")
 
 
-def plan(sweep: SweepConfig, path: Path, cost: Estimate) -> str:
+def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep and its cost before it is run."""
     periods = sweep.size * (sweep.record.transient + sweep.record.periods)
     units = dict(sweep.units.items())

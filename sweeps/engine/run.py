@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, numerics
-from sweeps.engine.estimate import block_size, expected
+from sweeps.engine.estimate import expected_cost
 from sweeps.engine.executors import Local, computer_for, in_thread
 from sweeps.engine.reports import plan
 from sweeps.grid import Block, block_points
@@ -99,10 +99,9 @@ def run_sweep(
     with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles; later runs reuse the result)"):
-            cost = expected(config, path, computer, resume)
+            cost = expected_cost(config, path, computer, resume)
         console.print(printable(plan(config, path, cost)))
-        schema = _schema(config, computer.block_limits(cost.seconds, config.grid.size))
-        with sweep_writer(path, schema, resume=resume) as writer:
+        with sweep_writer(path, _schema(config, cost.block), resume=resume) as writer:
             if writer is None:  # the file is complete
                 return path
             if writer.damaged:
@@ -146,8 +145,8 @@ def _refined(
     return refinement.points
 
 
-def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
-    """Return the schema of a sweep, with `sizes` as the limits of its blocks."""
+def _schema(config: SweepConfig, size: int) -> Schema:
+    """Return the schema of a sweep in blocks of about `size` points."""
     spec, grid = config.spec, config.grid
     attributes = {
         "name": config.name,
@@ -157,7 +156,7 @@ def _schema(config: SweepConfig, sizes: Mapping[str, int]) -> Schema:
         "numerics": numerics(config),
         **({"scaled_along": "f"} if spec.scaled else {}),
     }
-    size, whole = block_size(config, **sizes), spec.followed
+    whole = spec.followed
     if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
         whole = "f"  # all its values share one computation
     return Schema.of(grid, grid.blocks(size, whole), spec, attributes)

@@ -125,7 +125,8 @@ class SweepWriter:
         self, name: str, points: Mapping[float, Mapping[str, np.ndarray]]
     ) -> Iterator[tuple[Block, np.ndarray]]:
         """Yield the boxes of a variable in the complete file, with their results."""
-        journal, further, at = self._journal, np.array(list(points)), 0
+        journal, at = self._journal, 0
+        further = {value: results[name] for value, results in points.items()}
         for number, block in enumerate(self._schema.blocks):
             entry = journal.entries[number]
             part = journal.read(entry, name)
@@ -133,16 +134,9 @@ class SweepWriter:
                 yield journal.box(entry, name), part
                 continue
             ((cut,), (axis,)) = block, self._schema.axes.values()
-            low = axis[cut.start] if cut.start else -math.inf
-            high = axis[cut.stop] if cut.stop < len(axis) else math.inf
-            inside = further[(further >= low) & (further < high)]
-            values = np.union1d(axis[cut], inside)
-            nearest = np.minimum(np.searchsorted(axis[cut], values), len(part) - 1)
-            merged = part[nearest]
-            for i in np.flatnonzero(np.isin(values, inside)):
-                merged[i] = points[float(values[i])][name]
-            yield (slice(at, at + len(values)),), merged
-            at += len(values)
+            part = _with_further(axis, cut, part, further)
+            yield (slice(at, at + len(part)),), part
+            at += len(part)
 
     def _refuse_other_file(self) -> None:
         """Refuse to replace a file that another program has written in the meantime."""
@@ -171,6 +165,21 @@ class SweepWriter:
             array = np.ascontiguousarray(results[name], VARIABLES[name].dtype)
             arrays[name] = array.reshape((*box_shape(block), *record))
         return arrays
+
+
+def _with_further(
+    axis: np.ndarray, cut: slice, part: np.ndarray, further: Mapping[float, np.ndarray]
+) -> np.ndarray:
+    """Insert further results, by their values of an increasing axis, into those of a piece of it.
+
+    A piece takes the values from its first one up to the next piece, and replaces its own results
+    at equal values. The first and the last piece also take what is beyond the ends of the axis.
+    """
+    low = axis[cut.start] if cut.start else -math.inf
+    high = axis[cut.stop] if cut.stop < len(axis) else math.inf
+    results = dict(zip(axis[cut].tolist(), part, strict=True))
+    results |= {value: result for value, result in further.items() if low <= value < high}
+    return np.stack([results[value] for value in sorted(results)]).astype(part.dtype, copy=False)
 
 
 def _corners(block: Block) -> tuple[tuple[int, int], ...]:
