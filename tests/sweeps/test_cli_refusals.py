@@ -1,58 +1,36 @@
-"""Requests that are refused: exit code 2, one message, and no file changed."""
+"""Commands that are refused, interrupted or fail: one message, the exit code, and what is kept."""
 
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
 import types
 from pathlib import Path
 
-import h5py
 import pytest
 
+import sweeps
 from commands import SMALL, call, refused
+from sweeps import interrupts
+from sweeps.engine import run as runner
+from sweeps.store import SweepWriter
 
 CONFIG = SMALL
+ROOT = Path(sweeps.__file__).parents[1]
 
 
 # Requests that are refused
 
 
-@pytest.mark.parametrize(
-    ("line", "given", "number", "parts"),
-    [
-        ("  h: 0.1", "  h: -1", 3, ["oscillator.h = -1", ">= 0"]),
-        ("  h: 0.1", "  h: .nan", 3, ["oscillator.h = .nan", "a finite number >= 0"]),
-        ("  R: 0.8", "  R: 1.2", 4, ["oscillator.R = 1.2", "a number from 0 to 1"]),
-        ("  omega: {start: 1.5, stop: 3.0, num: 5}", "  omega: 0", 5,
-         ["oscillator.omega = 0", "> 0"]),
-        ("num: 5", "num: 0", 5, ["oscillator.omega.num = 0", "an integer from 1"]),
-        ("  omega:", "  omga:", 5,
-         ["unknown key oscillator.omga", "did you mean omega?", "h, R, omega, f, p, clearance"]),
-        ("method:", "start: {x0: 0.5}\nmethod:", 8,
-         ["start.x0", "x0 = 0.5", "clearance = 0", "every x0 must be <= every clearance"]),
-        ("{steps_per_period: 20}", "{integrator: newmrak}", 8,
-         ["method.integrator = newmrak", "did you mean newmark?", "newmark, rk4"]),
-        ("  R: 0.8", "  R: [0.8", 5, ["column 8", "not valid YAML"]),
-    ],
-)  # fmt: skip
-def test_a_wrong_configuration(line, given, number, parts):
-    assert CONFIG.count(line) == 1
-    Path("wrong.yaml").write_text(CONFIG.replace(line, given))
-    for arguments in (["run", "wrong.yaml"], ["run", "wrong.yaml", "--dry-run"]):
-        message = refused(*arguments)
-        assert f"wrong.yaml, line {number}" in message
-        for part in parts:
-            assert part in message
-
-
-def test_a_missing_configuration():
-    message = refused("run", "missing.yaml")
-    assert "missing.yaml: cannot be read (No such file" in message
-    assert "expected: a YAML file" in message
-
-
-def test_a_wrong_override():
-    message = refused("run", "sweep.yaml", "--set", "oscillator.R=1.2")
-    assert "--set oscillator.R=1.2: oscillator.R = 1.2" in message
-    assert "a number from 0 to 1" in message
+def test_a_wrong_configuration():
+    """All that can be wrong: ``test_config_refusals.py``."""
+    Path("wrong.yaml").write_text(CONFIG.replace("  h: 0.1", "  h: -1"))
+    for dry in ([], ["--dry-run"]):
+        message = refused("run", "wrong.yaml", *dry)
+        assert message.startswith("vibroimpact: error: wrong.yaml, line 3: oscillator.h = -1 is")
+        assert message.count("\n") == 1
 
 
 @pytest.mark.parametrize("dry", [[], ["--dry-run"]])
@@ -61,45 +39,21 @@ def test_an_output_folder_that_does_not_exist(dry):
     assert "folder nowhere" in message and "does not exist" in message
 
 
-def test_an_output_that_exists():
-    Path("small.h5").write_text("precious")
-    message = refused("run", "sweep.yaml")
-    assert "small.h5 exists" in message and "--overwrite" in message
-    assert Path("small.h5").read_text() == "precious"
-
-
 @pytest.mark.parametrize("threads", [0, -1, 100_000])
 def test_threads_that_numba_does_not_have(threads):
     message = refused("run", "sweep.yaml", "--threads", threads)
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
-def test_a_text_is_no_file_of_a_sweep():
-    Path("text.h5").write_text("hello")
-    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
-
-
-@pytest.mark.parametrize("command", ["plot", "info"])
-def test_a_file_that_is_not_a_sweep(command):
-    message = refused(command, "sweep.yaml")
-    assert "sweep.yaml is not an HDF5 file" in message
-    with h5py.File("other.h5", "w") as file:
-        file["x"] = [1.0]
-    assert "other.h5 is an HDF5 file, but not one" in refused(command, "other.h5")
-    assert "missing.h5 does not exist" in refused(command, "missing.h5")
-
-
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--kind", "bifurcatoin"], ["bifurcatoin", "bifurcation"]),
         (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [lyapunov]"]),
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
         (["--coordinate", "impulse"], ["poincare_x", "; --below impulse draws it in a panel"]),
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
         (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
         (["-o", "small.h5"], ["small.h5", "replace the data"]),
-        (["-o", "small.docx"], ["small.docx", ".png"]),
     ],
 )
 def test_a_picture_that_cannot_be_drawn(ran, arguments, parts):
@@ -125,14 +79,6 @@ def test_more_than_the_disk_holds(monkeypatch, dry):
     assert re.search(r"the sweep takes about \d+\.?\d* kB .* has only 1 kB left", message)
 
 
-def test_a_grid_beyond_all_bounds():
-    axis = "{start: 0, stop: 1, num: 1e7}"
-    three = [f"oscillator.{name}={axis}" for name in ("h", "R", "f")]
-    message = refused("run", "sweep.yaml", *(part for text in three for part in ("--set", text)))
-    assert "a grid of 10,000,000,000,000,000,000,000 points" in message
-    assert "at most 1,000,000,000" in message
-
-
 @pytest.mark.parametrize(
     "arguments", [["run"], ["run", "sweep.yaml", "--foo"], ["fly"], ["run", "a", "--threads", "x"]]
 )
@@ -140,3 +86,117 @@ def test_bad_arguments(arguments):
     result = call(*arguments)
     assert result.exit_code == 2
     assert "Error: " in result.stderr and "Traceback" not in result.stderr
+
+
+# Commands that are interrupted or fail on the way: exit code 1
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (KeyboardInterrupt(), "interrupted; nothing is kept"),
+        (OSError(28, "No space left on device"), "No space left on device; nothing is kept"),
+        (MemoryError(), "MemoryError; nothing is kept"),
+    ],
+)
+def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
+    def run_sweep(*_, **__):
+        raise error
+
+    monkeypatch.setitem(
+        sys.modules, "sweeps.engine.run", types.SimpleNamespace(run_sweep=run_sweep)
+    )
+    result = call("run", "sweep.yaml")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_interrupted_run_says_what_is_kept(monkeypatch):
+    write = SweepWriter.write
+
+    def write_one(self, block, results):
+        write(self, block, results)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SweepWriter, "write", write_one)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
+    for option, done in (("--overwrite", 2), ("--resume", 4)):
+        result = call("run", option, "sweep.yaml", "--quiet", "--set", "name=a b")
+        assert result.exit_code == 1
+        assert f"interrupted; {done} of 10 points kept in a b.h5.part; " in result.stderr
+        command = "vibroimpact run sweep.yaml --quiet --set 'name=a b' --resume"
+        assert result.stderr.endswith(f"; to go on: {command}\n")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["bench", "accuracy-speed"],
+        ["info", "small.h5"],
+        ["plot", "small.h5"],
+        ["run", "sweep.yaml"],
+        ["schema"],
+        ["zoom", "small.h5", "omega=2:3"],
+    ],
+)
+def test_an_interrupted_command_exits_with_1(ran, monkeypatch, command):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sweeps.store.open_sweep", interrupt)
+    monkeypatch.setattr("sweeps.engine.configurations.read_config", interrupt)
+    monkeypatch.setattr("sweeps.config.json_schema.json_schema", interrupt)
+    monkeypatch.setattr("sweeps.bench.accuracy_speed.measure", interrupt)
+    result = call(*command)
+    assert result.exit_code == 1
+    assert result.stderr == "vibroimpact: error: interrupted\n"
+
+
+@pytest.mark.slow
+def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
+    os.mkfifo("pipe.yaml")
+    command = [sys.executable, "-m", "sweeps.cli", "run", "pipe.yaml"]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
+        try:
+            writer = os.open("pipe.yaml", os.O_WRONLY)  # which waits for the command to read
+            run.send_signal(signal.SIGTERM)
+            _, stderr = run.communicate(timeout=300)
+        finally:
+            run.kill()
+    os.close(writer)
+    assert (run.returncode, stderr) == (1, "vibroimpact: error: interrupted\n")
+
+
+@pytest.fixture
+def listening(monkeypatch):
+    """What the process of a command has from its start."""
+    monkeypatch.setattr(interrupts, "_came", False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupts.listen()
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd, listening, number):
+    class Callback:  # exceptions in it are swallowed, as in LLVM's
+        def __del__(self):
+            os.kill(os.getpid(), number)
+            time.sleep(0.1)
+
+    written = []
+
+    def write(self, block, results):
+        written.append(block)
+        Callback()
+
+    monkeypatch.setattr(SweepWriter, "write", write)
+    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
+    result = call("run", "sweep.yaml", "--quiet")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")
+    assert len(written) == 1
+    assert capfd.readouterr().err == ""

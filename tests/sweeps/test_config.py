@@ -1,4 +1,4 @@
-"""The configuration: what is read, overridden and written back."""
+"""The configuration: what is read, overridden and written back, and its JSON schema."""
 
 import math
 from pathlib import Path
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
+import sweeps
 from sweep_files import EXAMPLE, load, oscillator, refusal
 from sweeps.config.groups import OscillatorConfig, StartConfig
+from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
@@ -68,15 +70,6 @@ def test_the_defaults_are_the_documented_ones():
             assert config.grid.fixed[name] == parameter.default
 
 
-def test_the_output_is_named_after_the_sweep():
-    assert load("name: other\n" + oscillator()).output == Path("other.h5")
-
-
-def test_the_groups_have_every_parameter():
-    names = [*OscillatorConfig.model_fields, *StartConfig.model_fields]
-    assert names == list(PARAMETERS)
-
-
 @pytest.mark.parametrize(
     ("text", "axes"),
     [
@@ -116,22 +109,6 @@ def test_numbers_are_read_however_they_are_written(text):
     assert load(oscillator(h=text)).oscillator.h == 1e-3
 
 
-def test_integers_may_be_written_as_floats():
-    config = load(oscillator() + "record: {transient: 1e3, periods: 20.0}\n")
-    assert (config.record.transient, config.record.periods) == (1000, 20)
-
-
-def test_a_trajectory_is_asked_for_by_every():
-    config = load(oscillator() + "record: {trajectory: {every: 5}}\n")
-    assert config.record.trajectory and config.record.trajectory.every == 5
-
-
-def test_the_configuration_is_frozen():
-    config = load(EXAMPLE)
-    with pytest.raises(ValueError):
-        config.method.integrator = "rk4"
-
-
 def test_every_integrator_and_impact_rule_is_accepted():
     for integrator in INTEGRATORS:
         for impact in IMPACT_RULES:
@@ -161,13 +138,6 @@ def test_the_steps_are_those_of_the_worst_point(values, method, steps):
     written = config.to_yaml()
     assert yaml.safe_load(written)["method"]["steps_per_period"] == steps
     assert load(written).steps == steps
-
-
-def test_diagnostics_are_asked_for_by_name():
-    config = load(oscillator() + "record: {diagnostics: [lyapunov, period]}\n")
-    assert config.record.diagnostics == ("lyapunov", "period")
-    config = load(oscillator() + "method: {impact: plain}\nrecord: {diagnostics: [period]}\n")
-    assert config.record.diagnostics == ("period",)
 
 
 @pytest.mark.parametrize(
@@ -289,10 +259,6 @@ def test_overrides_replace_and_add_in_order():
     assert config.name == "renamed"
 
 
-def test_overrides_may_add_a_group():
-    assert load(oscillator(), "method.impact=plain").method.impact == "plain"
-
-
 @pytest.mark.parametrize(
     ("override", "parts"),
     [
@@ -360,3 +326,58 @@ def test_to_yaml_is_complete_and_keeps_the_order():
         "transient": 200, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,
         "diagnostics": ["period"],
     }  # fmt: skip
+
+
+# The JSON schema
+
+
+def test_the_schema_accepts_the_example_and_refuses_a_wrong_one():
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    root = Path(sweeps.__file__).parents[1]
+    texts = [EXAMPLE, *(path.read_text() for path in root.glob("configs/**/*.yaml"))]
+    for text in texts:
+        validator.validate(yaml.safe_load(text))
+    for wrong in (
+        "record: {periods: 0}\n",
+        "record: {diagnostics: [speed]}\n",
+        "method: {integrator: euclid}\n",
+        "method: {steps_per_period: 3}\n",
+        "hh: 1\n",
+    ):
+        assert not validator.is_valid(yaml.safe_load(oscillator() + wrong))
+    assert not validator.is_valid(yaml.safe_load("oscillator: {h: 1}\n"))
+
+
+EDGES = (-1.0, -5e-324, 0.0, 5e-324, 0.5, 1.0, 1.0000000000000002, 1.2, 1e300)
+
+
+@pytest.mark.parametrize("form", ["{v}", "[0.5, {v}]", "{{start: 0.5, stop: {v}, num: 2}}",
+                                  "{{start: {v}, stop: 0.5, num: 2}}"])  # fmt: skip
+@pytest.mark.parametrize("name", [*OscillatorConfig.model_fields, *StartConfig.model_fields])
+def test_the_schema_has_the_bounds_of_every_parameter(name, form):
+    """An editor marks a number exactly where the parameter does not allow it."""
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json_schema()
+    assert {"$schema", "$id"} < {*schema}
+    validator = jsonschema.Draft202012Validator(schema)
+    for value in EDGES:
+        given = form.format(v=f"{value:.17e}")
+        text = oscillator(**{name: given} if name in OscillatorConfig.model_fields else {})
+        text += f"start: {{{name}: {given}}}" if name in StartConfig.model_fields else ""
+        assert validator.is_valid(yaml.safe_load(text)) == PARAMETERS[name].accepts(value), text
+
+
+def test_the_schema_describes_every_parameter():
+    definitions = json_schema()["$defs"]
+    properties = {
+        **definitions["OscillatorConfig"]["properties"],
+        **definitions["StartConfig"]["properties"],
+    }
+    for name, parameter in PARAMETERS.items():
+        description = properties[name]["description"]
+        assert parameter.meaning in description
+        assert (f"[{parameter.unit}]" in description) == (parameter.unit != "1")
+        assert parameter.allowed in description

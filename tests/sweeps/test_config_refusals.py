@@ -94,10 +94,23 @@ def test_an_accuracy_in_place_of_a_method(method):
     assert message.count("\n") == 0 and "vibroimpact bench accuracy-speed CONFIG" in message
 
 
-def test_unknown_key():
-    message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  omga: 1\n  omega: 1\n  f: 1\n")
-    assert "line 4: unknown key oscillator.omga (did you mean omega?)" in message
-    assert "keys among h, R, omega, f, p, clearance" in message
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("oscillator:\n  h: 0.1\n  R: 1\n  omga: 1\n  omega: 1\n  f: 1\n",
+         ["line 4: unknown key oscillator.omga (did you mean omega?)",
+          "keys among h, R, omega, f, p, clearance"]),
+        ("oscillator:\n  h: 0.1\n  R: 1\n  h: 0.2\n",
+         ["line 4: oscillator.h is given twice", "line 2"]),
+        ("name: a\noscillator:\n  h: 0.1\n  R: 1\n  omega: 1\n",
+         ["line 2: oscillator.f is missing; expected: forcing amplitude"]),
+        ("name: a\n", ["line 1: oscillator is missing"]),
+    ],
+)  # fmt: skip
+def test_keys_that_are_unknown_missing_or_given_twice(text, parts):
+    message = refusal(text)
+    for part in parts:
+        assert part in message
 
 
 def test_a_misspelt_key_is_not_reported_missing_as_well():
@@ -116,15 +129,12 @@ def test_a_nested_list_is_reported_once_per_item(values, errors):
     assert len(message.splitlines()) == errors
 
 
-def test_unknown_key_in_another_case():
-    assert "(did you mean R?)" in refusal(oscillator(r="1"))
-
-
 @pytest.mark.parametrize(
     ("place", "name", "key"),
     [
         ("oscillator", "gap", "clearance"),
         ("oscillator", "Sigma", "clearance"),
+        ("oscillator", "r", "R"),
         ("oscillator", "restitution", "R"),
         ("oscillator", "coefficient-of-restitution", "R"),
         ("oscillator", "damping", "h"),
@@ -221,31 +231,15 @@ def test_to_yaml_can_be_shown_and_read_back():
     assert "name: é" in load(f"name: é\n{oscillator()}").to_yaml()
 
 
-def test_missing_key_names_the_line_of_its_group():
-    message = refusal("name: a\noscillator:\n  h: 0.1\n  R: 1\n  omega: 1\n")
-    assert "line 2: oscillator.f is missing; expected: forcing amplitude" in message
-
-
-def test_missing_group():
-    assert "line 1: oscillator is missing" in refusal("name: a\n")
-
-
 @pytest.mark.parametrize(
     ("x0", "clearance"),
-    [("0.5", "0.2"), ("[-1, 0.5]", "1"), ("0.5", "[1, 0.2]"),
+    [("0.5", "0.2"), ("[-1, 0.5]", "0.2"), ("0.5", "[1, 0.2]"),
      ("{start: 0, stop: 0.5, num: 2}", "{start: 0.2, stop: 3, num: 4}")],
 )  # fmt: skip
 def test_start_beyond_the_stop(x0, clearance):
-    text = oscillator(clearance=clearance) + f"start: {{x0: {x0}}}\n"
-    if clearance == "1":
-        assert load(text).grid.size == 2
-        return
-    message = refusal(text)
+    message = refusal(oscillator(clearance=clearance) + f"start: {{x0: {x0}}}\n")
     assert "line 2: start.x0: x0 = 0.5 lies beyond the stop at clearance = 0.2" in message
     assert "every x0 must be <= every clearance" in message
-
-
-def test_default_start_beyond_the_stop():
     message = refusal("name: a\n" + oscillator(clearance="-0.1"))
     assert "line 2: oscillator.clearance: x0 = 0 lies beyond the stop" in message
 
@@ -279,11 +273,6 @@ def test_what_is_not_a_mapping_in_yaml(text, parts):
     assert "sweep.yaml" in message
     for part in parts:
         assert part in message
-
-
-def test_duplicate_key():
-    message = refusal("oscillator:\n  h: 0.1\n  R: 1\n  h: 0.2\n")
-    assert "line 4: oscillator.h is given twice" in message and "line 2" in message
 
 
 @pytest.mark.parametrize("name", ["missing.yaml", "folder", "binary.yaml", "a\0b"])

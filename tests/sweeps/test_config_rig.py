@@ -261,16 +261,11 @@ def test_cuts_and_limits_are_those_of_the_axes(joint):
 
 
 @pytest.mark.slow
-def test_a_rig_is_zoomed_in_hertz_and_computed_again(joint):
+def test_a_rig_is_zoomed_in_hertz(joint):
     accepted("zoom", joint, "frequency=34:36")
     with open_sweep("joint-frequency-34-36.h5") as ds:
         expected = 2.0 * math.pi * np.linspace(34, 36, 39)
         assert ds["omega"].values.tolist() == expected.tolist()
-    Path("again.yaml").write_text(accepted("info", joint, "--config"))
-    accepted("run", "again.yaml", "-o", "again.h5", "--quiet")
-    with open_sweep(joint) as ds, open_sweep("again.h5") as again:
-        assert ds["omega"].values.tobytes() == again["omega"].values.tobytes()
-        assert ds["poincare_x"].values.tobytes() == again["poincare_x"].values.tobytes()
 
 
 @pytest.mark.slow
@@ -330,14 +325,8 @@ def test_a_table_beside_a_rig_is_read_in_si_units():
     )
     path = run_sweep(load(text + table), "table.h5")
     accepted("export", path, "-o", "table.csv")
-    assert (
-        Path("table.csv")
-        .read_text()
-        .split("\n")[0]
-        .startswith(
-            "point,damping,R,frequency,force,stiffness,gap,x0,v0,serial,impacts_per_period,"
-        )
-    )
+    head = "point,damping,R,frequency,force,stiffness,gap,x0,v0,serial,impacts_per_period,"
+    assert Path("table.csv").read_text().startswith(head)
     nu, c, serial, x0 = columns_of("table.csv", "frequency", "damping", "serial", "x0")
     assert nu.tolist() == [omega / (2.0 * math.pi) for omega in (100, 200, 250)]
     assert (c.tolist(), serial.tolist(), x0.tolist()) == ([4, 4, 3], [7, 8, 9], [0, 0, 0])
