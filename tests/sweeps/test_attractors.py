@@ -266,14 +266,6 @@ def test_the_order_of_the_starts_changes_names_only(computed_starts):
     np.testing.assert_allclose(other["m"], found["m"])
 
 
-def test_parts_of_the_grid_of_starts_agree_with_the_whole(computed_starts):
-    dataset = computed_starts()
-    whole = attractors(dataset)["attractor"]
-    for part in (slice(0, 4), slice(4, 9)):
-        own = attractors(dataset.isel(x0=part))["attractor"]
-        assert partition(own) == partition(whole.isel(x0=part))
-
-
 def test_small_parts_of_the_file_give_the_same(computed_starts, monkeypatch):
     dataset = computed_starts()
     whole = attractors(dataset)

@@ -33,32 +33,27 @@ def test_version():
     assert accepted("--version").startswith("vibroimpact")
 
 
-@pytest.mark.parametrize(
-    # Newer typers import pydantic to describe the arguments of a command.
-    ("arguments", "typers"),
-    [
-        (["--help"], set()),
-        (["run", "--help"], {"pydantic"}),
-        (["bench", "stability", "--help"], {"pydantic"}),
-    ],
-)
-def test_help_imports_nothing_heavy(arguments, typers):
-    heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"} - typers
+def test_help_imports_nothing_heavy():
+    heavy = {"numba", "numpy", "matplotlib", "pydantic", "xarray", "h5py", "yaml"}
     code = (
         "import sys\n"
         "from sweeps.cli.__main__ import main\n"
-        "try:\n"
-        "    main()\n"
-        "except SystemExit as end:\n"
-        "    assert end.code == 0, end.code\n"
-        f"heavy = {heavy} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
+        f"heavy = {heavy}\n"
+        "for command in ([], ['run'], ['bench', 'stability']):\n"
+        "    sys.argv = ['vibroimpact', *command, '--help']\n"
+        "    try:\n"
+        "        main()\n"
+        "    except SystemExit as end:\n"
+        "        assert end.code == 0, end.code\n"
+        "    assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        # Newer typers import pydantic to describe the arguments of a command.
+        "    heavy -= {'pydantic'}\n"
     )
-    command = [sys.executable, "-c", code, *arguments]
+    command = [sys.executable, "-c", code]
     environment = {"PYTHONPATH": str(ROOT)}
     result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
     assert result.returncode == 0, result.stderr
-    assert "Usage: vibroimpact" in result.stdout
+    assert result.stdout.count("Usage: vibroimpact") == 3
 
 
 @pytest.mark.slow
@@ -120,7 +115,6 @@ def test_a_followed_sweep_that_records_no_impacts():
         ("NUMBA_NUM_THREADS=abc", "could not be parsed"),
         ("NUMBA_NUM_THREADS=0", "Number of threads specified must be > 0"),
         ("NUMBA_DISABLE_JIT=1", "needs numba's compiler"),
-        ("NUMBA_OPT=9", "value '9' could not be parsed"),
     ],
 )
 def test_odd_settings_of_numba_are_refused(setting, told):

@@ -65,15 +65,6 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
     assert float(rows[0]["omega"]) == found["omega"].values[0]
 
 
-def test_info_lists_the_exact_bifurcations(path):
-    result = call("info", str(path), "--bifurcations", "--at", "R=0.9")
-    assert result.exit_code == 0, result.output
-    flip = 2.6528859  # the upper edge of the stable window
-    lines = [line.split() for line in result.output.splitlines()]
-    values = [float(words[0]) for words in lines if words[-2:] == ["flip", "1/1"]]
-    assert np.abs(np.array(values) - flip).min() < 1e-6
-
-
 def test_a_map_of_starts_has_no_curves(tmp_path):
     (tmp_path / "c.yaml").write_text(
         CONFIG.replace("R: {start: 0.5, stop: 0.9, num: 12}", "R: 0.8")

@@ -1,4 +1,4 @@
-"""The table of a sweep's points: against the arrays of the file."""
+"""Tables as files: that of a sweep's points against its arrays, and whole or not at all."""
 
 import csv
 import os
@@ -7,10 +7,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from commands import call
+from commands import accepted, call, refused
+from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.tables import write_csv
+from sweeps.errors import Failed
 from vibroimpact.status import Status
 
 CONFIG = """\
@@ -19,16 +23,31 @@ record: {transient: 20, periods: 8, impacts: 4, diagnostics: [period, lyapunov]}
 """
 
 
-@pytest.fixture
-def file():
-    return run_sweep(load_config("sweep.yaml"), "out.h5")
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return run_in(tmp_path_factory.mktemp("file"), CONFIG)
+
+
+class Failing:
+    def __str__(self):
+        raise OSError(28, "No space left on device")
+
+
+def test_a_table_is_written_whole_or_not_at_all():
+    """A failure leaves what was there before, and nothing beside it."""
+    path = Path("a.csv")
+    write_csv(path, pd.DataFrame([[1, 2.5], ["x, y", ""]], columns=["a", "b"]))
+    assert path.read_bytes() == b'a,b\n1,2.5\n"x, y",\n'
+    with pytest.raises(Failed, match=r"a\.csv cannot be written: No space"):
+        write_csv(path, pd.DataFrame({"a": [1, Failing()], "b": 2}))
+    assert path.read_bytes().startswith(b"a,b\n1,2.5\n")
+    assert not list(Path().glob(".*"))
 
 
 def exported(file, name="points.csv"):
-    result = call("export", str(file), "-o", name)
-    assert result.exit_code == 0, result.stderr
+    said = accepted("export", file, "-o", name)
     with open(name, newline="") as text:
-        return result.stdout, list(csv.DictReader(text))
+        return said, list(csv.DictReader(text))
 
 
 def test_every_scalar_comes_back_to_the_last_bit(file):
@@ -63,14 +82,11 @@ def test_a_single_point_is_a_row():
     assert (row["R"], row["omega"], row["period"]) == ("0.5", "2.0", "1")
 
 
-def test_parquet_where_pyarrow_is_there(file, monkeypatch):
-    pandas = pytest.importorskip("pandas")
+def test_parquet_where_pyarrow_is_there(file):
     pytest.importorskip("pyarrow")
-    assert call("export", str(file), "-o", "p.parquet").exit_code == 0
+    accepted("export", file, "-o", "p.parquet")
     exported(file)
-    pandas.testing.assert_frame_equal(
-        pandas.read_parquet("p.parquet"), pandas.read_csv("points.csv")
-    )
+    pd.testing.assert_frame_equal(pd.read_parquet("p.parquet"), pd.read_csv("points.csv"))
 
 
 def test_what_cannot_be_written_is_refused(file, monkeypatch):
@@ -82,11 +98,8 @@ def test_what_cannot_be_written_is_refused(file, monkeypatch):
         ("fifo.csv", "fifo.csv is a FIFO, not a regular file,"),
         ("points.parquet", "needs the package pyarrow"),
     ):
-        result = call("export", str(file), "-o", name)
-        assert result.exit_code == 2 and text in " ".join(result.stderr.split())
-    assert sorted(path.name for path in Path().iterdir()) == [
-        "fifo.csv", "out.h5", "sweep.yaml",
-    ]  # fmt: skip
+        assert text in refused("export", file, "-o", name)
+    assert sorted(path.name for path in Path().iterdir()) == ["fifo.csv", "sweep.yaml"]
 
 
 def test_a_table_beyond_the_limit_of_a_file_is_named(file):
@@ -98,4 +111,4 @@ def test_a_table_beyond_the_limit_of_a_file_is_named(file):
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert result.exit_code == 1
     assert result.stderr == "vibroimpact: error: points.csv cannot be written: File too large\n"
-    assert sorted(path.name for path in Path().iterdir()) == ["out.h5", "sweep.yaml"]
+    assert sorted(path.name for path in Path().iterdir()) == ["sweep.yaml"]

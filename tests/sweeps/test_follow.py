@@ -233,57 +233,6 @@ def test_a_single_point_cannot_be_followed(tmp_path):
 # Physics
 
 
-def test_where_attractors_coexist_the_directions_differ():
-    """At omega = 1.3: period 1, and period 2 with three impacts."""
-    sweep = {
-        "oscillator": {
-            "h": 0.0,
-            "R": 0.8,
-            "omega": {"start": 1.29, "stop": 1.5, "num": 22},
-            "f": 1,
-        },
-        "follow": {"axis": "omega", "direction": "both"},
-        "record": {"transient": 400, "periods": 40, "impacts": 6, "diagnostics": ["period"]},
-    }
-    dataset = ran(configured(sweep=sweep))
-    at = dataset.sel(omega=1.3, method="nearest")
-    up, down = at.sel(direction="up"), at.sel(direction="down")
-    assert (up["period"], up["period_impacts"]) == (2, 3)
-    assert (down["period"], down["period_impacts"]) == (1, 1)
-    np.testing.assert_allclose(np.unique(down["impact_v"].round(4)), [1.4225])
-    np.testing.assert_allclose(np.unique(up["impact_v"].round(4)), [0.7030, 1.1145, 2.2536])
-    # Where only one is left the directions agree.
-    ends = dataset["impact_v"].sel(omega=slice(1.4, None))
-    np.testing.assert_allclose(ends.sel(direction="up"), ends.sel(direction="down"), rtol=1e-6)
-
-
-def test_a_followed_sweep_keeps_to_the_closed_form_branch_up_to_its_flip():
-    """Steps of 1e-3 in omega; the flip is that of the closed form, at 2.65888454668484."""
-    sweep = {
-        "oscillator": {
-            "h": 0.05,
-            "R": 0.8,
-            "omega": {"start": 2.6, "stop": 2.68, "num": 81},
-            "f": 1,
-        },
-        "follow": {"axis": "omega"},
-        "record": {"transient": 400, "periods": 20, "impacts": 4, "diagnostics": ["period"]},
-    }
-    dataset = ran(configured(sweep=sweep))
-    assert "direction" not in dataset.coords
-    flip = 2.65888454668484
-    for omega, v in dataset["impact_v"].groupby("omega"):
-        exact = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=omega, f=1.0)).v
-        apart = np.abs(v - exact).max()
-        if abs(omega - flip) > 0.004:
-            assert (apart < 1e-9) == (omega < flip)
-    omega = dataset["omega"].values
-    np.testing.assert_array_equal(
-        dataset["period"].values[np.abs(omega - flip) > 0.004],
-        np.where(omega < flip, 1, 2)[np.abs(omega - flip) > 0.004],
-    )
-
-
 @pytest.fixture(scope="module")
 def hysteresis(tmp_path_factory):
     """The scene."""

@@ -19,7 +19,6 @@ from sweeps.engine import run as runner
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.estimate import block_size, estimate
 from sweeps.errors import Failed, StoreError
-from sweeps.grid import Grid
 from sweeps.interrupts import thread_flag
 from vibroimpact import Status
 
@@ -161,14 +160,3 @@ def test_the_memory_and_the_file_that_are_told_are_those_of_both_directions():
     cost = estimate(config)
     assert cost.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
     assert cost.file <= run_sweep(config, "out.h5").stat().st_size <= cost.file + 100_000
-
-
-def test_an_axis_is_not_split_at_any_size():
-    grid = Grid({"h": np.arange(3.0), "f": np.arange(4.0), "omega": np.arange(5.0)}, {})
-    for size in (1, 4, 9, 100):
-        seen = np.zeros(grid.shape, int)
-        for block in grid.blocks(size, whole="f"):
-            assert block[1] == slice(0, 4)
-            assert seen[block].size <= max(size, 4)
-            seen[block] += 1
-        assert (seen == 1).all()

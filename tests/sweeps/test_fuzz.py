@@ -13,8 +13,7 @@ import pytest
 
 import sweeps
 from commands import SMALL, accepted, call
-from environments import ENVIRONMENTS
-from mutations import BASES, FULL, mutated
+from odd_inputs import BASES, ENVIRONMENTS, FULL, mutated
 from sweeps.config.loading import load_config
 from sweeps.errors import ConfigError, StoreError
 from sweeps.store import open_sweep

@@ -149,19 +149,6 @@ def test_an_interrupted_run_goes_on_with_the_command_it_names(forks):
     assert code == 2 and "record.transient was 50000 and is 100" in stderr
 
 
-@pytest.mark.slow
-def test_of_two_runs_started_together_one_computes():
-    both = [run("--set", "record.transient=50000") for _ in range(2)]
-    deadline = time.monotonic() + 300
-    while all(one.poll() is None for one in both) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    refused, running = sorted(both, key=lambda one: one.poll() is None)
-    code, stderr = ended(refused)
-    assert code == 2 and f"sweep.h5 is being written by process {running.pid};" in stderr
-    running.send_signal(signal.SIGTERM)
-    assert ended(running)[0] == 1
-
-
 # Signals at any moment
 
 

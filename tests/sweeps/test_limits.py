@@ -4,7 +4,6 @@ import threading
 import time
 from functools import partial
 from itertools import count
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +14,6 @@ from sweeps.engine.compute import compute
 from sweeps.engine.estimate import block_size, estimate, expected_seconds
 from sweeps.engine.executors import Local, LocalExecutor, completed
 from sweeps.engine.run import run_sweep
-from sweeps.errors import StoreError
 from sweeps.interrupts import Cancelled, check
 from vibroimpact.kernel.run import lanes_per_batch
 from vibroimpact.kernel.workspace import LANES
@@ -135,13 +133,6 @@ def test_work_that_is_left_is_cancelled():
         future = executor.submit(endless)
         started.wait()
     assert isinstance(future.exception(), Cancelled)
-
-
-def test_too_little_disk_is_refused_with_both_figures(monkeypatch):
-    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1000}))
-    with pytest.raises(StoreError, match=r"takes about 10\.\d+ MB .* has only 1 kB left"):
-        run_sweep(load(CONFIG), "out.h5")
-    assert not Path("out.h5").exists()
 
 
 def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():

@@ -292,13 +292,6 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
         plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
 
 
-def test_every_exported_function_is_documented():
-    for name in plotting.__all__:
-        exported = getattr(plotting, name)
-        if callable(exported) and name != "Page":
-            assert "Parameters\n" in exported.__doc__ and "Returns\n" in exported.__doc__
-
-
 @pytest.mark.slow
 def test_the_data_file_is_left_alone(draw):
     before = Path("map.h5").read_bytes()

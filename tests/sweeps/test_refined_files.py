@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from commands import accepted, call
+from commands import accepted
 from sweep_files import REFINED as CONFIG
 from sweep_files import flip, found, refined
 from sweeps import open_sweep
@@ -122,29 +122,6 @@ def test_info_lists_the_brackets(cascade):
     assert float(value) == pytest.approx(flip(1, 2.6, 2.7), rel=1e-11)
     (ratios,) = (line for line in lines if line.startswith("cascade: omega = 2.653347"))
     assert "ratios of the distances 4." in ratios
-
-
-@pytest.mark.slow
-def test_info_lists_the_changes_of_any_sweep(tmp_path):
-    """Line by line, at the distance of its grid."""
-    path = refined(
-        tmp_path, "refine=null", "oscillator.R=[0.5, 0.8]", "oscillator.omega=[2.64, 2.65, 2.67]"
-    )
-    assert accepted("info", path, "--bifurcations").splitlines() == [
-        "R    omega          kind  classes     between",
-        *(f"{R}  {flip(1, 2.6, 2.7, R):.12g}  flip  1/1 -> 2/2  2.65 .. 2.67" for R in (0.5, 0.8)),
-    ]
-    assert "does not change along R" in accepted("info", path, "--bifurcations", "--axis", "R")
-    refused = call("info", str(path), "--bifurcations", "--axis", "h")
-    assert refused.exit_code == 2 and "h is not a swept axis" in refused.stderr
-    refused = call("info", str(path), "--axis", "R")
-    assert refused.exit_code == 2 and "--bifurcations" in refused.stderr
-
-
-def test_info_needs_the_classes(tmp_path):
-    path = refined(tmp_path, "refine=null", "record.diagnostics=[]")
-    refused = call("info", str(path), "--bifurcations")
-    assert refused.exit_code == 2 and "record.diagnostics: [period]" in refused.stderr
 
 
 def test_the_plan_says_that_points_are_added(tmp_path):

@@ -1,6 +1,5 @@
 """Refinement: bifurcations bracketed by a coarse sweep, against their closed forms."""
 
-import json
 from pathlib import Path
 
 import naive
@@ -8,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from commands import accepted, call
-from oscillators import bifurcation
+from commands import call
 from sweep_files import REFINED as CONFIG
 from sweep_files import flip, found, refined, refined_config
 from sweeps import open_sweep
@@ -314,15 +312,3 @@ def test_what_cannot_be_refined_is_refused(tmp_path, overrides, said):
     assert result.exit_code == 2
     assert said in result.stderr
     assert not Path("around a flip.h5").exists()
-
-
-def test_the_schema_knows_it():
-    schema = json.loads(accepted("schema"))
-    assert set(schema["$defs"]["RefineConfig"]["properties"]) == {"axis", "around", "levels"}
-
-
-@pytest.mark.slow
-def test_the_first_flip_with_damping_too(tmp_path):
-    path = refined(tmp_path, "oscillator.h=0.05", "refine.levels=10")
-    exact = bifurcation(Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0), "flip", "omega", 2.6, 2.7)
-    assert found(path)[0].low < exact < found(path)[0].high

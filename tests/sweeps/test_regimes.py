@@ -1,4 +1,3 @@
-import naive
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,10 +11,6 @@ from sweeps.analysis.regimes import (
     classify,
     frequent_periods,
 )
-from vibroimpact import integrate
-from vibroimpact.orbits.one_impact import one_impact_orbit
-from vibroimpact.oscillator import Oscillator
-from vibroimpact.points.period_class import period_class
 from vibroimpact.status import Status
 
 PERIODS = 100
@@ -78,59 +73,6 @@ def test_the_shape_is_that_of_the_grid_in_any_order():
     assert classify(both).tolist() == [expected, expected]
     turned = both.transpose("omega", "R", ...)
     assert classify(turned).tolist() == np.transpose([expected, expected]).tolist()
-
-
-def computed(h, R, omega, **start):
-    """Return one point, run from a start, as a sweep over R would hold it."""
-    points = Oscillator(h=h, R=R, omega=omega, f=1.0).at(**start)
-    results = integrate(points, transient=400, periods=PERIODS, lyapunov=True)
-    period, impacts = period_class(
-        results["poincare_x"], results["poincare_v"], results["impacts_per_period"]
-    )
-    results |= {"period": period, "period_impacts": impacts}
-    records = {"poincare_x": "section", "lyapunov": "exponent"}
-    wanted = ("status", "period", "period_impacts", "rest_fraction", *records)
-    values = {
-        name: (("R", records.get(name))[: results[name].ndim], results[name]) for name in wanted
-    }
-    return xr.Dataset(values, {"R": [R], "omega": omega})
-
-
-def beside(h, R, omega):
-    """Return a start beside the closed-form orbit: after a rebound, at the phase 0 next to it."""
-    osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
-    orbit = one_impact_orbit(osc)
-    x, v = naive.after_impact(osc, 1, orbit.v, orbit.phase, 0.0)[0]
-    return {"x0": x - 1e-4, "v0": v}
-
-
-@pytest.mark.parametrize(
-    ("omega", "m", "q"),
-    [(2.64, 1, 1), (2.66, 2, 2), (2.70, 2, 2)],
-)
-def test_the_known_flip_without_damping(omega, m, q):
-    """The orbit flips at omega = 2.653348."""
-    dataset = computed(0.0, 0.8, omega, **beside(0.0, 0.8, omega))
-    assert classify(dataset).tolist() == [Regime.PERIODIC]
-    assert (dataset["period"].item(), dataset["period_impacts"].item()) == (m, q)
-
-
-@pytest.mark.parametrize(("h", "R", "omega"), [(0, 0.5, 0.5), (0.05, 0.6, 0.4), (0.05, 0.8, 0.3)])
-def test_the_known_rests(h, R, omega):
-    assert classify(computed(h, R, omega)).tolist() == [Regime.REST]
-
-
-def test_the_known_chaos():
-    assert classify(computed(0.1, 0.8, 2.95)).tolist() == [Regime.CHAOTIC]
-
-
-def test_a_free_oscillation_of_two_frequencies_is_neutral():
-    """Without damping and far from the stop: exponents 0, and no repetition at an irrational."""
-    osc = Oscillator(h=0.0, R=0.8, omega=np.sqrt(2.0), f=1.0, clearance=10.0)
-    results = integrate(osc.at(), transient=0, periods=PERIODS, lyapunov=True)
-    assert results["impacts_per_period"].item() == 0.0
-    dataset = hand_made([results["status"].item()], 0, growth=results["lyapunov"][:, 0] * DURATION)
-    assert classify(dataset).tolist() == [Regime.NEUTRAL]
 
 
 def test_the_most_frequent_periods_in_order():

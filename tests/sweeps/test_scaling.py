@@ -13,7 +13,6 @@ from sweeps.engine.compute import compute
 from sweeps.grid import Grid
 from sweeps.store.variables import VARIABLES
 from vibroimpact.points import compute as kernel_calls
-from vibroimpact.points.scaling import SCALED, SCALED_SQUARED
 
 SWEEP = {
     "oscillator": {"h": 0.1, "R": 0.7, "f": [0.25, 1.0, 3.0, 8.0], "omega": [0.4, 1.9, 2.3]},
@@ -90,12 +89,6 @@ def test_the_scaled_results_are_the_computed_ones(counted, method):
 )
 def test_what_breaks_the_symmetry_is_computed(change):
     assert not configured(change).spec.scaled
-
-
-def test_what_has_a_length_is_scaled():
-    lengths = {n for n, v in VARIABLES.items() if v.unit.startswith("length")}
-    squares = {n for n in lengths if VARIABLES[n].unit.startswith("length^2")}
-    assert (set(SCALED), set(SCALED_SQUARED)) == (lengths - squares, squares)
 
 
 def test_the_axis_is_not_split():

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweep_files import load, oscillator
 from sweeps.config.groups import DIAGNOSTICS
 from sweeps.grid import Grid
-from sweeps.store import VARIABLES, bytes_per_point, open_sweep, status_counts, sweep_writer
-from sweeps.store.variables import held_variables, widths_of
+from sweeps.store import VARIABLES, open_sweep, status_counts, sweep_writer
+from sweeps.store.variables import held_variables
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 from written_files import (
@@ -151,20 +150,6 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
             assert {"period", "period_impacts", "lyapunov"} & set(held) == expected
             assert ("exponent" in dataset.sizes) == ("lyapunov" in diagnostics)
     assert {variable.diagnostic for variable in VARIABLES.values()} == {None, *DIAGNOSTICS}
-
-
-def test_the_widths_are_those_of_the_record():
-    record = "record: {periods: 7, impacts: 3, trajectory: {every: 4}}\n"
-    spec = load(oscillator() + record).spec
-    widths = {"section": 7, "impact": 3, "sample": 7 * 8 // 4 + 1, "exponent": 0}
-    assert widths_of(spec) == widths
-    assert widths_of(spec, at_impacts=2) == widths | {"sample": widths["sample"] + 2 * 7}
-    assert widths_of(load(oscillator()).spec, at_impacts=2)["sample"] == 0
-
-
-def test_the_estimate_is_what_the_arrays_take():
-    taken = sum(a.nbytes if name != "status" else 12 for name, a in whole().items())
-    assert bytes_per_point(spec_of()) * 12 == taken
 
 
 @pytest.mark.parametrize("order", [*itertools.permutations(range(3))])

@@ -1,6 +1,7 @@
-"""The notebook in configs/, run cell by cell: what a reader of it sees."""
+"""From Python: the names that other programs use, and the notebook, run cell by cell."""
 
 import ast
+import inspect
 import json
 import shutil
 from pathlib import Path
@@ -10,8 +11,33 @@ import pytest
 from matplotlib.figure import Figure
 
 import sweeps
+import vibroimpact
+from sweeps import plotting
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
+PHYSICS = (
+    "POINT OrbitError Oscillator PeriodicOrbit Status bifurcation_curve branch integrate "
+    "one_impact_orbit periodic_orbit simulate __version__"
+)
+ENGINE = (
+    "ConfigError Failed Refused StoreError attractors branches curves explore integrity knocks "
+    "load_config open_sweep run_sweep __version__"
+)
+
+
+@pytest.mark.parametrize(
+    ("package", "names"),
+    [
+        (vibroimpact, PHYSICS.split()),
+        (sweeps, ENGINE.split()),
+        (plotting, [name for name in plotting.__all__ if name != "KINDS"]),
+    ],
+)
+def test_every_name_is_there_and_documented(package, names):
+    for name in names:
+        assert name in package.__all__ or name == "__version__"
+        one = getattr(package, name)
+        assert not inspect.isroutine(one) or "Returns\n" in one.__doc__
 
 
 def shown_by(cell, names):
