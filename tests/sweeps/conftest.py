@@ -12,7 +12,7 @@ from commands import SMALL, WORKERS
 from sweep_files import OVER_STARTS, refined, run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.grid import Grid
-from sweeps.store import Schema, sweep_writer
+from sweeps.store import Schema, SweepWriter, sweep_writer
 from written_files import FIXED, SAMPLES, random_numbers, spec_of
 
 
@@ -23,6 +23,29 @@ def folder(tmp_path, monkeypatch, request):
     if hasattr(request.module, "CONFIG"):
         Path("sweep.yaml").write_text(request.module.CONFIG)
     return tmp_path
+
+
+@pytest.fixture
+def stop_after(monkeypatch):
+    """Return a context in which a run is interrupted when it has written so many blocks."""
+
+    @contextmanager
+    def stopping(count, size):
+        """Interrupt after `count` blocks of `size` points."""
+        write, written = SweepWriter.write, []
+
+        def writing(self, block, results):
+            write(self, block, results)
+            written.append(block)
+            if len(written) == count:
+                raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(SweepWriter, "write", writing)
+            patch.setattr("sweeps.engine.run.block_size", lambda *_, **__: size)
+            yield
+
+    return stopping
 
 
 @pytest.fixture

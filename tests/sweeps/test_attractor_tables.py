@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from commands import call
+from commands import call, refused
 from sweep_files import cycle, hand_made, partition
 from sweeps import attractors
 from sweeps.analysis.attractor_table import cut, rows
@@ -48,18 +48,12 @@ def test_the_table_over_a_parameter(computed_starts):
     assert len(rows(cut(dataset, {"omega": 1.3}), attractors(cut(dataset, {"omega": 1.3})))) == 2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--at", "x0=0"], "x0 cannot be fixed here; choose from: none"),
-        (["--csv", "a.txt"], "--csv a.txt is not allowed; expected: a .csv file"),
-        (["--at", "omega"], "expected: NAME=VALUE"),
-    ],
-)
-def test_requests_that_do_not_fit_are_refused(computed_starts, arguments, text):
-    result = call("attractors", computed_starts().encoding["source"], *arguments)
-    assert result.exit_code == 2
-    assert text in " ".join(result.stderr.split())
+def test_requests_that_do_not_fit_are_refused(computed_starts):
+    file = computed_starts().encoding["source"]
+    message = refused("attractors", file, "--at", "x0=0")
+    assert "x0 cannot be fixed here; choose from: none" in message
+    message = refused("attractors", file, "--csv", "a.txt")
+    assert "--csv a.txt is not allowed; expected: a .csv file" in message
 
 
 def test_the_colours_of_the_basins_are_the_attractors(computed_starts):

@@ -58,7 +58,7 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
         assert zero == by_class["2/3"].number
 
 
-@pytest.mark.parametrize("impacts", [3, 12, 64, 200])
+@pytest.mark.parametrize("impacts", [3, 200])
 def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, impacts):
     """In 32 periods the orbits have 32 and 48 impacts; of more room the rest is padding."""
     dataset = computed_starts("record.transient=1500", f"record.impacts={impacts}")

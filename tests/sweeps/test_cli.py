@@ -1,6 +1,5 @@
 """The command line: what a run, a plot, a zoom and the list of a file print and create."""
 
-import math
 import re
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ from commands import SMALL, accepted, call, refused
 from sweeps.analysis.selection import config_of
 from sweeps.engine import executors
 from vibroimpact.status import Status
-from vibroimpact.step.series import LONGEST_STEP
 
 CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]
@@ -219,12 +217,6 @@ def test_several_are_refused_before_any_is_run_or_drawn():
     assert "other.h5: h is not a swept axis" in refused("plot", "other.h5", "--axis", "h")
 
 
-def test_overwrite_replaces_the_output(ran):
-    accepted("run", "sweep.yaml", "--quiet", "--overwrite", "--set", "oscillator.omega.num=3")
-    with xr.open_dataset("small.h5", engine="h5netcdf") as dataset:
-        assert dataset.sizes["omega"] == 3
-
-
 def test_output_option_wins_over_the_configuration():
     accepted("run", "sweep.yaml", "--quiet", "--set", "output=a.h5", "-o", "b.h5")
     assert Path("b.h5").exists() and not Path("a.h5").exists()
@@ -262,19 +254,6 @@ def test_every_start_says_what_it_takes():
     for line in planned:
         assert line in started or line.startswith("expected time")
     assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
-
-
-def test_dry_run_shows_the_steps_chosen_for_the_worst_point():
-    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "method={}")
-    steps = math.ceil(2 * math.pi * (1.2 / 1.5 + 1) / LONGEST_STEP)
-    assert re.search(rf"steps per period +{steps}\n", printed)
-    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "method={impact: plain}")
-    assert re.search(r"steps per period +100\n", printed)
-
-
-def test_no_unit_is_shown_where_there_is_none():
-    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "oscillator.R=[0.5, 0.8]")
-    assert "R = 0.5 .. 0.8, 2 values" in printed
 
 
 def test_what_became_of_the_points_is_told(monkeypatch, folder):

@@ -112,17 +112,10 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
     assert result.stderr.count("\n") == 1
 
 
-def test_an_interrupted_run_says_what_is_kept(monkeypatch):
-    write = SweepWriter.write
-
-    def write_one(self, block, results):
-        write(self, block, results)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(SweepWriter, "write", write_one)
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
+def test_an_interrupted_run_says_what_is_kept(stop_after):
     for option, done in (("--overwrite", 2), ("--resume", 4)):
-        result = call("run", option, "sweep.yaml", "--quiet", "--set", "name=a b")
+        with stop_after(1, size=2):
+            result = call("run", option, "sweep.yaml", "--quiet", "--set", "name=a b")
         assert result.exit_code == 1
         assert f"interrupted; {done} of 10 points kept in a b.h5.part; " in result.stderr
         command = "vibroimpact run sweep.yaml --quiet --set 'name=a b' --resume"

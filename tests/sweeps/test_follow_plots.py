@@ -11,10 +11,6 @@ from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.deviations import compare
 from sweeps.analysis.exact_branches import branches
-from sweeps.analysis.selection import swept_axes
-from sweeps.engine import executors
-from sweeps.engine import run as runner
-from sweeps.engine.compute import compute_block
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, diagram, plot, section, trajectory
 from sweeps.plotting.maps import parameter_map
@@ -65,10 +61,6 @@ def markers(panel):
 
 def texts(figure):
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-
-
-def test_a_direction_is_no_parameter(dataset):
-    assert swept_axes(dataset) == ("h", "omega")
 
 
 def test_both_directions_are_drawn_the_second_smaller_and_on_top(dataset):
@@ -145,18 +137,8 @@ def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
     assert "1/1" not in free
 
 
-def test_what_is_missing_is_counted_in_both_directions(folder, monkeypatch):
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 25)
-    blocks = []
-
-    def stopping(*arguments):
-        blocks.append(arguments[1])
-        if len(blocks) == 2:
-            raise KeyboardInterrupt
-        return compute_block(*arguments)
-
-    monkeypatch.setattr(executors, "compute_block", stopping)
-    with pytest.raises(KeyboardInterrupt):
+def test_what_is_missing_is_counted_in_both_directions(stop_after):
+    with stop_after(1, size=25), pytest.raises(KeyboardInterrupt):
         run_sweep(load_config("sweep.yaml"), "part.h5")
     with open_sweep("part.h5") as dataset:
         assert "up, $" in texts(bifurcation(dataset))[0]
@@ -171,8 +153,7 @@ def test_the_command_line(stored):
     def drawn(*arguments):
         return call("plot", str(stored), "-o", "picture.png", *arguments)
 
-    for kind in ("impacts", "map"):
-        assert drawn("--kind", kind, "--at", "direction=up").stdout == "picture.png\n"
+    assert drawn("--kind", "map", "--at", "direction=up").stdout == "picture.png\n"
     told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
     assert any(line.startswith("1/1 down ") for line in told) and told[-1] == "picture.png"
     wrong = drawn("--at", "direction=dwn")

@@ -162,7 +162,8 @@ def test_any_text_is_answered():
 
 @pytest.mark.parametrize("base", BASES)
 def test_the_bases_are_valid(base):
-    assert answered(base) == 0
+    Path("fuzz.yaml").write_text(base)
+    load_config("fuzz.yaml")
 
 
 @pytest.mark.parametrize(

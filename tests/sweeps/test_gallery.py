@@ -4,6 +4,7 @@ import importlib.util
 import re
 from pathlib import Path
 
+import naive
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -17,11 +18,7 @@ from sweeps.plotting import Page, plot
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.oscillator import POINT
 
-ROOT = Path(sweeps.__file__).parents[1]
-CONFIGS = ROOT / "configs"
-_spec = importlib.util.spec_from_file_location("naive", ROOT / "tests" / "naive.py")
-naive = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(naive)
+CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 
 
 @pytest.fixture
@@ -96,9 +93,10 @@ def inner(labels):
     return same
 
 
-def test_every_scene_is_in_the_gallery_and_every_picture_is_there():
+def test_every_scene_has_a_comment_and_is_in_the_gallery_with_its_picture():
     text = (CONFIGS / "README.md").read_text()
     for path in CONFIGS.glob("*.yaml"):
+        assert path.read_text().startswith("# "), path
         assert f"`{path.stem.removesuffix('-reduced-step')}" in text, path
         if not path.stem.startswith("paper-"):
             assert f"(pictures/{path.stem}.png)" in text, path
@@ -292,8 +290,3 @@ def test_inelastic_ball(scene):
     assert resting.tolist() == [True, True, True, False, False, True, True, True, True, False]
     speeds = dataset["impact_v"].values
     assert_allclose(np.nanmax(speeds[[3, 9]], axis=1), [2 * np.pi, 4 * np.pi], rtol=1e-6)
-
-
-def test_every_scene_says_what_one_sees():
-    for path in CONFIGS.glob("*.yaml"):
-        assert path.read_text().startswith("# "), path.name

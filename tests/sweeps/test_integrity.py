@@ -193,8 +193,8 @@ def test_other_requests_are_refused(two):
 
 
 @pytest.mark.slow
-def test_the_command(two):
-    file = two.encoding["source"]
+def test_the_command(tmp_path):
+    file = run_in(tmp_path, CONFIG, "start.x0.num=16", "start.v0.num=21")
     lines = accepted("integrity", file, "--weight", 2).splitlines()
     assert [line.split()[:3] for line in lines[1:3]] == [["2.6", "0", "1/0"], ["2.6", "1", "2/1"]]
     assert "w = 2, at omega t = 0" in lines[-1]

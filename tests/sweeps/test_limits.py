@@ -1,6 +1,5 @@
 """What a sweep takes is told, or refused, before a step of it is computed."""
 
-import threading
 import time
 from functools import partial
 from itertools import count
@@ -10,11 +9,10 @@ import pytest
 from commands import call
 from sweep_files import load
 from sweeps.engine import estimate as limits
-from sweeps.engine.compute import compute
+from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.estimate import block_size, estimate, expected_seconds
 from sweeps.engine.executors import Local, LocalExecutor, completed
 from sweeps.engine.run import run_sweep
-from sweeps.interrupts import Cancelled, check
 from vibroimpact.kernel.run import lanes_per_batch
 from vibroimpact.kernel.workspace import LANES
 
@@ -61,17 +59,18 @@ def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
     assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
 
 
-def test_the_memory_that_is_told_is_that_of_the_blocks_in_work():
-    sweep = load(CONFIG)
-    points = sweep.grid.points((slice(0, block_size(sweep)),))
-    arrays = sum(array.nbytes for array in compute(sweep, points, None).values())
-    assert estimate(sweep).memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
+FOLLOWED = ["follow={axis: omega, direction: both}", "oscillator.omega.num=50"]
 
 
 @pytest.mark.slow
-def test_the_size_that_is_told_is_that_of_the_file():
-    sweep = load(CONFIG)
+@pytest.mark.parametrize("changes", [[], FOLLOWED])
+def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_file(changes):
+    sweep = load(CONFIG, *changes)
     told = estimate(sweep)
+    block = (slice(0, block_size(sweep)),)
+    block = (slice(0, 2), *block) if changes else block
+    arrays = sum(array.nbytes for array in compute_block(sweep, block, None).values())
+    assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
     size = run_sweep(sweep, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
     assert told.disk == 2 * told.file  # the journal, and the file at the end
@@ -119,20 +118,6 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
             time.sleep(0.02)
             assert begun == list(range(block + 2))
     assert begun == [0, 1, 2, 3, 4, 5][: len(begun)]
-
-
-def test_work_that_is_left_is_cancelled():
-    started = threading.Event()
-
-    def endless():
-        started.set()
-        while True:
-            check()
-
-    with LocalExecutor() as executor:
-        future = executor.submit(endless)
-        started.wait()
-    assert isinstance(future.exception(), Cancelled)
 
 
 def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():

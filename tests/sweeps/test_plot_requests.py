@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from sweeps.errors import Refused
 from sweeps.plotting import (
@@ -74,27 +75,6 @@ def test_a_point_that_failed_is_titled_so(random_sweep):
         assert Status.UNRESOLVED.meaning in draw(dataset).get_suptitle().replace("\n", " ")
 
 
-@pytest.fixture(scope="module")
-def over_starts(shared_sweep):
-    axes = {"x0": R - 2.0, "v0": R, "omega": OMEGA}
-    return shared_sweep(axes, diagnostics=["period"], phase=0.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "ending", "start"),
-    [
-        *((kind, "svg", b"<?xml") for kind in sorted({*KINDS} - {"table"})),
-        ("map", "pdf", b"%PDF"),
-        ("bifurcation", "PNG", b"\x89PNG"),
-    ],
-)
-def test_every_kind_is_written_and_every_format(over_starts, tmp_path, kind, ending, start):
-    output = tmp_path / f"a.{ending}"
-    assert plot(over_starts, output, kind) == output
-    assert output.read_bytes().startswith(start)
-
-
 @pytest.mark.parametrize(
     ("axes", "with_trajectory", "expected"),
     [
@@ -107,12 +87,11 @@ def test_the_default_kind(random_sweep, tmp_path, monkeypatch, axes, with_trajec
     called = []
 
     def spy(name):
-        draw = KINDS[name].draw
-        return KINDS[name]._replace(draw=lambda *a, **b: called.append(name) or draw(*a, **b))
+        return KINDS[name]._replace(draw=lambda *_, **__: called.append(name) or Figure())
 
     monkeypatch.setattr(api, "KINDS", {name: spy(name) for name in KINDS})
-    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.svg")
-    assert called == [expected]
+    plot(random_sweep(axes, with_trajectory=with_trajectory), tmp_path / "a.PDF")
+    assert called == [expected] and (tmp_path / "a.PDF").read_bytes().startswith(b"%PDF")
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,7 @@ from commands import accepted, refused
 from sweep_files import load
 from sweeps import attractors, load_config, open_sweep, plotting, run_sweep
 from sweeps.analysis.attractor_table import rows
-from sweeps.errors import ConfigError, Failed, Refused, StoreError
-from sweeps.store import SweepWriter
+from sweeps.errors import ConfigError, Refused, StoreError
 
 FIXED = "oscillator: {h: 0.05, f: 1.0}"
 RECORD = "record: {transient: 30, periods: 8, impacts: 5, diagnostics: [period, lyapunov]}"
@@ -71,24 +70,13 @@ def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
     plain.close()
 
 
-def test_a_table_goes_on_where_it_was_stopped(monkeypatch):
+def test_a_table_goes_on_where_it_was_stopped(stop_after):
     """To the same bits, and not with another table, or the same in another order."""
-    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 20)
     columns, _ = shuffled(GRIDS["plain"])
     write_csv(columns)
     run_sweep("sweep.yaml", "whole.h5")
-    write, written = SweepWriter.write, []
-
-    def stop(self, block, results):
-        if len(written) == 3:
-            raise Failed("stopped")
-        written.append(block)
-        write(self, block, results)
-
-    monkeypatch.setattr(SweepWriter, "write", stop)
-    with pytest.raises(Failed, match="stopped"):
+    with stop_after(3, size=20), pytest.raises(KeyboardInterrupt):
         run_sweep("sweep.yaml", "out.h5")
-    monkeypatch.setattr(SweepWriter, "write", write)
     with open_sweep("out.h5") as part:  # read from its journal
         assert 0 < (part["status"] == -1).sum() < len(part["status"])
         assert_array_equal(part["omega"], columns["omega"])

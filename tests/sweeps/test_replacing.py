@@ -19,29 +19,6 @@ def written(path, text="new"):
         new.write_text(text)
 
 
-@pytest.mark.parametrize(
-    ("error", "raised", "said"),
-    [
-        (OSError(28, "No space left"), Failed, "^a cannot be written: No space left$"),
-        (KeyboardInterrupt(), KeyboardInterrupt, "^$"),
-    ],
-)
-def test_a_failure_leaves_what_was_there_and_nothing_beside_it(error, raised, said):
-    written("a", "old")
-    with pytest.raises(raised, match=said), writing(Path("a"), "file") as new:
-        new.write_text("half")
-        raise error
-    assert Path("a").read_text() == "old" and os.listdir() == ["a"]
-    written("a")
-    assert Path("a").read_text() == "new" and os.listdir() == ["a"]
-
-
-def test_a_link_of_the_user_stays_a_link():
-    Path("link").symlink_to("a")
-    written("link")
-    assert Path("link").is_symlink() and Path("a").read_text() == "new"
-
-
 def test_a_planted_draft_is_not_followed(monkeypatch):
     """Not even where its random name was guessed."""
     monkeypatch.setattr(module.secrets, "token_hex", lambda count: "0" * 2 * count)

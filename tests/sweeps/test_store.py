@@ -152,7 +152,7 @@ def test_diagnostics_not_asked_for_are_left_out(tmp_path, diagnostics, expected)
     assert {variable.diagnostic for variable in VARIABLES.values()} == {None, *DIAGNOSTICS}
 
 
-@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
 def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
     path = tmp_path / "out.h5"
     grid = Grid({"omega": np.array([1.0, 2.0, 3.0])}, {})

@@ -392,16 +392,9 @@ def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, sm
     assert not PART.exists()
 
 
-def test_the_commands_read_a_sweep_that_is_not_complete(monkeypatch, small_blocks):
+def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
     """And `run` takes its configuration and goes on."""
-
-    def interrupted(self, block, results):
-        write(self, block, results)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        write = SweepWriter.write
-        patch.setattr(SweepWriter, "write", interrupted)
+    with stop_after(1, size=10):
         assert call("run", "sweep.yaml", "--quiet").exit_code == 1
     assert "40 points, of which 30 PENDING" in call("info", "out.h5").stdout
     for arguments in (["plot", "out.h5"], ["export", "out.h5", "-o", "out.csv"]):
