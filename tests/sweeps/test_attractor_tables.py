@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from commands import call, refused
+from commands import accepted, call, refused
 from sweep_files import cycle, hand_made, partition
 from sweeps import attractors
 from sweeps.analysis.attractor_table import cut, rows
@@ -21,9 +21,7 @@ from vibroimpact.status import Status
 def test_the_table_and_its_file(computed_starts, tmp_path):
     dataset = computed_starts()
     file = dataset.encoding["source"]
-    result = call("attractors", file, "--csv", str(tmp_path / "a.csv"))
-    assert result.exit_code == 0, result.stderr
-    lines = result.stdout.splitlines()
+    lines = accepted("attractors", file, "--csv", tmp_path / "a.csv").splitlines()
     assert lines[1].split()[:5] == ["0", "2/3", "0.703,", "1.114,", "2.254"]
     assert lines[2].split()[:3] == ["1", "1/1", "1.423"]
     with (tmp_path / "a.csv").open() as text:

@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from commands import call
-from sweep_files import partition
-from sweeps import attractors, load_config, open_sweep, run_sweep
+from sweep_files import partition, run_in
+from sweeps import attractors, open_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime
 from vibroimpact import Oscillator, one_impact_orbit
@@ -193,13 +193,9 @@ def test_the_shares_are_those_of_runs_that_are_long_enough(tmp_path, places):
             "v0: {start: -2.0, stop: 2.0, num: 20}}\n"
             "record: {transient: 50, periods: 32, impacts: 4, diagnostics: [period]}\n"
         )
-        (tmp_path / "c.yaml").write_text(text)
-        short = run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "short.h5", overwrite=True)
-        long = run_sweep(
-            load_config(tmp_path / "c.yaml", ["record.transient=5000", "record.periods=128"]),
-            tmp_path / "long.h5",
-            overwrite=True,
-        )
+        short = run_in(tmp_path, text, name="short.h5", overwrite=True)
+        longer = "record.transient=5000", "record.periods=128"
+        long = run_in(tmp_path, text, *longer, name="long.h5", overwrite=True)
         with open_sweep(short) as dataset, open_sweep(long) as settled:
             found = attractors(dataset)
             assert not np.isin(found["motion"], (Regime.UNDECIDED, Regime.NEUTRAL)).any()

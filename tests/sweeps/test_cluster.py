@@ -20,6 +20,7 @@ from commands import WORKERS, assert_same_bits, call, refused_run
 from sweep_files import data, load
 from sweeps.engine.cluster import Cluster
 from sweeps.engine.compute import compute_block
+from sweeps.engine.estimate import block_size
 from sweeps.engine.run import run_sweep
 from sweeps.errors import Failed, Refused
 from sweeps.store import SweepWriter, open_sweep
@@ -320,6 +321,16 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
         taken += 1
         assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side
     assert taken == 60
+
+
+def test_a_block_is_worth_sending(client):
+    sweep, size = load(CONFIG, "oscillator.omega.num=1e6"), 10**6
+    computer = Cluster(client)
+    for seconds in (5.0, 50.0, 500.0):
+        limits = computer.block_limits(seconds, size)
+        assert limits["least"] / size * seconds * WORKERS == pytest.approx(0.5, rel=0.01)
+        assert block_size(sweep, **limits) >= limits["least"] - 128  # whole sets of lanes
+    assert computer.block_limits(0.01, size)["least"] == size
 
 
 # The command line

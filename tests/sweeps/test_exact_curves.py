@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from commands import call
+from commands import accepted
 from sweep_files import run_in
-from sweeps import curves, load_config, open_sweep, run_sweep
+from sweeps import curves, open_sweep
 from sweeps.analysis import exact_curves
 from sweeps.errors import Refused
 from sweeps.plotting import parameter_map
@@ -52,10 +52,8 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
 @pytest.mark.slow
 def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
     picture, table = tmp_path / "map.png", tmp_path / "curves.csv"
-    command = ["plot", str(path), "--kind", "map", "--exact", "-o", str(picture)]
-    result = call(*command, "--csv", str(table))
-    assert result.exit_code == 0, result.output
-    assert "exact curve" in result.output and "(100.0 %)" in result.output
+    said = accepted("plot", path, "--kind", "map", "--exact", "-o", picture, "--csv", table)
+    assert "exact curve" in said and "(100.0 %)" in said
     assert picture.stat().st_size > 1000
     with table.open() as file:
         rows = list(csv.DictReader(file))
@@ -66,12 +64,8 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
 
 
 def test_a_map_of_starts_has_no_curves(tmp_path):
-    (tmp_path / "c.yaml").write_text(
-        CONFIG.replace("R: {start: 0.5, stop: 0.9, num: 12}", "R: 0.8")
-        .replace("follow: {axis: omega, direction: up}", "start: {x0: [-1.0, -0.5]}")
-        .replace("num: 30", "num: 2")
-    )
-    with open_sweep(run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "a.h5")) as dataset:
+    changes = "oscillator.R=0.8", "oscillator.omega.num=2", "start.x0=[-1.0, -0.5]", "follow=null"
+    with open_sweep(run_in(tmp_path, CONFIG, *changes)) as dataset:
         with pytest.raises(Refused, match="do not depend on x0"):
             curves(dataset, ["omega", "x0"])
 
@@ -86,8 +80,7 @@ record: {transient: 600, periods: 32, diagnostics: [period, lyapunov]}
 @pytest.mark.slow
 def test_every_change_has_a_curve_or_a_reason(tmp_path):
     """Beside the fold of 2/1, where free motion and 2/2 coexist."""
-    (tmp_path / "c.yaml").write_text(MAP)
-    with open_sweep(run_sweep(load_config(tmp_path / "c.yaml"), tmp_path / "map.h5")) as dataset:
+    with open_sweep(run_in(tmp_path, MAP)) as dataset:
         found = curves(dataset)
     changes, explained = found.attrs["changes"], found.attrs["explained"]
     assert 0 < explained < changes

@@ -1,12 +1,13 @@
 """Files of refined sweeps: what is kept, added, resumed and told."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
 from commands import accepted
-from sweep_files import REFINED as CONFIG
-from sweep_files import flip, found, refined
+from sweep_files import REFINED, flip, found, refined
 from sweeps import open_sweep
 from sweeps.grid import Grid
 from sweeps.store import sweep_writer
@@ -102,7 +103,7 @@ def test_info_lists_the_brackets(cascade):
     assert "ratios of the distances 4." in ratios
 
 
-def test_the_plan_says_that_points_are_added(tmp_path):
-    (tmp_path / "c.yaml").write_text(CONFIG)
-    plan = accepted("run", tmp_path / "c.yaml", "-o", tmp_path / "out.h5", "--dry-run")
+def test_the_plan_says_that_points_are_added():
+    Path("sweep.yaml").write_text(REFINED)
+    plan = accepted("run", "sweep.yaml", "-o", "out.h5", "--dry-run")
     assert "where the class of the motion changes, halved 17 times" in plan
