@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from commands import SMALL, WORKERS
-from sweep_files import OVER_STARTS, refined, run_in
-from sweeps import load_config, open_sweep, run_sweep
+from sweep_files import OVER_STARTS, run_in
+from sweeps import load_config, open_sweep
 from sweeps.grid import Grid
 from sweeps.store import Schema, SweepWriter, sweep_writer
 from written_files import FIXED, SAMPLES, random_numbers, spec_of
@@ -139,19 +139,6 @@ def small_run(tmp_path_factory):
 def ran(folder, small_run):
     """Put the file of a run of ``SMALL`` there."""
     shutil.copy(small_run, "small.h5")
-
-
-@pytest.fixture(scope="session")
-def around(tmp_path_factory):
-    """Return the file of a sweep that is refined around a flip."""
-    return refined(tmp_path_factory.mktemp("around"))
-
-
-@pytest.fixture(scope="session")
-def cascade(tmp_path_factory):
-    """Return the file of a sweep that is refined around a cascade of flips."""
-    config = load_config(Path(__file__).parents[2] / "configs/feigenbaum.yaml")
-    return run_sweep(config, tmp_path_factory.mktemp("cascade") / "out.h5")
 
 
 @pytest.fixture(scope="module")

@@ -1,16 +1,13 @@
 """Configurations and files of sweeps, as tests make them: followed, refined, over starts."""
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 import yaml
-from scipy.optimize import brentq
 
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.regimes import changes, labels
 from sweeps.errors import ConfigError
 from sweeps.store import VARIABLES, only_writer, sweep_writer
 from vibroimpact.status import Status
@@ -135,37 +132,6 @@ def whole(config):
 
 def ran(config, path="out.h5"):
     return data(run_sweep(config, path, overwrite=True))
-
-
-# A sweep that is refined around a flip, and where the flips are
-
-REFINED = """\
-name: around a flip
-oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 21}, f: 1.0}
-record: {transient: 300, periods: 100, impacts: 8, diagnostics: [period, lyapunov]}
-refine: {axis: omega, levels: 17}
-"""
-
-
-def refined_config(folder, text, *overrides):
-    return load(text, *overrides, path=folder / "c.yaml")
-
-
-def refined(folder, *overrides, text=REFINED, name="out.h5", **options):
-    return run_in(folder, text, *overrides, name=name, **options)
-
-
-def found(path):
-    with open_sweep(path) as dataset:
-        return list(changes(dataset["omega"].values, labels(dataset.load())))
-
-
-def flip(n, low, high, R=0.8):
-    """Return where cos^2(pi n / omega) (omega^2 - ((1 - R) / (1 + R))^2) = 1 (h = 0, p = 1)."""
-    loss = ((1.0 - R) / (1.0 + R)) ** 2
-    return brentq(
-        lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high, xtol=1e-15
-    )
 
 
 # Sweeps over starts: a configuration, and points made by hand

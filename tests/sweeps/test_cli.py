@@ -256,7 +256,7 @@ def test_every_start_says_what_it_takes():
     assert re.search(r"^expected time +about \d\S* s$", started, re.MULTILINE)
 
 
-def test_what_became_of_the_points_is_told(monkeypatch, folder):
+def test_what_became_of_the_points_is_told(monkeypatch):
     assert "10 points, all certified: every impact found, none missed in " in accepted(
         "run", "sweep.yaml"
     )

@@ -69,7 +69,7 @@ def test_a_process_exits_like_the_command(folder):
 # What other programs and people put in the way
 
 
-def test_what_a_file_says_reaches_the_terminal_escaped(monkeypatch):
+def test_what_a_file_says_reaches_the_terminal_escaped():
     odd = '"a\\e]0;owned\\x07\\x9b31m\\u202E.h5"'
     message = refused("run", "sweep.yaml", "--set", f"output={odd}", "--set", "name=nowhere/x")
     assert message.isascii() and printable(message) == message
@@ -163,7 +163,7 @@ def test_an_encoding_that_lacks_a_character():
     assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
 
 
-def test_a_warning_is_one_line(folder):
+def test_a_warning_is_one_line():
     code = (
         "import warnings\n"
         "from sweeps.cli.options import prepare_streams\n"

@@ -162,7 +162,7 @@ def test_the_command_line(stored):
     assert "direction is not a swept axis" in drawn("--axis", "direction").stderr
 
 
-def test_a_direction_is_refused_where_there_is_one_only(folder):
+def test_a_direction_is_refused_where_there_is_one_only():
     changes = ["follow.direction=down", "record.trajectory=false", "oscillator.omega.num=5"]
     run_sweep(load_config("sweep.yaml", changes), "one.h5")
     with open_sweep("one.h5") as dataset:

@@ -60,7 +60,7 @@ def test_a_name_that_the_font_lacks_gives_no_warning(random_sweep, tmp_path):
     plot(random_sweep({"omega": OMEGA}, name="振動 衝突"), tmp_path / "a.png")
 
 
-def test_powers_of_ten_are_set_as_such(random_sweep, tmp_path):
+def test_powers_of_ten_are_set_as_such(random_sweep):
     dataset = random_sweep({"omega": OMEGA}, fixed={**FIXED, "clearance": 1e300, "f": 2.5e-7})
     figure = section(dataset)
     assert r"$f=2.5\times10^{-7}$" in figure.get_suptitle()

@@ -1,22 +1,63 @@
-"""Refinement: bifurcations bracketed by a coarse sweep, against their closed forms."""
+"""Refinement: bifurcations bracketed by a coarse sweep, and the file of such a sweep."""
 
+import math
 from pathlib import Path
 
 import naive
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.optimize import brentq
 
-from commands import refused
-from sweep_files import REFINED as CONFIG
-from sweep_files import flip, found, refined, refined_config
-from sweeps import open_sweep
-from sweeps.analysis.regimes import cascades, labels
+from commands import accepted, refused
+from sweep_files import load, run_in
+from sweeps import load_config, open_sweep, run_sweep
+from sweeps.analysis.regimes import cascades, changes, labels
 from sweeps.engine.compute import compute
 from sweeps.engine.refine import Classifier, Refinement
+from sweeps.grid import Grid
+from sweeps.store import sweep_writer
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import Oscillator, mesh
 from vibroimpact.trajectory import simulate
+from written_files import WIDTHS, results, schema
+
+CONFIG = """\
+name: around a flip
+oscillator: {h: 0.0, R: 0.8, omega: {start: 2.6, stop: 2.7, num: 21}, f: 1.0}
+record: {transient: 300, periods: 100, impacts: 8, diagnostics: [period, lyapunov]}
+refine: {axis: omega, levels: 17}
+"""
+
+
+def refined(folder, *overrides, text=CONFIG, name="out.h5", **options):
+    return run_in(folder, text, *overrides, name=name, **options)
+
+
+def found(path):
+    with open_sweep(path) as dataset:
+        return list(changes(dataset["omega"].values, labels(dataset.load())))
+
+
+def flip(n, low, high, R=0.8):
+    """Return where cos^2(pi n / omega) (omega^2 - ((1 - R) / (1 + R))^2) = 1 (h = 0, p = 1)."""
+    loss = ((1.0 - R) / (1.0 + R)) ** 2
+    return brentq(
+        lambda w: math.cos(math.pi * n / w) ** 2 * (w * w - loss) - 1.0, low, high, xtol=1e-15
+    )
+
+
+@pytest.fixture(scope="module")
+def around(tmp_path_factory):
+    """Return the file of a sweep that is refined around a flip."""
+    return refined(tmp_path_factory.mktemp("around"))
+
+
+@pytest.fixture(scope="module")
+def cascade(tmp_path_factory):
+    """Return the file of a sweep that is refined around a cascade of flips."""
+    config = load_config(Path(__file__).parents[2] / "configs/feigenbaum.yaml")
+    return run_sweep(config, tmp_path_factory.mktemp("cascade") / "out.h5")
 
 
 def on_section(osc):
@@ -34,22 +75,19 @@ def test_a_flip_is_bracketed_to_the_last_level(around):
 
 
 @pytest.mark.slow
-def test_a_bracket_holds_the_flip_however_narrow(tmp_path):
+@pytest.mark.parametrize(
+    ("axis", "changes", "width"),
+    [
+        ([2.652, 2.657], ["refine.levels=40"], 1e-11),
+        ([2.64, 2.66], ["refine.levels=22", "record.phase=2.0"], 1e-8),
+    ],
+)
+def test_a_bracket_holds_the_flip_however_narrow_and_at_any_phase(tmp_path, axis, changes, width):
     """1e-11 from it the multipliers of the orbit of twice the period are 1 to rounding."""
-    path = refined(tmp_path, "oscillator.omega=[2.652, 2.657]", "refine.levels=40")
+    path = refined(tmp_path, f"oscillator.omega={axis}", *changes)
     (first,) = found(path)
     assert first.low - 1e-14 < flip(1, 2.6, 2.7) < first.high + 1e-14
-    assert first.high - first.low < 1e-11
-
-
-@pytest.mark.slow
-def test_the_section_may_be_at_any_phase(tmp_path):
-    path = refined(
-        tmp_path, "oscillator.omega=[2.64, 2.66]", "refine.levels=22", "record.phase=2.0"
-    )
-    (first,) = found(path)
-    assert first.low < flip(1, 2.6, 2.7) < first.high
-    assert first.high - first.low < 1e-8
+    assert first.high - first.low < width
 
 
 @pytest.mark.slow
@@ -113,8 +151,8 @@ def test_a_motion_that_passes_a_coexisting_orbit_is_not_taken_for_it(tmp_path):
             assert np.abs(x - ends).min() < 1e-6
 
 
-def test_without_a_transient_motions_are_followed_longer_too(tmp_path):
-    config = refined_config(tmp_path, CONFIG, "record.transient=0")
+def test_without_a_transient_motions_are_followed_longer_too():
+    config = load(CONFIG, "record.transient=0")
     (point,) = Classifier(config).compute(np.array([2.64]))
     assert str(point.label) == "1/1"
 
@@ -138,12 +176,10 @@ def test_no_point_is_put_beside_one_of_the_grid(tmp_path):
             )
 
 
-def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tmp_path):
+def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it():
     """As the points of the grid do, see test_follow.py; in chaos the start is not forgotten."""
     text = CONFIG.replace("{start: 2.6, stop: 2.7, num: 21}", "2.8")
-    config = refined_config(
-        tmp_path, text, "refine.axis=clearance", "oscillator.clearance=[0.0, 0.1]"
-    )
+    config = load(text, "refine.axis=clearance", "oscillator.clearance=[0.0, 0.1]")
     starts = np.array([[0.04, -1.0], [0.0, -1.0], [-0.01, -1.0]])
     beyond, on, below = Classifier(config).compute(np.zeros(3), starts)
     assert str(beyond.label) == "chaos"
@@ -151,12 +187,12 @@ def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it(tm
     assert beyond.results["poincare_x"][0] != below.results["poincare_x"][0]
 
 
-def test_a_point_that_starts_at_the_section_is_not_scaled(tmp_path):
+def test_a_point_that_starts_at_the_section_is_not_scaled():
     """One f stands for the others only from rest."""
     text = CONFIG.replace("f: 1.0", "f: [1.0, 3.0]").replace(
         "{start: 2.6, stop: 2.7, num: 21}", "2.8"
     )
-    config = refined_config(tmp_path, text, "refine=null", "record.transient=0")
+    config = load(text, "refine=null", "record.transient=0")
     points = mesh({"f": np.array([3.0])}, config.grid.fixed)
     points["x0"], points["v0"] = -0.5, 1.0
     results = compute(config, points, None, at_section=True)
@@ -164,11 +200,11 @@ def test_a_point_that_starts_at_the_section_is_not_scaled(tmp_path):
     assert results["poincare_x"][0].tobytes() == run.section_x.tobytes()
 
 
-def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it(tmp_path):
+def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it():
     """The start is the unstable orbit of one period, just beyond its flip."""
     omega = flip(1, 2.6, 2.7) + 1e-7
     osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
-    config = refined_config(tmp_path, CONFIG, "record.periods=3")
+    config = load(CONFIG, "record.periods=3")
     start = on_section(osc)
     (point,) = Classifier(config).compute(np.array([omega]), start)
     assert str(point.label) == "2/2"
@@ -244,9 +280,7 @@ def test_what_happens_at_a_graze_is_resolved(tmp_path):
 
 def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_path, monkeypatch):
     monkeypatch.setattr("sweeps.engine.refine.MOST_INTERVALS", 1)
-    config = refined_config(
-        tmp_path, CONFIG, "oscillator.omega={start: 2.6, stop: 2.8, num: 21}", "refine.levels=3"
-    )
+    config = load(CONFIG, "oscillator.omega={start: 2.6, stop: 2.8, num: 21}", "refine.levels=3")
     with open_sweep(
         refined(tmp_path, "oscillator.omega={start: 2.6, stop: 2.8, num: 21}", "refine=null")
     ) as grid:
@@ -257,7 +291,7 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
     assert 2.65 < refinement.intervals[0][0].value < 2.66
 
 
-# -- bad input -----------------------------------------------------------------------------------
+# What is refused
 
 
 @pytest.mark.parametrize(
@@ -281,6 +315,102 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
     ],
 )
 def test_what_cannot_be_refined_is_refused(overrides, said):
-    Path("c.yaml").write_text(CONFIG)
     options = [part for override in overrides for part in ("--set", override)]
-    assert said in refused("run", "c.yaml", *options, "--dry-run")
+    assert said in refused("run", "sweep.yaml", *options, "--dry-run")
+
+
+# The file
+
+
+@pytest.mark.slow
+def test_the_grid_keeps_its_data_and_the_new_points_are_told(around, tmp_path):
+    plain = refined(tmp_path, "refine=null")
+    with open_sweep(around) as dataset, open_sweep(plain) as grid:
+        omega = dataset["omega"].values
+        assert (np.diff(omega) > 0.0).all() and np.isin(grid["omega"], omega).all()
+        assert dataset.attrs["points_added"] == len(omega) - 21
+        beside = {one.low for one in found(around)} | {one.high for one in found(around)}
+        kept = [w for w in grid["omega"].values if w not in beside]
+        for name in grid.data_vars:
+            same = dataset[name].sel(omega=kept).values
+            assert np.array_equal(same, grid[name].sel(omega=kept).values, equal_nan=True)
+    with xr.open_dataset(around, engine="h5netcdf") as dataset:
+        assert dataset["poincare_x"].dims == ("omega", "section")
+        assert (dataset["status"] == 1).all()
+
+
+def test_a_new_point_records_the_attractor(around):
+    """1e-8 from the flip a transient would have to be 1e8 periods long."""
+    first = found(around)[0]
+    with open_sweep(around) as dataset:
+        for value, m in ((first.low, 1), (first.high, 2)):
+            point = dataset.sel(omega=value)
+            x = point["poincare_x"].values
+            assert point["period"] == m
+            assert np.abs(x[m:] - x[:-m]).max() < 1e-10
+
+
+@pytest.mark.slow
+def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
+    """Also where the run was left between the grid and its refinement."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("sweeps.engine.refine.Refinement", interrupted)
+        refined(tmp_path)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset.sizes["omega"] == 21 and (dataset["status"] != -1).all()
+    for _ in range(2):  # the second has nothing to do
+        path = refined(tmp_path, resume=True, threads=1)
+        with open_sweep(path) as again, open_sweep(around) as first:
+            assert again.drop_attrs().identical(first.drop_attrs())
+            for name in first.variables:
+                assert again[name].values.tobytes() == first[name].values.tobytes()
+
+
+def test_points_before_and_behind_all_others_are_added_too(tmp_path):
+    """By the writer, in a sweep of several blocks; one replaces a point of the grid."""
+    grid = Grid({"omega": np.linspace(1.0, 2.0, 5)}, {})
+    widths = {**WIDTHS, "sample": 0}
+    plan = schema(grid, block_size=2, widths=widths)
+    added = {
+        value: {
+            name: array[0] for name, array in results((slice(i, i + 1),), widths=widths).items()
+        }
+        for i, value in enumerate([0.5, 1.1, 1.3, 1.45, 1.5, 3.0, 2.5], 100)
+    }
+    points = dict(added)
+    with sweep_writer(tmp_path / "out.h5", plan) as store:
+        for block in store.pending():
+            given = results(block, widths=widths)
+            store.write(block, given)
+            for i, value in enumerate(grid.axes["omega"][block].tolist()):
+                points.setdefault(value, {name: array[i] for name, array in given.items()})
+        store.finish(added, compressed=True)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        assert dataset.attrs["points_added"] == 6
+        assert dataset["omega"].values.tolist() == sorted(points)
+        for name in dataset.data_vars:
+            expected = [points[value][name] for value in sorted(points)]
+            np.testing.assert_array_equal(dataset[name].values, expected)
+
+
+# What is told
+
+
+@pytest.mark.slow
+def test_info_lists_the_brackets(cascade):
+    lines = accepted("info", cascade, "--bifurcations").splitlines()
+    assert lines[0].split() == ["omega", "kind", "classes", "between"]
+    value, *classes = lines[1].split()[:5]
+    assert classes == ["flip", "1/1", "->", "2/2"]
+    assert float(value) == pytest.approx(flip(1, 2.6, 2.7), rel=1e-11)
+    (ratios,) = (line for line in lines if line.startswith("cascade: omega = 2.653347"))
+    assert "ratios of the distances 4." in ratios
+
+
+def test_the_plan_says_that_points_are_added():
+    plan = accepted("run", "sweep.yaml", "-o", "out.h5", "--dry-run")
+    assert "where the class of the motion changes, halved 17 times" in plan
