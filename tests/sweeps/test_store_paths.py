@@ -2,11 +2,11 @@
 
 import os
 import re
-import signal
 import stat
 import subprocess
 import sys
 import types
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -186,6 +186,7 @@ def test_a_journal_of_another_version_is_refused():
 # The lock and the new files beside the output
 
 
+@contextmanager
 def holder(path):
     """Hold the lock of `path` in another process; it prints a line when it has it."""
     code = (
@@ -193,13 +194,14 @@ def holder(path):
         "with only_writer(Path(sys.argv[1])):\n"
         "    print('held', flush=True); time.sleep(1000)\n"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, str(path)],
-        stdout=subprocess.PIPE,
-        env={"PYTHONPATH": str(Path(sweeps.__file__).parents[1])},
-    )
-    assert process.stdout.readline() == b"held\n"
-    return process
+    environment = {"PYTHONPATH": str(Path(sweeps.__file__).parents[1])}
+    command = [sys.executable, "-c", code, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
+        try:
+            assert process.stdout.readline() == b"held\n"
+            yield process
+        finally:
+            process.kill()
 
 
 def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
@@ -209,8 +211,7 @@ def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
             with pytest.raises(StoreError, match=f"being written by process {other.pid};"):
                 with only_writer(Path(name)):
                     pass
-        other.send_signal(signal.SIGKILL)
-    assert Path("out.h5.lock").exists()
+    assert Path("out.h5.lock").exists()  # its process was killed
     with only_writer(Path("out.h5")):
         assert re.search(rf"process {os.getpid()}\n", Path("out.h5.lock").read_text())
     assert not Path("out.h5.lock").exists()
