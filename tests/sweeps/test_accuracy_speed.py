@@ -213,6 +213,15 @@ def test_the_points_are_spread_over_the_grid():
 # Measurements
 
 
+def test_a_failed_method_is_run_once(monkeypatch):
+    """It might never end."""
+    calls = []
+    failed = {STATE: math.nan}
+    monkeypatch.setattr(accuracy_speed.Scene, "errors", lambda *_: calls.append(1) or failed)
+    found = measure(Plan(ladder=(50,), rounds=3, scenes=(ONE_IMPACT,), methods=(PLAIN,), peers=()))
+    assert math.isnan(found["error"].item()) and len(calls) == 1
+
+
 # Peers
 
 
@@ -277,6 +286,20 @@ def test_the_command(monkeypatch):
     assert row["tolerance"] == ""
 
 
+def test_the_command_on_few_measurements(monkeypatch):
+    """Some peer may not be installed, and no method need reach an error."""
+    few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])
+    monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: few)
+    absent = {name: replace(peer, module="not_there") for name, peer in PEERS.items()}
+    monkeypatch.setattr("sweeps.bench.event_solvers.PEERS", absent)
+    result = call("bench", "accuracy-speed", "-o", "chart.svg")
+    assert result.exit_code == 0, result.output
+    assert "heyoka is not installed, so it is not on the chart" in result.stderr
+    targets = [line.split() for line in result.stdout.splitlines()]
+    assert ["0.01", "rk4", "plain"] in [words[:3] for words in targets]
+    assert ["1e-12", "none"] in targets
+
+
 @pytest.mark.slow
 def test_the_command_on_a_sweep(monkeypatch):
     """Also with a name that a formula would be read in, and steps that `exact` needs."""
@@ -285,7 +308,7 @@ def test_the_command_on_a_sweep(monkeypatch):
     sweep["oscillator"] = sweep["oscillator"] | {"omega": {"start": 0.05, "stop": 3.4, "num": 9}}
     Path("sweep.yaml").write_text(yaml.safe_dump(sweep))
     monkeypatch.setattr(
-        accuracy_speed, "QUICK", replace(accuracy_speed.QUICK, ladder=(50, 100), rounds=2)
+        accuracy_speed, "QUICK", replace(accuracy_speed.QUICK, ladder=(50, 100), rounds=1)
     )
     options = ("sweep.yaml", "--quick", "-o", "chart.png", "--csv", "all.csv")
     result = call("bench", "accuracy-speed", *options)

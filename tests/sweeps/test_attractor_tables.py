@@ -50,6 +50,7 @@ def test_requests_that_do_not_fit_are_refused(computed_starts):
     file = computed_starts().encoding["source"]
     message = refused("attractors", file, "--at", "x0=0")
     assert "x0 cannot be fixed here; choose from: none" in message
+    assert "expected: NAME=VALUE" in refused("attractors", file, "--at", "omega")
     message = refused("attractors", file, "--csv", "a.txt")
     assert "--csv a.txt is not allowed; expected: a .csv file" in message
 

@@ -45,9 +45,15 @@ def test_threads_that_numba_does_not_have(threads):
     assert f"--threads {threads} " in message and "an integer from 1 to " in message
 
 
+def test_a_text_is_no_file_of_a_sweep():
+    Path("text.h5").write_text("hello")
+    assert "text.h5 is no file of a sweep" in refused("run", "text.h5", "-o", "new.h5")
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
+        (["--kind", "bifurcatoin"], ["bifurcatoin", "did you mean bifurcation"]),
         (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [lyapunov]"]),
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
         (["--coordinate", "impulse"], ["poincare_x", "; --below impulse draws it in a panel"]),

@@ -14,7 +14,7 @@ import sweeps
 from sweeps import attractors, integrity, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime, classify
-from sweeps.plotting import Page, plot
+from sweeps.plotting import KINDS, Page, plot
 from vibroimpact import Oscillator, integrate, one_impact_orbit
 from vibroimpact.oscillator import POINT
 
@@ -259,12 +259,22 @@ def test_period_map(scene):
 def test_integrity(scene):
     """The disc of 2/1 is of .64 at 2.6 and shrinks to its end before 2.75, where 1/0 is alone."""
     few = "start.x0.num=73", "start.v0.num=121"  # one start in 0.05
-    found = integrity(scene("integrity", f"oscillator.omega={values(2.6, 2.74, 2.75)}", *few))
+    dataset = scene("integrity", f"oscillator.omega={values(2.6, 2.74, 2.75)}", *few)
+    found = integrity(dataset)
     assert found["m"].values.tolist() == [[1, 2], [1, 2], [1, -1]]
     factor, local = found["integrity_factor"].values, found["local_integrity"].values
     assert_allclose(factor[:2, 1], [0.64, 0.38], atol=0.06)
     assert_allclose(local[:2, 1], [0.20, 0.06], atol=0.06)
     assert found["factor_at_edge"].values[2, 0] and found["local_at_edge"].values[2, 0]
+    figure = KINDS["integrity"].draw(dataset, at={"omega": 2.75})
+    *profile, basins = figure.axes
+    for panel, measure in zip(profile, (found["fraction"].values, factor, local), strict=True):
+        free, marks, other, _, here = panel.lines
+        assert_allclose(free.get_ydata(), measure[:, 0])
+        assert_allclose(other.get_ydata(), [*measure[:2, 1], np.nan])
+        assert marks.get_markerfacecolor() == "white" and set(here.get_xdata()) == {2.75}
+    assert basins.get_title("left") == r"basins at $\omega=2.75$"
+    assert any("2/1" in text.get_text() for text in figure.legends[0].get_texts())
 
 
 @pytest.mark.slow
