@@ -42,7 +42,7 @@ def stop_after(monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(SweepWriter, "write", writing)
-            patch.setattr("sweeps.engine.run.block_size", lambda *_, **__: size)
+            patch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: size)
             yield
 
     return stopping

@@ -319,7 +319,7 @@ def test_diagnostics_are_computed():
 def test_any_block_size_gives_the_same_data(monkeypatch):
     small = ("--set", "method={}", "--set", "record.diagnostics=[period, lyapunov]")
     accepted("run", "sweep.yaml", "--quiet", *small)
-    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 3)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 3)
     accepted("run", "sweep.yaml", "--quiet", *small, "-o", "blocks.h5")
     with (
         xr.open_dataset("small.h5", engine="h5netcdf") as first,

@@ -14,7 +14,6 @@ import pytest
 import sweeps
 from commands import SMALL, call, refused
 from sweeps import interrupts
-from sweeps.engine import run as runner
 from sweeps.store import SweepWriter
 
 CONFIG = SMALL
@@ -193,7 +192,7 @@ def test_an_interrupt_that_the_compiler_swallows_is_not_lost(monkeypatch, capfd,
         Callback()
 
     monkeypatch.setattr(SweepWriter, "write", write)
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 2)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 2)
     result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: interrupted; 0 of 10 points kept")

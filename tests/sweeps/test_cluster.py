@@ -35,7 +35,7 @@ ROOT = Path(sweeps.__file__).parents[1]
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Let a sweep have enough blocks to be stopped between two of them."""
-    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 20)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 20)
 
 
 def on_write(monkeypatch, number, action):
@@ -244,7 +244,7 @@ def test_a_worker_with_other_numerics_is_refused(client, stranger):
 def test_a_worker_that_joins_with_other_numerics_is_refused(monkeypatch, client, stranger):
     pretend, address = stranger
     # So many blocks that each worker has some left, however slow it is.
-    monkeypatch.setattr("sweeps.engine.run.block_size", lambda *_, **__: 3)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 3)
     with monkeypatch.context() as patch:
         on_write(patch, 2, pretend)
         with pytest.raises(Failed) as caught:

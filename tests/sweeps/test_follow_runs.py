@@ -17,7 +17,7 @@ from sweeps.engine import estimate as limits
 from sweeps.engine import executors
 from sweeps.engine import run as runner
 from sweeps.engine.compute import compute, compute_block
-from sweeps.engine.estimate import block_size, estimate
+from sweeps.engine.estimate import block_size, expected_cost
 from sweeps.errors import Failed, StoreError
 from sweeps.interrupts import thread_flag
 from vibroimpact import Status
@@ -30,7 +30,7 @@ from vibroimpact import Status
 def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
     config = configured(f"follow.direction={direction}")
     expected = ran(config)
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: size)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: size)
     for threads in (1, 2):
         run_sweep(config, "blocks.h5", threads=threads, overwrite=True)
         xr.testing.assert_identical(data("blocks.h5"), expected)
@@ -115,7 +115,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
             assert begun.acquire(timeout=300)
         raise Failed("the disk is full")
 
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 5)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 5)
     monkeypatch.setattr(executors, "compute_block", computing)
     monkeypatch.setattr(runner.SweepWriter, "write", full)
     with pytest.raises(Failed, match="full"):
@@ -133,7 +133,7 @@ def test_a_block_holds_whole_chains(monkeypatch):
         monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
         size = block_size(many)
         assert size % 3000 == 0
-        assert estimate(many).memory <= memory
+        assert expected_cost(many, Path("out.h5"), executors.Local(), False).memory <= memory
         for block in many.grid.blocks(size, whole="omega"):
             assert block[1] == slice(0, 3000)
     monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)

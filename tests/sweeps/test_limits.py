@@ -3,6 +3,7 @@
 import time
 from functools import partial
 from itertools import count
+from pathlib import Path
 
 import pytest
 
@@ -10,9 +11,11 @@ from commands import call
 from sweep_files import load
 from sweeps.engine import estimate as limits
 from sweeps.engine.compute import compute, compute_block
-from sweeps.engine.estimate import block_size, estimate, expected_seconds
+from sweeps.engine.estimate import block_size, expected_cost, expected_seconds
 from sweeps.engine.executors import Local, LocalExecutor, completed
-from sweeps.engine.run import run_sweep
+from sweeps.engine.run import _schema, run_sweep
+from sweeps.grid import block_points
+from sweeps.store import sweep_writer
 from vibroimpact.kernel.run import lanes_per_batch
 from vibroimpact.kernel.workspace import LANES
 
@@ -20,6 +23,10 @@ CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 2.0, stop: 3.0, num: 2000}, f: 1.0}
 record: {transient: 100, periods: 100}
 """
+
+
+def cost_of(sweep, threads=None):
+    return expected_cost(sweep, Path("out.h5"), Local(threads), resume=False)
 
 
 def with_memory(monkeypatch, size):
@@ -33,7 +40,7 @@ def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
     for memory in (10**11, 10**9, 10**8, 10**7):
         with_memory(monkeypatch, memory)
         sizes.append(block_size(sweep))
-        assert estimate(sweep).memory <= memory
+        assert cost_of(sweep).memory <= memory
     assert sizes[0] == 2 * LANES
     assert sizes == sorted(sizes, reverse=True) and sizes[-1] < 4
 
@@ -63,11 +70,15 @@ FOLLOWED = ["follow={axis: omega, direction: both}", "oscillator.omega.num=50"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", [[], FOLLOWED])
-def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_file(changes):
+@pytest.mark.parametrize(("changes", "threads"), [([], None), ([], 16), (FOLLOWED, None)])
+def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_file(
+    changes, threads
+):
     sweep = load(CONFIG, *changes)
-    told = estimate(sweep)
-    block = (slice(0, block_size(sweep)),)
+    told = cost_of(sweep, threads)
+    with sweep_writer("blocks.h5", _schema(sweep, told.block)) as writer:
+        assert max(map(block_points, writer.pending())) == told.block * (2 if changes else 1)
+    block = (slice(0, told.block),)
     block = (slice(0, 2), *block) if changes else block
     arrays = sum(array.nbytes for array in compute_block(sweep, block, None).values())
     assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
@@ -75,7 +86,8 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
     assert told.file <= size <= told.file + 100_000
     assert told.disk == 2 * told.file  # the journal, and the file at the end
     sampled = load(CONFIG, "record.trajectory={every: 1}")
-    assert estimate(sampled).disk > 2 * estimate(sampled).file
+    cost = cost_of(sampled)
+    assert cost.disk > 2 * cost.file
 
 
 @pytest.mark.parametrize(

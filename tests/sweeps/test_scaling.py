@@ -105,11 +105,10 @@ def test_the_axis_is_not_split():
             assert (seen == 1).all()
 
 
-def test_an_axis_longer_than_a_block_is_split(monkeypatch):
+def test_an_axis_longer_than_a_block_is_split():
     config = configured()
     for size, shape in ((3, (1, 3)), (4, (4, 1))):
-        monkeypatch.setattr(runner, "block_size", lambda _, size=size: size)
-        blocks = runner._schema(config, {}).blocks
+        blocks = runner._schema(config, size).blocks
         assert {config.grid.points(block).size for block in blocks} == {math.prod(shape)}
         assert {tuple(cut.stop - cut.start for cut in block) for block in blocks} == {shape}
 

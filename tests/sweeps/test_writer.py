@@ -18,7 +18,6 @@ from commands import call
 from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.engine import executors
-from sweeps.engine import run as runner
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store import SweepWriter, sweep_writer
@@ -259,7 +258,7 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(runner, "block_size", lambda *_, **__: 10)
+    monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 10)
 
 
 def replace():
@@ -359,7 +358,7 @@ def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure,
     def fail(*_, **__):
         raise failure
 
-    for where in ("sweeps.store.journal.describe", "sweeps.engine.estimate.estimate"):
+    for where in ("sweeps.store.journal.describe", "sweeps.engine.estimate.expected_seconds"):
         with monkeypatch.context() as patch:
             patch.setattr(where, fail)
             result = call("run", "sweep.yaml", "--quiet", "--overwrite")
