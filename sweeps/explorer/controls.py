@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 from urllib.parse import urlencode
 
@@ -13,6 +12,7 @@ from bokeh.models import (
     Button,
     Div,
     LayoutDOM,
+    Model,
     Select,
     Slider,
     TextInput,
@@ -20,7 +20,6 @@ from bokeh.models import (
 )
 
 from sweeps.analysis.selection import COORDINATES
-from sweeps.errors import ConfigError
 from sweeps.explorer.view import View, window_around
 from sweeps.explorer.words import symbol
 from sweeps.plotting.labels import as_variable
@@ -59,20 +58,23 @@ class Controls:
         change: Callable[[Callable[[View], View]], None],
         save: Callable[[], None],
     ) -> None:
-        self._change, self._showing = change, False
+        self._change = change
         self.axis = self._choice("abscissa", [(name, meaning(name)) for name in PARAMETERS])
         names = [(name, as_variable(name).attrs["long_name"]) for name in COORDINATES]
         self.ordinate = self._choice("ordinate", names)
-        self.axis.on_change("value", self._on(View.with_axis))
-        self.ordinate.on_change(
-            "value", self._on(lambda view, name: replace(view, ordinate=name, ylim=None))
+        connect(self.axis, "value", change, View.with_axis)
+        connect(
+            self.ordinate,
+            "value",
+            change,
+            lambda view, name: replace(view, ordinate=name, ylim=None),
         )
         self.fields: dict[str, TextInput] = {}
         self.sliders: dict[str, Slider] = {}
         rows: list[LayoutDOM] = [self._parameter(name, view) for name in PARAMETERS]
         records = [self._record(name) for name in _RECORD]
         self.exact = Toggle(label="exact branches", name="exact", width=114, height=26)
-        self.exact.on_change("active", self._on(lambda view, on: replace(view, exact=on)))
+        connect(self.exact, "active", change, lambda view, on: replace(view, exact=on))
         save_button = Button(label="save as YAML", name="save", width=100, height=26)
         save_button.on_click(save)
         self.status, self.saved = _message("status", "inherit"), _message("saved", "#005A32")
@@ -83,15 +85,6 @@ class Controls:
             width=_WIDTH + 12, spacing=1, sizing_mode="stretch_height",
             styles={"overflow-y": "auto", "overflow-x": "hidden", "padding-left": "4px"},
         )  # fmt: skip
-
-    def _on(self, changed: Callable[[View, Any], View]) -> Callable[[str, Any, Any], None]:
-        """Return a callback of a property; nothing happens while the widgets show a view."""
-
-        def callback(attr: str, old: object, new: Any) -> None:
-            if not self._showing:
-                self._change(lambda view: changed(view, new))
-
-        return callback
 
     def _choice(self, title: str, options: list[tuple[str, str]]) -> Select:
         """Return a choice with its title."""
@@ -105,30 +98,37 @@ class Controls:
         parameter, value = PARAMETERS[name], view.values[name]
         tip = f"{parameter.meaning}: {parameter.allowed}"
         low, high = window_around(name, view.values)
-        field = TextInput(name=name, width=94, height=22, margin=(0, 2, 0, 0))
-        field.stylesheets = [_COMPACT]
+        field = self._field(name, width=94, height=22, margin=(0, 2, 0, 0))
         slider = Slider(
             start=low, end=high, value=value, step=(high - low) / 400.0, show_value=False,
             title=None, width=88, height=18, margin=(2, 8, 0, 8), name=f"{name} slider",
         )  # fmt: skip
-        field.on_change("value", self._on(partial(_with_text, name=name)))
-        slider.on_change("value", self._on(lambda view, new: view.moved(**{name: float(new)})))
-        self.fields[name], self.sliders[name] = field, slider
+        connect(slider, "value", self._change, lambda view, new: view.moved(**{name: float(new)}))
+        self.sliders[name] = slider
         label = Div(text=f'<span title="{tip}">{symbol(name)}</span>', width=22)
         label.styles = {"text-align": "right", "padding-top": "2px"}
         return row(label, field, slider, spacing=2)
 
     def _record(self, name: str) -> LayoutDOM:
         """Return the field of a number of the record."""
-        field = TextInput(name=name, title=name, width=74, margin=(0, 0, 2, 0))
-        field.update(stylesheets=[_COMPACT], description=_RECORD[name])
+        return self._field(
+            name, title=name, width=74, margin=(0, 0, 2, 0), description=_RECORD[name]
+        )
+
+    def _field(self, name: str, **look: Any) -> TextInput:
+        """Return a field for a number of the view."""
+        field = TextInput(name=name, stylesheets=[_COMPACT], **look)
+        connect(
+            field,
+            "value",
+            self._change,
+            lambda view, text: view.with_query(urlencode({name: text})),
+        )
         self.fields[name] = field
-        field.on_change("value", self._on(partial(_with_record, name=name)))
         return field
 
     def show(self, view: View) -> None:
         """Set every widget to a view."""
-        self._showing = True
         self.axis.value, self.ordinate.value = view.axis, view.ordinate
         self.exact.active = view.exact
         for name, value in view.values.items():
@@ -140,7 +140,6 @@ class Controls:
         values = {**view.values, **view.record}
         for name, field in self.fields.items():
             field.value = f"{values[name]:.7g}"
-        self._showing = False
 
 
 def _message(name: str, colour: str) -> Div:
@@ -154,14 +153,11 @@ def meaning(name: str) -> str:
     return f"{symbol(name)}: {PARAMETERS[name].meaning}"
 
 
-def _with_text(view: View, text: str, *, name: str) -> View:
-    """Return a view with the number that a field holds."""
-    try:
-        return view.moved(**{name: float(text)})
-    except ValueError:
-        allowed = f"{PARAMETERS[name].allowed}, with a point: 0.05"
-        raise ConfigError(f"{name} = {text} is not a number; expected: {allowed}") from None
-
-
-def _with_record(view: View, text: str, *, name: str) -> View:
-    return view.with_query(urlencode({name: text}))
+def connect(
+    model: Model,
+    name: str,
+    change: Callable[[Callable[[View], View]], None],
+    changed: Callable[[View, Any], View],
+) -> None:
+    """Let a property of a model change the view; `changed` is given the view and the value."""
+    model.on_change(name, lambda attr, old, new: change(lambda view: changed(view, new)))

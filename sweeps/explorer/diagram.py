@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -24,7 +23,7 @@ from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import check_memory
 from sweeps.errors import StoreError
 from sweeps.explorer import picture
-from sweeps.explorer.pixel_figure import PixelFigure, outer_edges, set_range
+from sweeps.explorer.pixel_figure import PixelFigure, Report, outer_edges, set_range
 from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import STATUS_COLOURS, VERMILION
@@ -91,17 +90,10 @@ class Shown:
 
 
 class Diagram(PixelFigure):
-    """The figure, its picture, the mark, and the points that failed.
+    """The figure, its picture, the mark, and the points that failed; `report` as for its base."""
 
-    Parameters
-    ----------
-    report : callable
-        Is given a `Shown` and the seconds that it took in all.
-    """
-
-    def __init__(self, report: Callable[[Shown, float], None]) -> None:
-        super().__init__("diagram")
-        self._report = report
+    def __init__(self, report: Report) -> None:
+        super().__init__("diagram", report)
         #: The last picture that was computed.
         self.kept: Shown | None = None
         #: The windows of the ordinate that held all points, the newest last.
@@ -228,7 +220,7 @@ class Diagram(PixelFigure):
                 item.label = f"{outcome.meaning} ({len(x)} of {len(shown.values)})"
                 item.visible = bool(len(x))
         self.show_legend()
-        self._report(shown, seconds)
+        self._report(shown.config, len(shown.values), shown.seconds, seconds)
 
     def show_legend(self) -> None:
         """Show the legend if it has anything to say."""

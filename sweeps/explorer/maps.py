@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -21,7 +20,7 @@ from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import block_size
-from sweeps.explorer.pixel_figure import PixelFigure, outer_edges
+from sweeps.explorer.pixel_figure import PixelFigure, Report, outer_edges
 from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.words import plain
 from sweeps.explorer.worker import Step
@@ -212,25 +211,15 @@ class Map(PixelFigure):
         Of the figure.
     tab : int
         ``MAP`` or ``BASINS``.
-    report : callable
-        Is given the configuration, its computed points, the seconds that their numbers took, and
-        those in all.
-    x_range : Range1d, optional
+    report, x_range
         As for `PixelFigure`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        tab: int,
-        report: Callable[[SweepConfig, int, float, float], None],
-        x_range: Range1d | None = None,
-    ) -> None:
-        super().__init__(name, x_range)
-        self._name, self._tab, self._report = name, tab, report
-        self._filling: Filling | None = None
-        #: What is on the screen.
-        self.shown: Tiles | None = None
+    def __init__(self, name: str, tab: int, report: Report, x_range: Range1d | None = None) -> None:
+        super().__init__(name, report, x_range)
+        self._name, self._tab = name, tab
+        #: The map of the last view.
+        self.filling: Filling | None = None
         self.figure.grid.visible = False
         self._marks = [Span(dimension=way, line_color="white") for way in ("height", "width")]
         for mark in self._marks:
@@ -258,10 +247,10 @@ class Map(PixelFigure):
     def steps(self, view: View) -> list[Step]:
         """Return the steps that draw a view from coarse to fine."""
         config = self.finest(view)
-        if self._filling is None or self._filling.config != config:
-            self._filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS)
-        advance, show = self._filling.advance, partial(self._paint, view)
-        stops = self._filling.stops
+        if self.filling is None or self.filling.config != config:
+            self.filling = Filling(config, view.plane(self._tab)[0][0], self._tab == BASINS)
+        advance, show = self.filling.advance, partial(self._paint, view)
+        stops = self.filling.stops
         return [Step(self._name, (config, n), partial(advance, n), show) for n in stops]
 
     def finest(self, view: View) -> SweepConfig:
@@ -270,7 +259,6 @@ class Map(PixelFigure):
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""
-        self.shown = tiles
         axes = tiles.config.grid.axes
         names = [name for name, _ in view.plane(self._tab)]
         x, y = (outer_edges(axes[name], name in view.log) for name in names)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -30,41 +30,34 @@ _FEWEST, _MOST = 4, 32
 _UNREPEATED = 12
 
 
-@dataclass(frozen=True)
-class Drawn:
+class Drawn(NamedTuple):
     """A motion to draw.
 
-    Attributes
-    ----------
-    text : str
-        Its class, and its multipliers or exponents.
-    line, impacts : ndarray, shape (3, n)
-        Time from a passage of the section on, displacement and velocity.
-    clearance : float
+    Its `text` has its class, and its multipliers or exponents. Its `line` and its `impacts`, shape
+    (3, n), are the time from a passage of the section on, the displacement and the velocity.
     """
 
     text: str
     line: np.ndarray
     impacts: np.ndarray
-    clearance: float
 
 
 def motion_at(view: View) -> Drawn:
     """Compute the motion at the mark, and the periods that follow its last section."""
     config = view.point()
     point = dataset_of(config, {}, numbers(config))
-    clearance, empty = view.values["clearance"], np.empty((3, 0))
+    nothing = np.empty((3, 0)), np.empty((3, 0))
     status = Status(int(point["status"]))
     if status.failed:
-        return Drawn(status.meaning, empty, empty, clearance)
+        return Drawn(status.meaning, *nothing)
     m, text = _class_in_words(point)
     try:
         periods = min(max(2 * m, _FEWEST), _MOST) if m else _UNREPEATED
         motion = continued_motion(point, None, periods)
     except Refused as error:
-        return Drawn(f"{text}; {error}", empty, empty, clearance)
+        return Drawn(f"{text}; {error}", *nothing)
     start = np.array([[motion.rows[0, 0]], [0.0], [0.0]])
-    return Drawn(text, motion.flow(per_period=64) - start, motion.impacts - start, clearance)
+    return Drawn(text, motion.flow(per_period=64) - start, motion.impacts - start)
 
 
 def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
@@ -99,17 +92,15 @@ class MotionPanel:
 
     Parameters
     ----------
-    name : str
     close : callable
         Takes the mark away.
     """
 
-    def __init__(self, name: str, close: Callable[[], None]) -> None:
-        self._name = name
-        self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name=name)
-        self.impacts = ColumnDataSource({"t": [], "x": [], "v": []}, name=f"{name}: impacts")
+    def __init__(self, close: Callable[[], None]) -> None:
+        self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name="motion")
+        self.impacts = ColumnDataSource({"t": [], "x": [], "v": []}, name="motion: impacts")
         self.text = Div(text="", sizing_mode="stretch_width", margin=(2, 4, 0, 60))
-        self.text.name = f"{name}: text"
+        self.text.name = "motion: text"
         self._stops = [
             Span(dimension=way, location=0.0, line_dash="dashed", line_color="black")
             for way in ("width", "height")
@@ -118,7 +109,7 @@ class MotionPanel:
         for (x, y), stop in zip((("t", "x"), ("x", "v")), self._stops, strict=True):
             panel = figure(
                 tools="pan,wheel_zoom,box_zoom,reset,save", min_height=110,
-                sizing_mode="stretch_both", toolbar_location=None, name=f"{name}: {y} over {x}",
+                sizing_mode="stretch_both", toolbar_location=None, name=f"motion: {y} over {x}",
             )  # fmt: skip
             panel.line(x, y, source=self.line, color=BLUE, line_width=1.2)
             panel.scatter(x, y, source=self.impacts, color=ORANGE, size=5)
@@ -130,35 +121,31 @@ class MotionPanel:
         self.layout = column(
             row(self.text, closing, sizing_mode="stretch_width"),
             row(*self._panels, sizing_mode="stretch_both"),
-            visible=False, sizing_mode="stretch_both",
+            sizing_mode="stretch_both",
         )  # fmt: skip
 
     def show(self, view: View) -> None:
-        """Show the panel if a point is marked, with the units of the view."""
-        self.layout.visible = view.marked
+        """Set the labels, with the units of the view."""
         for panel, names in zip(self._panels, ("tx", "xv"), strict=True):
             across, upwards = (f"trajectory_{name}" for name in names)
             text = axis_label(across, view.units).replace("time t", "time t − t₀")
-            panel.xaxis.axis_label, panel.yaxis.axis_label = (
-                text,
-                axis_label(upwards, view.units, 0),
-            )
+            panel.xaxis.axis_label = text
+            panel.yaxis.axis_label = axis_label(upwards, view.units, 0)
 
     def steps(self, view: View) -> list[Step]:
-        """Return the step that computes the motion, if a point is marked."""
-        if not view.marked:
-            return []
+        """Return the step that computes the motion, if it is to be seen."""
         compute, show = partial(motion_at, view), partial(self._paint, view)
-        return [Step(self._name, view.point(), compute, show)]
+        return [Step("motion", view.point(), compute, show)] if view.moving else []
 
     def _paint(self, view: View, drawn: Drawn, seconds: float) -> None:
         """Show a motion, the stop and what is known of both."""
         for source, rows in ((self.line, drawn.line), (self.impacts, drawn.impacts)):
             source.data = dict(zip("txv", rows, strict=True))
+        clearance = view.values["clearance"]
         for stop in self._stops:
-            stop.location = drawn.clearance
+            stop.location = clearance
         said = escape(f"{symbol(view.axis)} = {view.values[view.axis]:.6g}: {drawn.text}")
         self.text.text = (
             f"<b>{said}</b> &nbsp; <span style='color:{ORANGE}'>●</span> impacts, "
-            f"┄ stop, x = {symbol('clearance')} = {drawn.clearance:.6g}"
+            f"┄ stop, x = {symbol('clearance')} = {clearance:.6g}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,8 +20,8 @@ from bokeh.models import CustomJS, Div, RadioButtonGroup, Select, TabPanel, Tabs
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import ConfigError, StoreError, SweepError
 from sweeps.explorer.branches import Branches
-from sweeps.explorer.controls import Controls, meaning
-from sweeps.explorer.diagram import Diagram, Shown
+from sweeps.explorer.controls import Controls, connect, meaning
+from sweeps.explorer.diagram import Diagram
 from sweeps.explorer.maps import Map
 from sweeps.explorer.motion import MotionPanel
 from sweeps.explorer.saving import write_yaml
@@ -82,17 +83,15 @@ class LivePage:
 
     def __init__(self, document: Document, home: View, folder: Path) -> None:
         self.document, self.home, self.view, self.folder = document, home, home, folder
-        self._reading = self._waiting = False
+        self._showing = self._reading = self._waiting = False
         self._rate = ""
-        self.shown: Shown | None = None
         self.controls = Controls(home, self.change, self._save)
         self.diagram = Diagram(self._report)
         self.branches = Branches(self.diagram)
-        self.motion = MotionPanel("motion", self._close)
-        self.motion_from = MotionPanel("motion from a start", self._close)
-        self.map = Map("map", MAP, self._report_rate, self.diagram.figure.x_range)
-        self.basins = Map("basins", BASINS, self._report_rate)
+        self.map = Map("map", MAP, self._report, self.diagram.figure.x_range)
+        self.basins = Map("basins", BASINS, self._report)
         self._pictures = (self.diagram, self.map, self.basins)
+        self.motion = MotionPanel(self._close)
         self._line = RadioButtonGroup(labels=["row", "column"], active=0, name="line", height=28)
         self._across = Select(
             options=[(name, meaning(name)) for name in PARAMETERS], width=220, name="across"
@@ -124,16 +123,10 @@ class LivePage:
                 sizing_mode="stretch_width",
             ),
         )
-        pictures = (
-            (self.diagram.figure, self.motion.layout),
-            (self.map.layout,),
-            (self.basins.layout, self.motion_from.layout),
-        )
-        layouts = {
-            title: column(about, *picture, sizing_mode="stretch_both")
-            for title, about, picture in zip(_TABS, abouts, pictures, strict=True)
-        }
-        panels = [TabPanel(child=layout, title=title) for title, layout in layouts.items()]
+        panels = [
+            TabPanel(title=title, child=column(about, picture.layout, sizing_mode="stretch_both"))
+            for title, about, picture in zip(_TABS, abouts, self._pictures, strict=True)
+        ]
         return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs")
 
     def _connect(self) -> None:
@@ -150,16 +143,21 @@ class LivePage:
             plot.on_event(Reset, lambda _: self.change(self._at_home))
             plot.on_event(Tap, self._tapped)
         self.diagram.painted.on_change("value", self._painted)
-        self._tabs.on_change("active", self._tab_chosen)
-        self._across.on_change("value", self._across_chosen)
-        self.diagram.mark.on_change("location", self._mark_moved)
+        connect(self._tabs, "active", self.change, lambda view, tab: replace(view, tab=tab))
+        connect(self._across, "value", self.change, View.with_across)
+        connect(
+            self.diagram.mark,
+            "location",
+            self.change,
+            lambda view, location: view.moved(**{view.axis: float(location)}),
+        )
         document.config.notify_connection_status = False  # the page has words of its own
-        document.on_session_destroyed(lambda _: self.worker.close())
+        document.on_session_destroyed(lambda _: self.worker.shutdown())
         document.add_periodic_callback(self._show_progress, 200)
         self._key.on_change("value", self._pressed)
         document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=_LISTEN))
         # The address holds the view: it is read when the page opens, and follows the view.
-        self._address.on_change("value", self._address_read)
+        connect(self._address, "value", self.change, View.with_query)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
         write = (
             f"const secret = new URLSearchParams(location.search).get('{SECRET}');"
@@ -172,7 +170,9 @@ class LivePage:
             document.js_on_event(event, CustomJS(args={"div": self._ended}, code=code))
 
     def change(self, changed: Callable[[View], View]) -> None:
-        """Show another view, or say why there is none."""
+        """Show another view, or say why there is none; nothing while a view is being shown."""
+        if self._showing:
+            return
         try:
             view = changed(self._as_zoomed(self.view))
             view.check()
@@ -188,10 +188,15 @@ class LivePage:
 
     def _show(self) -> None:
         """Set all parts of the page to the view, and ask for its pictures."""
-        pictures = (self.diagram, self.branches, self.map, self.basins)
-        for part in (self.controls, *pictures, self.motion, self.motion_from):
+        self._showing = True
+        for part in (self.controls, *self._pictures, self.branches, self.motion):
             part.show(self.view)
         self._tabs.active, self._across.value = self.view.tab, self.view.across
+        for number, tab in enumerate(self._tabs.tabs):
+            about, picture = tab.child.children[:2]
+            shows_motion = number == self.view.tab and self.view.moving
+            tab.child.children = [about, picture, *[self.motion.layout] * shows_motion]
+        self._showing = False
         self._address.title = self.view.query()
         self._compute()
 
@@ -217,16 +222,11 @@ class LivePage:
             return []
         branches = self.branches.steps(view, self.diagram.resolution[0])
         # After the first two the picture only becomes denser, or a map finer.
-        motion = (
-            ()
-            if view.tab == MAP
-            else (self.motion, self.motion_from)[view.tab == BASINS].steps(view)
-        )
-        return [first, *motion, *finer[:1], *branches, *finer[1:]]
+        return [first, *self.motion.steps(view), *finer[:1], *branches, *finer[1:]]
 
     def _resized(self, picture: Diagram | Map, attr: str, old: int, new: int) -> None:
         picture.resize(attr, new)
-        self._compute()
+        self.change(lambda view: view)
 
     def _pressed(self, attr: str, old: str, new: str) -> None:
         """Do what a key stands for."""
@@ -244,7 +244,7 @@ class LivePage:
 
     def _ranges_changed(self, attr: str, old: Any, new: Any) -> None:
         """Read the window once, when all four ends of it are there: they come one by one."""
-        if not self._reading:
+        if not self._showing and not self._reading:
             self._reading = True
             self.document.add_timeout_callback(self._read_ranges, _GATHER)
 
@@ -294,28 +294,7 @@ class LivePage:
             clicked = replace(view.moved(x0=x, v0=y), ylim=None)
         self.change(lambda view: replace(clicked, marked=True))
 
-    def _tab_chosen(self, attr: str, old: int, new: int) -> None:
-        if new != self.view.tab:
-            self.change(lambda view: replace(view, tab=new))
-
-    def _across_chosen(self, attr: str, old: str, new: str) -> None:
-        if new != self.view.across:
-            self.change(lambda view: view.with_across(new))
-
-    def _mark_moved(self, attr: str, old: Any, new: Any) -> None:
-        if new is not None and new != self.view.values[self.view.axis]:
-            self.change(lambda view: view.moved(**{view.axis: float(new)}))
-
-    def _address_read(self, attr: str, old: str, new: str) -> None:
-        self.change(lambda view: view.with_query(new))
-
-    def _report(self, shown: Shown, seconds: float) -> None:
-        self.shown = shown
-        self._report_rate(shown.config, shown.config.grid.size, shown.seconds, seconds)
-
-    def _report_rate(
-        self, config: SweepConfig, points: int, computing: float, seconds: float
-    ) -> None:
+    def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
         """Say how many points of a picture were computed, and how fast."""
         of = "" if points == config.grid.size else f" of {config.grid.size:,}"
         periods = points * (config.record.transient + config.record.periods)
@@ -330,27 +309,22 @@ class LivePage:
         if self._waiting:  # a window that is hidden paints nothing
             self._waiting = False
             self.worker.ask(self._steps())
-        if (busy := self.worker.busy) is not None:
-            name, first, begin = busy
-            if (seconds := perf_counter() - begin) > 0.3:
-                why = ", which is compiled at the first use" if first and seconds > 1.0 else ""
-                self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
-        elif self.controls.status.text.startswith("computing"):
+        name, first, begin = self.worker.busy or ("", False, math.inf)
+        if (seconds := perf_counter() - begin) > 0.3:
+            why = ", which is compiled at the first use" if first and seconds > 1.0 else ""
+            self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
+        else:
             self.controls.status.text = self._rate
 
     def _save(self) -> None:
         """Write the configuration of what is seen, and say where."""
         try:
-            path = write_yaml(self.view, self._configuration(), self.folder)
+            path = write_yaml(self.view, self._picture.finest(self.view), self.folder)
         except SweepError as error:
             self._refuse(str(error))
         else:
             self.controls.error.text = ""
             self.controls.saved.text = f"saved: {path}; vibroimpact run {shlex.quote(path.name)}"
-
-    def _configuration(self) -> SweepConfig:
-        """Return that of the finest picture in the open tab."""
-        return self._picture.finest(self.view)
 
     @property
     def _picture(self) -> Diagram | Map:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from bokeh.models import (
     BasicTicker,
     BasicTickFormatter,
     ColumnDataSource,
+    LayoutDOM,
     LinearColorMapper,
     LinearScale,
     LogScale,
@@ -19,9 +20,12 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
 from sweeps.explorer.words import axis_label
 from sweeps.plotting.lines import cell_edges
+
+Report = Callable[[SweepConfig, int, float, float], None]
 
 _CLEAR = "#00000000"
 #: A picture has no fewer columns and rows, and no more are computed.
@@ -36,21 +40,25 @@ class PixelFigure:
     Parameters
     ----------
     name : str
+    report : callable
+        Is given the configuration of a picture, its computed points, the seconds that their numbers
+        took, and those in all.
     x_range : Range1d, optional
         That of another figure, with which this one shares its abscissa.
     """
 
-    def __init__(self, name: str, x_range: Range1d | None = None) -> None:
+    def __init__(self, name: str, report: Report, x_range: Range1d | None = None) -> None:
+        self._report = report
         self.figure = figure(
             tools="pan,wheel_zoom,box_zoom,undo,redo,reset,save", active_scroll="wheel_zoom",
             x_range=x_range or Range1d(0.0, 1.0), y_range=Range1d(0.0, 1.0), name=name,
             sizing_mode="stretch_both", min_height=120, lod_threshold=None,
         )  # fmt: skip
         self.figure.toolbar.logo = None
+        #: What the tab of the figure shows.
+        self.layout: LayoutDOM = self.figure
         #: Columns and rows of the canvas; 0 as long as the browser has not said.
         self.size = (0, 0)
-        #: What each axis shows, with the names of the units.
-        self._shown: dict[str, tuple[str, Mapping[str, str]]] = {}
         columns: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
         self.source = ColumnDataSource(columns, name=f"{name} pixels")
         self._colours = LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
@@ -60,13 +68,6 @@ class PixelFigure:
         """Take the width or the height that the browser gives the canvas."""
         columns, rows = self.size
         self.size = (pixels, rows) if side == "inner_width" else (columns, pixels)
-        self._label()
-
-    def _label(self) -> None:
-        """Label the axes with as much as there is room for."""
-        for side, (name, units) in self._shown.items():
-            pixels = self.size[side == "y"] + _BESIDE
-            getattr(self.figure, f"{side}axis").axis_label = axis_label(name, units, pixels)
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -81,12 +82,11 @@ class PixelFigure:
         return (x.start, x.end), (y.start, y.end)
 
     def set_axis(self, side: str, name: str, view: View, window: Window) -> None:
-        """Set axis x or y: what it shows, its window, and what this may hold."""
+        """Set axis x or y: its label, if there is room, its window, and what this may hold."""
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
             allowed = bounds(name, view.values)
-        self._shown[side] = name, view.units
-        self._label()
+        axis.axis_label = axis_label(name, view.units, self.size[side == "y"] + _BESIDE)
         scale = LogScale if log else LinearScale
         if not isinstance(getattr(self.figure, f"{side}_scale"), scale):
             setattr(self.figure, f"{side}_scale", scale())

@@ -141,17 +141,16 @@ class Explorer:
         self._port, self.pages = self._socket.getsockname()[1], list[LivePage]()
         self._secret = secrets.token_urlsafe(32)
         self.address = f"http://{HOST}:{self._port}/?{SECRET}={self._secret}"
-        self._loop: IOLoop | None = None
-        started = threading.Event()
-        self._thread = threading.Thread(target=self._serve, args=(started,), daemon=True)
+        self._loop = asyncio.new_event_loop()
+        self._loop.set_exception_handler(self._handle_failure)
+        # A request that comes before the thread is ready waits in the socket.
+        self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
-        started.wait()
 
-    def _serve(self, started: threading.Event) -> None:
+    def _serve(self) -> None:
         """Run the server until its loop is stopped."""
-        asyncio.set_event_loop(asyncio.new_event_loop())
-        self._loop = IOLoop.current()
-        asyncio.get_event_loop().set_exception_handler(self._handle_failure)
+        asyncio.set_event_loop(self._loop)
+        loop = IOLoop.current()
         hosts = [f"{name}:{self._port}" for name in _OWN_NAMES]
         application = _Application(
             self._open,
@@ -166,21 +165,20 @@ class Explorer:
         )
         http = HTTPServer(application)
         http.add_socket(self._socket)
-        server = BaseServer(self._loop, application, http)
+        server = BaseServer(loop, application, http)
         server.start()
-        self._loop.add_callback(started.set)
-        self._loop.start()
+        loop.start()
         server.stop(wait=False)
-        self._loop.run_sync(http.close_all_connections)
-        self._loop.close(all_fds=True)  # also those of the open pages, which are none of http's
+        loop.run_sync(http.close_all_connections)
+        loop.close(all_fds=True)  # also those of the open pages, which are none of http's
 
     def _handle_failure(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Take no connection for a while where there are no descriptors left; log all else."""
         error = context.get("exception")
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            assert self._loop is not None
-            self._loop.update_handler(self._socket, 0)
-            self._loop.call_later(_PAUSE, self._loop.update_handler, self._socket, IOLoop.READ)
+            server = IOLoop.current()
+            server.update_handler(self._socket, 0)
+            server.call_later(_PAUSE, server.update_handler, self._socket, IOLoop.READ)
         else:
             loop.default_exception_handler(context)
 
@@ -189,13 +187,11 @@ class Explorer:
 
     def close(self) -> None:
         """End the server; open pages say so."""
-        if self._loop is not None:
-            with contextlib.suppress(RuntimeError):
-                self._loop.add_callback(self._loop.stop)
-            self._thread.join(2.0)
-            self._loop = None
+        with contextlib.suppress(RuntimeError):  # it has ended before
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(2.0)
         for page in self.pages:
-            page.worker.close()
+            page.worker.shutdown()
 
     def _repr_html_(self) -> str:
         return f'<iframe src="{self.address}" width="100%" height="640" frameborder="0"></iframe>'

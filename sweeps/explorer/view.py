@@ -155,6 +155,11 @@ class View:
             ),
         )
 
+    @property
+    def moving(self) -> bool:
+        """Whether the open tab shows a motion."""
+        return self.marked and self.tab != MAP
+
     def moved(self, **values: float) -> Self:
         """Return this view at other values of some parameters; the starts stay before the stop."""
         beyond = max(0.0, self.x0lim[1] - values.get("clearance", math.inf))
@@ -246,11 +251,11 @@ class View:
         ConfigError
             If it asks for what is not allowed.
         """
-        entries = dict(parse_qsl(query.removeprefix("?")))
+        entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
         changes: dict[str, Any] = {name: entries[name] for name in _NAMES if name in entries}
         changes["record"] = {**self.record, **{n: entries[n] for n in _RECORD if n in entries}}
+        numbers = {name: _number(name, entries[name]) for name in PARAMETERS if name in entries}
         try:
-            numbers = {name: float(entries[name]) for name in PARAMETERS if name in entries}
             changes |= {name: bool(int(entries[name])) for name in _FLAGS if name in entries}
             changes |= {"tab": int(entries["tab"]) % 3} if "tab" in entries else {}
             for name in _WINDOWS:
@@ -290,6 +295,15 @@ class View:
         self.diagram(2)
         if self.tab != DIAGRAM:
             self.tiles(self.tab, 2, 2)
+
+
+def _number(name: str, text: str) -> float:
+    """Return the value of a parameter that a field or an address holds."""
+    try:
+        return float(text)
+    except ValueError:
+        allowed = f"{PARAMETERS[name].allowed}, with a point: 0.05"
+        raise ConfigError(f"{name} = {text} is not a number; expected: {allowed}") from None
 
 
 def bounds(name: str, values: Mapping[str, float]) -> tuple[float | None, float | None] | None:

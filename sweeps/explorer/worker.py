@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -39,8 +39,8 @@ class Step:
     show: Callable[[Any, float], None]
 
 
-class Worker:
-    """Takes the steps of the newest request, one after the other.
+class Worker(ThreadPoolExecutor):
+    """One thread, which takes the steps of the newest request, one after the other.
 
     `post` runs a function in the thread of the document; `fail` is given the text of an error
     there.
@@ -49,12 +49,10 @@ class Worker:
     def __init__(
         self, post: Callable[[Callable[[], None]], None], fail: Callable[[str], None]
     ) -> None:
+        super().__init__(1, "explore")
         self._post, self._fail = post, fail
-        self._executor = ThreadPoolExecutor(1, "explore")
-        self._request: Future[None] | None = None
         self._stale, self._closed = np.zeros((2, 1), np.int64)
         self._done: dict[str, Any] = {}
-        self._compiled: set[str] = set()
         #: The name of the step that is computed, whether for the first time, and since when.
         self.busy: tuple[str, bool, float] | None = None
 
@@ -66,17 +64,12 @@ class Worker:
         self._stale[0] = 1
         if not self._closed[0]:
             self._stale = np.zeros(1, np.int64)
-            self._request = self._executor.submit(self._take_all, steps, self._stale)
+            self.submit(self._take_all, steps, self._stale)
 
-    @property
-    def idle(self) -> bool:
-        """Whether all that was asked for is done."""
-        return self._request is None or self._request.done()
-
-    def close(self) -> None:
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """Cancel everything, and end the thread."""
         self._closed[0] = self._stale[0] = 1
-        self._executor.shutdown(cancel_futures=True)
+        super().shutdown(wait, cancel_futures=cancel_futures)
 
     def _take_all(self, steps: Sequence[Step], stale: np.ndarray) -> None:
         """Take the steps of a request, until a newer one comes."""
@@ -89,7 +82,7 @@ class Worker:
 
     def _take(self, step: Step, stale: np.ndarray) -> None:
         """Compute a step and post what it shows, unless it is cancelled."""
-        first = step.name not in self._compiled
+        first = step.name not in self._done
         begin = perf_counter()
         self.busy = step.name, first, begin
         try:
@@ -100,7 +93,6 @@ class Worker:
         except (SweepError, ValueError, ArithmeticError, MemoryError) as error:
             self._post(partial(self._fail, str(error) or type(error).__name__))
         else:
-            self._compiled.add(step.name)
             self._post(partial(step.show, result, perf_counter() - begin))
         finally:
             self.busy = None

@@ -22,6 +22,8 @@ _OPTIONS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync"
 ).split()
+#: A time that only a hang reaches [s].
+PATIENCE = 300.0
 #: Set where a missing browser is a failure, not a reason to skip.
 REQUIRED = "VIBROIMPACT_TEST_BROWSER"
 
@@ -64,16 +66,16 @@ class Window:
         self.requests: list[str] = []
         self.problems: list[str] = []
         self.tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        self.tab.set_default_timeout(300_000)  # that only a hang reaches [ms]
+        self.tab.set_default_timeout(1000.0 * PATIENCE)
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
         self.tab.goto(address or explorer.address)
         self.page: LivePage = explorer.pages[-1]
-        self.settle(lambda: self.page.shown is not None)
+        self.settle(lambda: self.page.diagram.kept is not None)
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
         """Wait until a condition holds, nothing is computed, and the browser has the picture."""
-        deadline = time.monotonic() + 300.0
+        deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             if self.idle() and condition() and self.painted():
                 return
@@ -86,28 +88,27 @@ class Window:
         """Wait until a map is complete, and in the browser; return it."""
         picture = {"map": self.page.map, "basins": self.page.basins}[name]
         code = "{const i = m.data.image[0]; return i && [...i.shape, i.reduce((a, b) => a + b)]}"
-        deadline = time.monotonic() + 300.0
+        deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
-            if all(picture.size) and self.idle() and (shown := picture.shown) is not None:
-                expected = [*shown.pixels.shape, int(shown.pixels.sum(dtype=int))]
-                whole = shown.config == picture.finest(self.page.view)
-                if whole and shown.points == shown.config.grid.size:
-                    if self.model(f"{name} pixels", code) == expected:
-                        return shown
+            filling = picture.filling
+            if self.idle() and filling and filling.config == picture.finest(self.page.view):
+                advance, size = filling.advance, filling.config.grid.size
+                tiles = self.page.worker.submit(advance, size).result(PATIENCE)
+                expected = [*tiles.pixels.shape, int(tiles.pixels.sum(dtype=int))]
+                if self.model(f"{name} pixels", code) == expected:
+                    return tiles
             self.tab.wait_for_timeout(20)
         raise AssertionError(f"no map: {self.page.controls.error.text}")
 
     def idle(self) -> bool:
-        """Whether all that was asked for is computed, and the server has sent it."""
+        """Wait until all that was asked for is computed, and the server has sent it."""
         sent = threading.Event()
-        if self.page.worker.idle:
-            self.page.document.add_next_tick_callback(sent.set)
-            sent.wait(300.0)
-        return sent.is_set()
+        self.page.worker.submit(self.page.document.add_next_tick_callback, sent.set)
+        return sent.wait(PATIENCE)
 
     def painted(self) -> bool:
         """Whether the browser has the window and the fine picture of the view."""
-        shown, (columns, rows) = self.page.shown, self.page.diagram.size
+        shown, (columns, rows) = self.page.diagram.kept, self.page.diagram.size
         view = self.page.view
         if view.tab != DIAGRAM:
             return True

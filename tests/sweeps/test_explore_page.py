@@ -53,7 +53,7 @@ def window(browser, explorer):
 
 def expected(page):
     """Return the picture of the page's view, computed apart from the page."""
-    view, rows = page.view, page.shown.pixels.shape[0]
+    view, rows = page.view, page.diagram.kept.pixels.shape[0]
     config = page.diagram.configurations(view)[-1]
     values = picture.ordinates(config, numbers(config), view.ordinate)
     return picture.density(values, view.ylim or picture.fitted(values), rows)
@@ -120,7 +120,7 @@ def test_undo_and_redo_of_the_first_zoom(window):
     home = page.view
     window.wheel(-400.0)
     window.settle(lambda: page.view.ylim is not None)
-    zoomed, late = page.view, page.shown
+    zoomed, late = page.view, page.diagram.kept
     window.tool("undo")
     window.settle(lambda: page.view == home)
     np.testing.assert_array_equal(window.pixels(), expected(page))
@@ -139,7 +139,7 @@ def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
         """Send a picture that fits another window, while the browser's zoom is not read yet."""
         sending.set()
         sent.wait(300.0)
-        page.diagram._paint(replace(page.shown, window=(-9.0, 9.0)), 0.0)
+        page.diagram._paint(replace(page.diagram.kept, window=(-9.0, 9.0)), 0.0)
 
     page.document.add_next_tick_callback(paint)
     assert sending.wait(300.0)
@@ -185,7 +185,7 @@ def test_keys_move_and_zoom_the_window_and_close_the_motion(window):
     key("Escape")
     window.settle(lambda: not page.view.marked)
     window.settle(window.tab.get_by_text("close (Esc)").first.is_hidden)
-    low, high = page.shown.window
+    low, high = page.diagram.kept.window
     key("+")
     window.settle(lambda: page.view.xlim == pytest.approx((2.675, 3.225)))
     middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
@@ -309,7 +309,7 @@ def test_basins_at_the_mark_and_a_start_out_of_them(small):
     np.testing.assert_allclose(page.basins.discs.data["width"], 2.0 * np.array(radii), rtol=5e-3)
     assert len(radii) == 2 and min(radii) > 0.1
     window.click(0.4, 0.6, "basins")
-    window.settle(lambda: page.motion_from.text.text != "")
+    window.settle(lambda: page.motion.text.text != "")
     assert page.view.tab == BASINS
     assert page.view.values["x0"] == pytest.approx(-1.8, abs=0.05)
 
@@ -318,7 +318,7 @@ def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(b
     window = Window(browser, explorer, size=(690, 400))
     window.click(0.2, 0.5)
     window.tab.get_by_text("basins", exact=True).click()
-    window.settle(lambda: window.page.motion_from.text.text != "")
+    window.settle(lambda: window.page.motion.text.text != "")
     legend, text = (
         window.tab.evaluate(
             "(name) => {const m = Bokeh.documents[0].get_model_by_name(name);"
@@ -326,7 +326,7 @@ def test_the_legend_of_the_basins_is_above_the_motion_on_a_low_and_narrow_page(b
             "return [box.top, box.bottom]}",
             name,
         )
-        for name in ("basins legend", "motion from a start: text")
+        for name in ("basins legend", "motion: text")
     )
     window.tab.close()
     assert legend[1] <= text[0] and text[1] < 400.0
@@ -374,7 +374,7 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
     path.unlink()
     with open_sweep(tmp_path / "again.h5") as dataset:
         for name in ("poincare_x", "poincare_v", "impact_v", "impact_phase", "status"):
-            np.testing.assert_array_equal(dataset[name].values, page.shown.results[name])
+            np.testing.assert_array_equal(dataset[name].values, page.diagram.kept.results[name])
         values = dataset["poincare_x"].values
     np.testing.assert_array_equal(
         window.pixels(), picture.density(values, page.view.ylim, len(window.pixels()))
@@ -384,8 +384,8 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
 def test_thirty_gestures_in_a_burst_end_with_the_last(window):
     page = window.page
     shown = []
-    report = page.diagram._report
-    page.diagram._report = lambda *args: (shown.append(args[0].view), report(*args))
+    paint = page.diagram._paint
+    page.diagram._paint = lambda drawn, seconds: (shown.append(drawn.view), paint(drawn, seconds))
     for i in range(30):
         window.model("R slider", f"{{m.value = {0.5 + 0.01 * i}}}")
     window.settle(lambda: page.view.values["R"] == pytest.approx(0.79))
