@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-import numpy as np
 import xarray as xr
 from bokeh.models import ColumnDataSource, HoverTool, LegendItem
 
@@ -23,8 +21,8 @@ from sweeps.plotting.style import VERMILION
 _LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": "dashed"}
 _MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
-#: Abscissas, ordinates and the name of the orbit of every piece.
-Parts = Mapping[str, tuple[list[np.ndarray], list[np.ndarray], list[str]]]
+#: By the same names, the abscissas, the ordinates and the class of every piece or mark.
+Parts = dict[str, dict[str, list[Any]]]
 
 
 class Branches:
@@ -32,17 +30,19 @@ class Branches:
 
     def __init__(self, diagram: Diagram) -> None:
         self._diagram = diagram
-        self._drawn: Any = None
+        #: What the branches depend on: those of the view, and those that were painted last.
+        self._wanted: Any = None
+        self._painted: Any = None
         #: The branches that were found last, and the configuration of their points.
         self._found: tuple[SweepConfig, xr.Dataset] | None = None
         figure = diagram.figure
         self.sources = {
-            name: ColumnDataSource({"x": [], "y": [], "orbit": []}, name=name)
-            for name in (*_LINES, *_MARKERS)
+            name: ColumnDataSource(columns, name=name) for name, columns in _nothing().items()
         }
         self._items = []
         for name, source in self.sources.items():
-            look: Any = {"source": source, "line_color": VERMILION}
+            look: Any = {"source": source, "line_color": VERMILION, "visible": False}
+            look["name"] = f"{name} marks"
             if name in _LINES:
                 marks = figure.multi_line("x", "y", line_dash=_LINES[name], **look)
             else:
@@ -54,9 +54,9 @@ class Branches:
         diagram.legend.items += self._items
 
     def show(self, view: View) -> None:
-        """Remove the branches of other oscillators."""
-        if self._drawn is not None and self._drawn != _depends_on(view):
-            self._paint(None, {name: ([], [], []) for name in self.sources}, 0.0)
+        """Hide the branches of other oscillators."""
+        self._wanted = _depends_on(view)
+        self._show_wanted()
 
     def steps(self, view: View, columns: int) -> list[Step]:
         """Return the step that finds the branches, if they are wanted."""
@@ -79,25 +79,33 @@ class Branches:
         if self._found is None or self._found[0] != config:
             dataset = dataset_of(config, config.grid.axes, numbers(config))
             self._found = config, branches(dataset, view.axis, check=check)
-        parts: Parts = {name: ([], [], []) for name in self.sources}
+        parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):
+            columns = parts[name]
             for column in y.T:
-                parts[name][0].append(x)
-                parts[name][1].append(column)
-                parts[name][2].append(orbit)
+                columns["x"] += [x] if name in _LINES else x.tolist()
+                columns["y"] += [column] if name in _LINES else column.tolist()
+                columns["orbit"] += [orbit] if name in _LINES else [""] * len(x)
         return parts
 
     def _paint(self, depends_on: Any, parts: Parts, seconds: float) -> None:
-        """Show the parts of the branches, and which there are."""
-        self._drawn = depends_on
-        for item, (name, source) in zip(self._items, self.sources.items(), strict=True):
-            x, y, orbit = parts[name]
-            if name in _MARKERS and x:
-                x, y = list(np.concatenate(x)), list(np.concatenate(y))
-                orbit = [""] * len(x)
-            source.data = {"x": x, "y": y, "orbit": orbit}
-            item.visible = bool(len(x))
+        """Show the parts of the branches."""
+        self._painted = depends_on
+        for name, source in self.sources.items():
+            source.data = parts[name]
+        self._show_wanted()
+
+    def _show_wanted(self) -> None:
+        """Show the branches if they are those of the view, and name the parts that there are."""
+        wanted = self._wanted is not None and self._wanted == self._painted
+        for item, source in zip(self._items, self.sources.values(), strict=True):
+            item.visible = item.renderers[0].visible = wanted and bool(source.data["x"])
         self._diagram.show_legend()
+
+
+def _nothing() -> Parts:
+    """Return what is seen of no branches."""
+    return {name: {"x": [], "y": [], "orbit": []} for name in (*_LINES, *_MARKERS)}
 
 
 def _depends_on(view: View) -> Any:

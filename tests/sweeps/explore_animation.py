@@ -35,7 +35,7 @@ def main() -> None:
             window.settle(lambda before=before: page.view.xlim != before)
             keep(250)
         window.tab.get_by_text("exact branches").click()
-        window.settle(lambda: window.model("flip", "{return m.data.x.length}"))
+        window.settle(lambda: window.model("flip marks", "{return m.visible}"))
         keep(1200)
         window.click(0.2, 0.5)
         window.settle(lambda: bool(page.motion.text.text))

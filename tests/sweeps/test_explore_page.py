@@ -218,22 +218,23 @@ def test_a_click_shows_the_motion_and_the_mark_can_be_dragged(window):
     assert "Lyapunov exponents 0." in page.motion.text.text
 
 
-def test_exact_branches_lie_over_the_points_and_go_when_the_oscillator_changes(window):
+def test_exact_branches_lie_over_the_points_come_and_go(window):
     page = window.page
-    window.tab.get_by_text("exact branches").click()
-    flips = "{return m.data.x.length}"
-    window.settle(lambda: window.model("flip", flips))
+    button, seen = window.tab.get_by_text("exact branches"), "{return m.visible}"
+    button.click()
+    window.settle(lambda: window.model("flip marks", seen))
     shown = window.model("flip", "{return [...m.data.x]}")
     assert min(abs(np.array(shown) - 2.65888454668484)) < 1e-9
     stable = window.model("exact orbits, stable", "{return m.data.x.map((x) => [...x])}")
     assert min(min(x) for x in stable) == pytest.approx(2.4)
     window.model("R slider", "{m.value = 0.6}")
     window.settle(lambda: page.view.values["R"] == 0.6)
-    window.settle(lambda: window.model("flip", flips))
     window.settle(lambda: window.model("flip", "{return Math.min(...m.data.x)}") != min(shown))
+    window.settle(lambda: window.model("flip marks", seen))
     assert min(abs(np.array(window.model("flip", "{return [...m.data.x]}")) - 2.65888)) > 1e-4
-    window.tab.get_by_text("exact branches").click()
-    window.settle(lambda: not window.model("flip", flips))
+    for on in (False, True):
+        button.click()
+        window.settle(lambda on=on: window.model("flip marks", seen) is on)
 
 
 def test_the_address_holds_the_view(window, browser, explorer):
