@@ -20,8 +20,8 @@ from bokeh.models import (
 )
 
 from sweeps.analysis.selection import COORDINATES
+from sweeps.explorer.figures import symbol
 from sweeps.explorer.view import View, window_around
-from sweeps.explorer.words import symbol
 from sweeps.plotting.labels import as_variable
 from vibroimpact.oscillator import PARAMETERS
 

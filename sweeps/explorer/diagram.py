@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -17,25 +18,28 @@ from bokeh.models import (
     Range1d,
     Span,
 )
+from bokeh.palettes import interp_palette
 
+from sweeps.analysis.regimes import has_result
+from sweeps.analysis.selection import dataset_of, recorded_coordinate
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import check_memory
 from sweeps.errors import StoreError
-from sweeps.explorer import picture
-from sweeps.explorer.pixel_figure import PixelFigure, Report, outer_edges, set_range
+from sweeps.explorer.figures import LEAST, PixelFigure, Report, outer_edges, set_range
 from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
-from sweeps.plotting.style import STATUS_COLOURS, VERMILION
+from sweeps.plotting.lines import count_pixels, widened
+from sweeps.plotting.style import DENSITY, LEAST_SHARE, STATUS_COLOURS, VERMILION
 
 #: The coarse picture has so many times fewer columns.
 COARSER = 4
 #: The window of the ordinate before the first picture, which nobody else asks for.
 _UNSEEN = (-0.123456789, 0.123456789)
-#: The coarse picture has no fewer.
-_FEWEST = 16
 #: So many times the periods are recorded while nothing else is asked for.
 _RECORDS = (1, 4, 16, 64)
+#: The number of colours; 0 is no colour.
+_SHADES = 255
 
 #: Sets the window that fits a picture, unless the user has moved the one before it: only the
 #: browser knows that at once, and the server need not know. Then says which picture is on the
@@ -58,6 +62,57 @@ def numbers(config: SweepConfig) -> Results:
     """Compute all points of a configuration, the same numbers as a run of it."""
     grid = config.grid
     return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
+
+
+def ramp() -> list[str]:
+    """Return the colours of the shares, from the least to 1; the same as in the files' pictures."""
+    return list(interp_palette(DENSITY, _SHADES))
+
+
+def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
+    """Return what a diagram shows of each point, shape (n, width); NaN where nothing."""
+    values = recorded_coordinate(dataset_of(config, config.grid.axes, results), ordinate).values
+    return np.where(has_result(results["status"])[:, None], values, np.nan)
+
+
+def fitted(values: np.ndarray) -> Window:
+    """Return a window that holds all values, with a margin of a twentieth."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.0, 1.0
+    low, high = widened(float(finite.min()), float(finite.max()))
+    if low == high:  # 0
+        return -1.0, 1.0
+    margin = 0.05 * (high - low)
+    return low - margin, high + margin
+
+
+def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
+    """Return the share of each column's points in each pixel, as the number of its colour.
+
+    Parameters
+    ----------
+    values : ndarray, shape (columns, width)
+    window : (float, float)
+        Of the ordinate.
+    rows : int
+
+    Returns
+    -------
+    ndarray of uint8, shape (rows, columns)
+        From 1 for ``LEAST_SHARE`` on a logarithmic scale to 255 for all; 0 where there is none.
+        A value is drawn two pixels wide and high: the line of a periodic motion is to be seen.
+    """
+    columns = len(values)
+    counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
+    column, row = np.nonzero(counts)
+    share = counts[column, row] / counts.sum(axis=1)[column]
+    shade = np.clip(1.0 - np.log(share) / np.log(LEAST_SHARE), 0.0, 1.0)
+    pixels = np.zeros((rows, columns), np.uint8)
+    pixels[row, column] = 1.0 + np.rint(shade * (_SHADES - 1))
+    pixels[1:] = np.maximum(pixels[1:], pixels[:-1])
+    pixels[:, 1:] = np.maximum(pixels[:, 1:], pixels[:, :-1])
+    return pixels
 
 
 @dataclass(frozen=True)
@@ -101,7 +156,7 @@ class Diagram(PixelFigure):
         #: The ordinate of the view and its window, None for that of the points.
         self._ordinate: tuple[str, Window | None] = ("", None)
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
-        self.set_colours(picture.ramp())
+        self.set_colours(ramp())
         #: The number of the picture that the browser has painted last, and that was sent last.
         self.painted, self.sent = NumericInput(visible=False, value=0), 0
         y = self.figure.y_range
@@ -155,7 +210,7 @@ class Diagram(PixelFigure):
         if kept in configs:  # what was computed is not thrown away
             configs = configs[configs.index(kept) :]
         else:
-            configs = [view.diagram(max(_FEWEST, columns // COARSER)), *configs]
+            configs = [view.diagram(max(LEAST, columns // COARSER)), *configs]
         seen = view.axis, view.ordinate, view.ylim, rows
         return [
             Step("diagram", (config, *seen), partial(self._draw, view, config, rows), self._paint)
@@ -195,9 +250,9 @@ class Diagram(PixelFigure):
         else:
             results = numbers(config)
             seconds = perf_counter() - begin
-        values = picture.ordinates(config, results, view.ordinate)
-        window = picture.fitted(values) if view.ylim is None else view.ylim
-        pixels = picture.density(values, window, rows)
+        values = ordinates(config, results, view.ordinate)
+        window = fitted(values) if view.ylim is None else view.ylim
+        pixels = density(values, window, rows)
         shown = Shown(view, config, results, window, pixels, seconds)
         self.kept = shown
         return shown

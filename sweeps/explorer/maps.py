@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from html import escape
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 from bokeh.layouts import column
@@ -20,22 +20,19 @@ from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import block_size
-from sweeps.explorer.pixel_figure import PixelFigure, Report, outer_edges
+from sweeps.explorer.figures import PixelFigure, Report, outer_edges, plain
 from sweeps.explorer.view import BASINS, View
-from sweeps.explorer.words import plain
 from sweeps.explorer.worker import Step
 from vibroimpact.status import Status
-
-if TYPE_CHECKING:
-    from sweeps.plotting.maps import Cells
 
 #: Of the columns and of the rows, every so many are computed first, then those between them. Each
 #: is an odd multiple of the next, so that the middle of a cell is the middle of a smaller one.
 _STRIDES = (27, 9, 3, 1)
 #: A map is shown at least so often until it is complete.
 _SHOWN = 20
-#: The columns of a disc.
+#: Of a disc: x and v of its centre, and its size along these.
 _DISC = ("x", "y", "width", "height")
+Disc = tuple[float, float, float, float]
 #: What the classes of the points follow from.
 _OF_CLASSES = ("status", "rest_fraction", "period", "period_impacts", "lyapunov")
 
@@ -51,8 +48,8 @@ class Tiles:
         What there is: its label, its colour and its share of the points.
     pixels : ndarray of uint8, shape (rows, columns)
         1 + the number of the kind; a point that is not computed yet has that of one beside it.
-    discs : list of (float, float, float, float)
-        The largest discs in complete basins: x and v of their centre, width and height.
+    discs : list of Disc
+        The largest in complete basins.
     points : int
         That were computed.
     seconds : float
@@ -62,7 +59,7 @@ class Tiles:
     config: SweepConfig
     kinds: list[tuple[str, str, float]]
     pixels: np.ndarray
-    discs: list[tuple[float, float, float, float]]
+    discs: list[Disc]
     points: int
     seconds: float
 
@@ -129,18 +126,17 @@ class Filling:
     def _tiles(self) -> Tiles:
         """Put the points into kinds as the files' pictures do."""
         from sweeps.plotting.attractors import attractor_cells
-        from sweeps.plotting.maps import failed_cells, period_cells
+        from sweeps.plotting.maps import Cells, failed_cells, period_cells
 
-        discs: list[tuple[float, float, float, float]] = []
-        if self._basins:
-            cells = [attractor_cells(row, self._reached == i) for row, i in self._ranked()]
-            if self._done == self._order.size:
-                regimes = [row.regime for row, _ in self._ranked()]
-                cells = [
-                    self._with_disc(cell, discs) if regime in COUNTED else cell
-                    for cell, regime in zip(cells, regimes, strict=True)
-                ]
-        else:
+        discs, cells = list[Disc](), list[Cells]()
+        for row, i in self._ranked():
+            cell = attractor_cells(row, self._reached == i)
+            if self._done == self._order.size and row.regime in COUNTED:
+                disc, said = self._disc(cell.where)
+                discs.append(disc)
+                cell = cell._replace(label=f"{cell.label}; {said}")
+            cells.append(cell)
+        if not self._basins:
             cells = period_cells(dataset_of(self.config, self.config.grid.axes, self._kept))
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
         for cell in (*cells, *failed_cells(self._kept["status"])):
@@ -151,32 +147,25 @@ class Filling:
         pixels = pixels.T if next(iter(self.config.grid.axes)) == self._x else pixels
         return Tiles(self.config, kinds, pixels, discs, self._done, self._seconds)
 
-    def _with_disc(self, cells: Cells, discs: list[tuple[float, float, float, float]]) -> Cells:
-        """Name the radius of the largest disc in a basin, and add the disc to a list."""
+    def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
+        """Return the largest disc in a basin, and its radius in words."""
         grid = self.config.grid
-        basin = cells.where.reshape(grid.shape)
+        basin = basin.reshape(grid.shape)
         basin = basin if next(iter(grid.axes)) == "x0" else basin.T
         x, v, p, stop = grid.axes["x0"], grid.axes["v0"], grid.fixed["p"], grid.fixed["clearance"]
         corner = np.array([[x[0], v[0]]])
         radius, *centre, at_edge, _, _ = measures_of(basin, x, v, 1.0 / p, stop, corner)
-        discs.append((centre[0], centre[1], 2.0 * radius, 2.0 * radius * p))
-        label = f"{cells.label}; disc {'>= ' if at_edge else ''}{radius:.3g}"
-        return cells._replace(label=label)
+        disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
+        return disc, f"disc {'>= ' if at_edge else ''}{radius:.3g}"
 
-    def _ranked(self) -> list[tuple[Row, int]]:
-        """Return the attractors with their shares, the greatest first, and the places they had."""
+    def _ranked(self) -> Iterator[tuple[Row, int]]:
+        """Yield the attractors with their shares, the greatest first, and the places they had."""
         counts = np.bincount(self._reached + 1, minlength=len(self._found) + 1)[1:]
         order = np.argsort(-counts, kind="stable").tolist()
         numbered = sorted(order, key=lambda i: self._found[i].regime is not Regime.PERIODIC)
-        return [
-            (
-                self._found[i]._replace(
-                    number=numbered.index(i), fraction=counts[i] / counts.sum()
-                ),
-                i,
-            )
-            for i in order
-        ]
+        for i in order:
+            share = counts[i] / counts.sum()
+            yield self._found[i]._replace(number=numbered.index(i), fraction=share), i
 
 
 def _middles(size: int, stride: int) -> np.ndarray:

@@ -19,8 +19,8 @@ from sweeps.analysis.selection import config_of, dataset_of, oscillator_of
 from sweeps.analysis.trajectories import continued_motion
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers
+from sweeps.explorer.figures import axis_label, symbol
 from sweeps.explorer.view import View
-from sweeps.explorer.words import axis_label, symbol
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, ORANGE, REGIMES
 from vibroimpact.status import Status

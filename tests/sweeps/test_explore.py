@@ -18,13 +18,12 @@ from sweeps import ConfigError, Refused, load_config, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.selection import dataset_of
-from sweeps.explorer import picture
-from sweeps.explorer.diagram import Diagram, numbers
+from sweeps.explorer.diagram import Diagram, density, numbers, ordinates, ramp
+from sweeps.explorer.figures import axis_label, plain
 from sweeps.explorer.maps import Filling
 from sweeps.explorer.motion import motion_at
 from sweeps.explorer.page import LivePage
 from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
-from sweeps.explorer.words import axis_label, plain
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
 from sweeps.plotting.attractors import attractor_cells
@@ -70,7 +69,7 @@ def test_the_height_is_that_above_the_stop_of_each_column(view):
     config = replace(view, axis="clearance", xlim=(0.0, 2.0)).diagram(4)
     results = numbers(config)
     expected = np.linspace(0.0, 2.0, 4)[:, None] - results["poincare_x"]
-    np.testing.assert_array_equal(picture.ordinates(config, results, "poincare_height"), expected)
+    np.testing.assert_array_equal(ordinates(config, results, "poincare_height"), expected)
 
 
 def test_the_motion_at_a_stop_that_presses(view):
@@ -229,7 +228,7 @@ def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
 
 def test_pixels_are_the_shares_of_their_columns():
     values = np.array([[0.0, 0.0, 0.0, 0.9], [np.nan, np.nan, 0.5, 0.5], [2.0, 2.0, 2.0, 2.0]])
-    pixels = picture.density(values, (0.0, 1.0), 10)
+    pixels = density(values, (0.0, 1.0), 10)
     shade = {
         share: 1 + round((1 - np.log(share) / np.log(1e-3)) * 254) for share in (0.25, 0.75, 1.0)
     }
@@ -244,7 +243,7 @@ def test_the_colours_are_those_of_the_files_pictures():
 
     from sweeps.plotting.diagram import _RAMP
 
-    seen = np.array([to_rgb(colour) for colour in picture.ramp()])
+    seen = np.array([to_rgb(colour) for colour in ramp()])
     in_files = _RAMP(np.linspace(0.0, 1.0, 255))[:, :3]
     np.testing.assert_allclose(seen, in_files, atol=2 / 255)
 

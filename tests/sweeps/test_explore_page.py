@@ -16,8 +16,7 @@ import sweeps
 from browser import Window, chromium
 from commands import accepted
 from sweeps import load_config, open_sweep
-from sweeps.explorer import picture
-from sweeps.explorer.diagram import numbers
+from sweeps.explorer.diagram import density, fitted, numbers, ordinates
 from sweeps.explorer.view import BASINS
 from vibroimpact import Oscillator, one_impact_orbit
 
@@ -55,8 +54,8 @@ def expected(page):
     """Return the picture of the page's view, computed apart from the page."""
     view, rows = page.view, page.diagram.kept.pixels.shape[0]
     config = page.diagram.configurations(view)[-1]
-    values = picture.ordinates(config, numbers(config), view.ordinate)
-    return picture.density(values, view.ylim or picture.fitted(values), rows)
+    values = ordinates(config, numbers(config), view.ordinate)
+    return density(values, view.ylim or fitted(values), rows)
 
 
 def test_opens_with_the_diagram_of_the_configuration_and_asks_nothing_of_the_network(
@@ -378,7 +377,7 @@ def test_what_is_saved_runs_to_the_same_numbers(window, tmp_path):
             np.testing.assert_array_equal(dataset[name].values, page.diagram.kept.results[name])
         values = dataset["poincare_x"].values
     np.testing.assert_array_equal(
-        window.pixels(), picture.density(values, page.view.ylim, len(window.pixels()))
+        window.pixels(), density(values, page.view.ylim, len(window.pixels()))
     )
 
 

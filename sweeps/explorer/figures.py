@@ -1,8 +1,9 @@
-"""A figure of the page that holds one picture of pixels, with linear or logarithmic axes."""
+"""What the figures of the page have in common: words, axes, and a picture of pixels."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,16 +23,46 @@ from bokeh.plotting import figure
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.explorer.view import View, Window, bounds
-from sweeps.explorer.words import axis_label
+from sweeps.plotting.labels import as_variable, label
 from sweeps.plotting.lines import cell_edges
 
+#: Is given the configuration of a picture, its computed points, the seconds that their numbers
+#: took, and those in all.
 Report = Callable[[SweepConfig, int, float, float], None]
 
 _CLEAR = "#00000000"
 #: A picture has no fewer columns and rows, and no more are computed.
-_LEAST, _MOST = 16, 4096
+LEAST, _MOST = 16, 4096
 #: A label may be longer than its axis by what is beside the canvas [px].
 _BESIDE = 40.0
+#: The page has no formulas: they would need a typesetter of a megabyte.
+_LETTERS = {
+    r"\omega": "ω", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
+    r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
+    "_1": "₁", "^2": "²", "$": "",
+}  # fmt: skip
+
+
+def plain(text: str) -> str:
+    """Return a text without the marks of its formulas."""
+    for formula, letters in _LETTERS.items():
+        text = text.replace(formula, letters)
+    return text
+
+
+def symbol(name: str) -> str:
+    """Return the symbol of a parameter or of a variable of the file."""
+    return plain(as_variable(name).attrs["symbol"])
+
+
+def axis_label(name: str, units: Mapping[str, str], pixels: float = math.inf) -> str:
+    """Return the meaning, the symbol and the unit of a parameter or of a variable of the file.
+
+    Where they need more pixels than there are, the meaning is left out.
+    """
+    variable = as_variable(name, units)
+    text = plain(label(variable))
+    return text if 7.0 * len(text) < pixels else text.removeprefix(variable.long_name).strip()
 
 
 class PixelFigure:
@@ -40,9 +71,8 @@ class PixelFigure:
     Parameters
     ----------
     name : str
-    report : callable
-        Is given the configuration of a picture, its computed points, the seconds that their numbers
-        took, and those in all.
+    report : Report
+        Is called when a picture is shown.
     x_range : Range1d, optional
         That of another figure, with which this one shares its abscissa.
     """
@@ -72,7 +102,7 @@ class PixelFigure:
     @property
     def resolution(self) -> tuple[int, int]:
         """Columns and rows that are computed."""
-        columns, rows = (min(max(size, _LEAST), _MOST) for size in self.size)
+        columns, rows = (min(max(size, LEAST), _MOST) for size in self.size)
         return columns, rows
 
     @property
