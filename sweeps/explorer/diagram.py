@@ -36,6 +36,8 @@ from sweeps.plotting.style import DENSITY, LEAST_SHARE, STATUS_COLOURS, VERMILIO
 COARSER = 4
 #: The window of the ordinate before the first picture, which nobody else asks for.
 _UNSEEN = (-0.123456789, 0.123456789)
+#: Where there are fewer columns, two names stand side by side in the legend.
+_NARROW = 480
 #: So many times the periods are recorded while nothing else is asked for.
 _RECORDS = (1, 4, 16, 64)
 #: The number of colours; 0 is no colour.
@@ -190,6 +192,7 @@ class Diagram(PixelFigure):
     def show(self, view: View) -> None:
         """Set the window, the labels and the mark."""
         self._ordinate = view.ordinate, view.ylim
+        self.legend.ncols = 2 if self.size[0] < _NARROW else "auto"
         self.set_axis("x", view.axis, view, view.xlim)
         now = self.windows[1]  # the browser may have fitted a newer picture by itself
         fit = now if now in self.fitted else self.fitted[-1]

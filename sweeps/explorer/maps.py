@@ -30,6 +30,12 @@ from vibroimpact.status import Status
 _STRIDES = (27, 9, 3, 1)
 #: A map is shown at least so often until it is complete.
 _SHOWN = 20
+#: A legend of more lines, and wider, where the page is narrow and high enough.
+_HIGHER = (
+    "@media (max-width: 700px) and (min-height: 600px) { :host {"
+    "flex: 0 0 88px !important; height: 88px !important;"
+    "width: calc(100% - 16px) !important; margin-left: 8px !important; } }"
+)
 #: Of a disc: x and v of its centre, and its size along these.
 _DISC = ("x", "y", "width", "height")
 Disc = tuple[float, float, float, float]
@@ -219,6 +225,7 @@ class Map(PixelFigure):
         self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
         # Its height stays, since a point is computed for every pixel of the figure.
         self.legend.update(margin=(0, 8, 4, 60), height=36, styles={"overflow-y": "auto"})
+        self.legend.stylesheets = [_HIGHER]
         self.layout = column(self.figure, self.legend, sizing_mode="stretch_both")
 
     def resize(self, side: str, pixels: int) -> None:

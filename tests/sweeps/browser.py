@@ -54,6 +54,8 @@ class Window:
     explorer : Explorer
     address : str, optional
         By default that of the explorer.
+    size : (int, int), optional
+        A small one by default: every pixel is computed, painted and compared.
     """
 
     def __init__(
@@ -61,7 +63,7 @@ class Window:
         browser: Any,
         explorer: Explorer,
         address: str | None = None,
-        size: tuple[int, int] = (1280, 720),
+        size: tuple[int, int] = (800, 500),
     ) -> None:
         self.requests: list[str] = []
         self.problems: list[str] = []
@@ -72,6 +74,8 @@ class Window:
         self.tab.goto(address or explorer.address)
         self.page: LivePage = explorer.pages[-1]
         self.settle(lambda: self.page.diagram.kept is not None)
+        # A mouse that rests for 300 ms drags nothing, and a busy machine moves it later than that.
+        self.tab.evaluate("Bokeh.require('core/ui_gestures').UIGestures.press_threshold = 1e9")
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
         """Wait until a condition holds, nothing is computed, and the browser has the picture."""
