@@ -16,7 +16,7 @@ from sweeps.analysis.selection import COORDINATES
 from sweeps.config.groups import OscillatorConfig
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Range, extremes, length
+from sweeps.config.values import extremes, length
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
 
@@ -128,31 +128,23 @@ class View:
             low, high = min(extremes(entries[name])), max(extremes(entries[name]))
             return (low, high) if low < high else window_around(name, values)
 
-        method: dict[str, Any] = {
-            "integrator": config.method.integrator,
-            "impact": config.method.impact,
-        }
-        if config.method.impact != "exact":  # whose steps follow from the parameters
-            method["steps_per_period"] = config.steps
-            method["allow_unstable"] = config.method.allow_unstable
+        method = config.method.model_dump()
+        if config.method.impact == "exact":  # whose steps follow from the parameters
+            del method["steps_per_period"]
         return cls(
-            config.name,
-            method,
-            {name: getattr(config.record, name) for name in _RECORD},
-            values,
-            axis,
-            across,
-            window(axis),
-            window(across),
-            window("x0"),
-            window("v0"),
-            {name: unit for name, unit in config.units if name != "mass"},  # which a rig has
+            name=config.name,
+            method=method,
+            record=config.record.model_dump(include=set(_RECORD)),
+            values=values,
+            axis=axis,
+            across=across,
+            xlim=window(axis),
+            maplim=window(across),
+            x0lim=window("x0"),
+            v0lim=window("v0"),
+            units=config.units.model_dump(exclude={"mass"}),  # which a rig has
             tab=BASINS if starts else DIAGRAM,
-            log=tuple(
-                name
-                for name, value in entries.items()
-                if isinstance(value, Range) and value.spacing == "log"
-            ),
+            log=tuple(name for name, v in entries.items() if getattr(v, "spacing", "") == "log"),
         )
 
     @property
