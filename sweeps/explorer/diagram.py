@@ -33,7 +33,7 @@ from sweeps.plotting.lines import count_pixels, widened
 from sweeps.plotting.style import DENSITY, LEAST_SHARE, STATUS_COLOURS, VERMILION
 
 #: The coarse picture has so many times fewer columns.
-COARSER = 4
+_COARSER = 4
 #: The window of the ordinate before the first picture, which nobody else asks for.
 _UNSEEN = (-0.123456789, 0.123456789)
 #: Where there are fewer columns, two names stand side by side in the legend.
@@ -213,7 +213,7 @@ class Diagram(PixelFigure):
         if kept in configs:  # what was computed is not thrown away
             configs = configs[configs.index(kept) :]
         else:
-            configs = [view.diagram(max(LEAST, columns // COARSER)), *configs]
+            configs = [view.diagram(max(LEAST, columns // _COARSER)), *configs]
         seen = view.axis, view.ordinate, view.ylim, rows
         return [
             Step("diagram", (config, *seen), partial(self._draw, view, config, rows), self._paint)

@@ -135,7 +135,7 @@ class MotionPanel:
     def steps(self, view: View) -> list[Step]:
         """Return the step that computes the motion, if it is to be seen."""
         compute, show = partial(motion_at, view), partial(self._paint, view)
-        return [Step("motion", view.point(), compute, show)] if view.moving else []
+        return [Step("motion", view.point(), compute, show)] if view.shows_motion else []
 
     def _paint(self, view: View, drawn: Drawn, seconds: float) -> None:
         """Show a motion, the stop and what is known of both."""

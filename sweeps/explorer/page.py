@@ -194,8 +194,8 @@ class LivePage:
         self._tabs.active, self._across.value = self.view.tab, self.view.across
         for number, tab in enumerate(self._tabs.tabs):
             about, picture = tab.child.children[:2]
-            shows_motion = number == self.view.tab and self.view.moving
-            tab.child.children = [about, picture, *[self.motion.layout] * shows_motion]
+            below = number == self.view.tab and self.view.shows_motion
+            tab.child.children = [about, picture, *[self.motion.layout] * below]
         self._showing = False
         self._address.title = self.view.query()
         self._compute()

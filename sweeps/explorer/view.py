@@ -148,7 +148,7 @@ class View:
         )
 
     @property
-    def moving(self) -> bool:
+    def shows_motion(self) -> bool:
         """Whether the open tab shows a motion."""
         return self.marked and self.tab != MAP
 
