@@ -226,7 +226,8 @@ class LivePage:
 
     def _resized(self, picture: Diagram | Map, attr: str, old: int, new: int) -> None:
         picture.resize(attr, new)
-        self.change(lambda view: view)
+        picture.show(self._as_zoomed(self.view))  # there may be room for longer labels
+        self._compute()
 
     def _pressed(self, attr: str, old: str, new: str) -> None:
         """Do what a key stands for."""

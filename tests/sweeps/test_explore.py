@@ -155,6 +155,17 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
             np.testing.assert_array_equal(results[name], dataset[name].values)
 
 
+def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path):
+    """The words beside an axis change the size of a picture, so a finer picture may change it."""
+    page = LivePage(Document(), view, tmp_path)
+    page._refuse("no")
+    for width, label in ((30, "ω"), (400, "forcing frequency ω"), (30, "ω")):
+        page._resized(page.diagram, "inner_width", 0, width)
+        assert page.diagram.figure.xaxis.axis_label == label
+    assert page.controls.error.text == "no"
+    page.worker.shutdown()
+
+
 @pytest.mark.parametrize("key", ["periods", "impacts"])
 def test_more_than_the_memory_is_refused_with_both_figures(view, tmp_path, key):
     page = LivePage(Document(), view, tmp_path)
