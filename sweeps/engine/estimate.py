@@ -67,8 +67,9 @@ def expected_cost(config: SweepConfig, path: Path, computer: Local | Cluster, re
     disk = 2 * config.size * bytes_per_point(config.spec, _AT_IMPACTS)
     check_room(path, disk, resume=resume)
     seconds = in_thread(expected_seconds, config, computer.threads) / computer.cores
-    block = block_size(config, **computer.block_limits(seconds, config.grid.size))
-    memory = _BLOCKS_HELD * min(block, config.grid.size) * _memory_per_point(config)
+    points = config.grid.size
+    block = min(block_size(config, **computer.block_limits(seconds, points)), points)
+    memory = _BLOCKS_HELD * block * _memory_per_point(config)
     return Cost(seconds, file, disk, memory, block)
 
 

@@ -26,7 +26,7 @@ from vibroimpact import Status
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "direction"), [(3, "both"), (15, "down")])
+@pytest.mark.parametrize(("size", "direction"), [(5, "both"), (15, "down")])
 def test_neither_blocks_nor_threads_change_the_data(monkeypatch, size, direction):
     config = configured(f"follow.direction={direction}")
     expected = ran(config)
