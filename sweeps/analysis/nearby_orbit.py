@@ -63,8 +63,7 @@ def goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
 
     Both are given by x and v at sections, with the shapes (periods, 2) and (m, 2), in time order.
     """
-    size = np.abs(record).max(axis=0)
-    size[size == 0.0] = 1.0
+    size = _size(record)
     last = np.argmin((np.abs(orbit - record[-1]) / size).max(axis=1))
     beside = orbit[(last + np.arange(1 - len(record), 1)) % len(orbit)]
     apart = (np.abs(record - beside) / size).max(axis=1)
@@ -75,7 +74,13 @@ def goes_to(record: np.ndarray, orbit: np.ndarray) -> bool:
 def _nearly_repeats(record: np.ndarray) -> list[int]:
     """Return the numbers of periods after which a record nearly repeats, in increasing order."""
     most = min(LONGEST_PERIOD, len(record) // 2)
-    size = np.abs(record).max(axis=0)
+    size = _size(record)
     apart = [(np.abs(record[-m:] - record[-2 * m : -m]) / size).max() for m in range(1, most + 1)]
     best = np.argsort(apart, kind="stable")[:_TRIED_PERIODS]
     return sorted(int(i) + 1 for i in best if apart[i] < _NEARNESS)
+
+
+def _size(record: np.ndarray) -> np.ndarray:
+    """Return the greatest |x| and |v| of a record, 1 where they are 0."""
+    size = np.abs(record).max(axis=0)
+    return np.where(size == 0.0, 1.0, size)

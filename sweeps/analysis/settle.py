@@ -153,11 +153,10 @@ class Outcomes:
         results, sections = self._record(at, _RECORD)
         share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
         x, v = np.moveaxis(sections, 2, 0)
-        period, impacts = period_class(x, v, results["impacts_per_period"])
+        points = self._points.oscillators[self._points.parameter[at]]
+        period, impacts = period_class(x, v, results["impacts_per_period"], points=points)
         results = growth | results | {"period": period, "rest_fraction": share}
-        regime = regimes_of(
-            results, self._points.oscillators["omega"][self._points.parameter[at]], grown
-        )
+        regime = regimes_of(results, points["omega"], grown)
         self.followed[at] = True
         self.regime[at] = regime
         self.m[at] = np.where(regime == Regime.PERIODIC, period, 0)

@@ -34,6 +34,20 @@ def pair_by_pair(dataset, tolerance=1e-3):
 # Against numbers from elsewhere
 
 
+def test_the_rest_position_is_the_attractor_where_there_is_no_force():
+    """The free oscillation of a force, 1/0, shrinks to it with the force."""
+    record = {"transient": 50, "periods": 32, "diagnostics": ["period"]}
+    oscillator = {"h": 0.1, "R": 0.8, "omega": 2.6, "f": [0.0, 0.1], "clearance": 0.3}
+    config = {"oscillator": oscillator, "start": {"x0": -0.4}, "record": record}
+    run_sweep(config, "force.h5")
+    dataset = open_sweep("force.h5")
+    assert dataset["period"].values[0] == 0  # 50 periods reduce 0.4 to 2e-6 only
+    found = attractors(dataset)
+    np.testing.assert_array_equal(found["m"].values, [[1], [1]])
+    np.testing.assert_array_equal(found["q"].values, [[0], [0]])
+    assert np.abs(found["section_x"].values[0]).max() < 1e-15
+
+
 @pytest.mark.parametrize(
     ("h", "R", "single", "three"),
     [

@@ -50,6 +50,27 @@ def test_the_tolerance_is_a_share_of_the_greatest():
     assert period_class(zero, zero, np.array([0.0])) == (1, 0)
 
 
+@pytest.mark.parametrize("x0", [0.3, 0.0, -0.4])
+@pytest.mark.parametrize(("h", "omega", "p"), [(0.05, 0.7, 1.0), (0.3, 2.0, 0.2), (4.0, 1.1, 2.0)])
+def test_without_a_force_the_mass_ends_at_its_rest_position(h, omega, p, x0):
+    """What its sections show then is rounding of the clearance, and no motion."""
+    points = Oscillator(h=h, R=0.5, omega=omega, f=0.0, p=p, clearance=0.3).at(x0, 0.0)
+    out = integrate(points, transient=400, periods=32)
+    assert np.abs([out["poincare_x"], out["poincare_v"]]).max() < 1e-14
+    sections = out["poincare_x"], out["poincare_v"], out["impacts_per_period"]
+    assert period_class(*sections, points=points) == (1, 0)
+
+
+def test_a_small_motion_under_a_large_clearance_is_no_rounding():
+    """A forced motion of 1e-8 of the clearance still has its period, and noise of 1e-9 has none."""
+    points = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=2.0).at()
+    x, v = cycle(3, 30)
+    ones = np.ones(1)
+    assert period_class(2e-8 * x, 2e-8 * v, ones, points=points) == (3, 3)
+    noise = 2e-9 * np.random.default_rng(0).normal(size=(2, 1, 100))
+    assert period_class(*noise, ones, points=points) == (0, 0)
+
+
 @pytest.mark.parametrize("multiplier", [-0.9999, 0.9999, -1.0001])
 def test_a_motion_that_still_settles_repeats_nothing(multiplier):
     """Each section equals the one two periods before it to 2e-7; over the record it does not."""

@@ -43,7 +43,8 @@ def compute_box(
 
     box = points.reshape(tuple(map(len, axes.values())))
     along = list(axes).index(spec.followed)
-    return _classified(spec, follow(box, along, spec.followed, spec.directions, run, advance))
+    results = follow(box, along, spec.followed, spec.directions, run, advance)
+    return _classified(spec, np.tile(points, len(spec.directions)), results)
 
 
 def compute_points(
@@ -61,17 +62,20 @@ def compute_points(
     """
 
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
-        return _classified(spec, _run(spec, points, threads, at_section, interrupt))
+        return _classified(spec, points, _run(spec, points, threads, at_section, interrupt))
 
     return computed_once(points, run) if spec.scaled and not at_section else run(points)
 
 
-def _classified(spec: RunSpec, results: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _classified(
+    spec: RunSpec, points: np.ndarray, results: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Add the period class if `spec` asks for it."""
     if spec.period:
-        classes = period_class(
-            results["poincare_x"], results["poincare_v"], results["impacts_per_period"]
+        x, v, impacts = (
+            results[name] for name in ("poincare_x", "poincare_v", "impacts_per_period")
         )
+        classes = period_class(x, v, impacts, points=points)
         results |= dict(zip(("period", "period_impacts"), classes, strict=True))
     return results
 

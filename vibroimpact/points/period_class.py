@@ -9,6 +9,8 @@ TOLERANCE = 1e-6
 #: A motion has period m only if its deviation from period m is less than this share of its
 #: deviation from every divisor of m.
 _LESS_THAN_DIVISORS = 0.01
+#: Sections below this share of the clearance are measured by the clearance: they may be rounding.
+_LEAST_SIZE = 1e-7
 #: Longest period that is looked for [forcing periods].
 LONGEST_PERIOD = 64
 
@@ -18,6 +20,7 @@ def period_class(
     poincare_v: np.ndarray,
     impacts_per_period: np.ndarray,
     tolerance: float = TOLERANCE,
+    points: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the least number of forcing periods after which the sections repeat.
 
@@ -32,6 +35,10 @@ def period_class(
     tolerance. So the deviations from period m must be less than a hundredth of those from every
     divisor of m.
 
+    Without a force a motion ends at its rest position, and its sections are rounding. So if the
+    `points` are given, of dtype POINT and shape (n,), the greatest |x| and |v| count as at least 1e-7
+    of clearance and p clearance.
+
     The sections have the shape (n, periods); the impacts per period are over the same record.
     Returns the forcing periods and the impacts per repetition: int64, shape (n,), 0 where no period
     was found. Of a complete chatter, only the impacts that were followed count.
@@ -39,6 +46,9 @@ def period_class(
     n, periods = poincare_x.shape
     sections = np.stack([poincare_x, poincare_v])
     size = np.abs(sections).max(axis=2, keepdims=True, initial=0.0)
+    if points is not None:
+        least = _LEAST_SIZE * np.abs(points["clearance"])
+        size = np.maximum(size, np.stack([least, points["p"] * least])[:, :, None])
     sections /= np.where(size == 0.0, 1.0, size)
     period = np.zeros(n, dtype=np.int64)
     for m in range(1, min(LONGEST_PERIOD, periods // 2) + 1):
