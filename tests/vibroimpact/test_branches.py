@@ -102,6 +102,13 @@ def test_the_free_oscillation_is_a_branch_to_its_graze():
     assert found.stable[1:].all()
 
 
+def test_the_free_oscillation_is_not_stable_without_damping():
+    """Its multipliers are on the unit circle at h = 0, and inside it beyond."""
+    start = periodic_orbit(Oscillator(h=0.3, R=0.8, omega=1.9, f=1.0, clearance=2.0), 0.0, 0.0)
+    found = branch(start, "h", 0.0, 0.5)
+    assert found.values[0] == 0.0 and found.stable.tolist() == (found.values > 0.0).tolist()
+
+
 def test_two_flips_in_one_step_are_found():
     """Between them a multiplier is -1.0111; both ends of a step of the longest length are stable.
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.interpolate import BarycentricInterpolator
+from scipy.optimize import brentq
 
 from oscillators import bifurcation
 from vibroimpact.orbits.branches import branch, doubled_branch
@@ -377,3 +378,26 @@ def test_bad_requests_are_refused():
     steady = one_impact(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
     with pytest.raises(OrbitError, match="no fold"):
         bifurcation_curve(steady, "fold", ("omega", 1.8, 2.2), ("R", 0.7, 0.9))
+
+
+def test_a_curve_of_grazes_ends_at_the_edge_where_two_impacts_meet():
+    """At R = 0 the impact comes when the force begins to pull, and the graze comes with it.
+
+    So the flight from there, with no speed, is back at the stop after one period.
+    """
+    h, clearance = 0.1, 0.2
+    release = -math.asin(clearance)
+
+    def misses(omega):
+        response = -1.0 / (1.0 - omega**2 + 2j * h * omega) * np.exp(1j * release)
+        x, v = clearance - response.imag, -(1j * omega * response).imag
+        T, Omega = 2.0 * math.pi / omega, math.sqrt(1.0 - h**2)
+        free = x * math.cos(Omega * T) + (v + h * x) / Omega * math.sin(Omega * T)
+        return math.exp(-h * T) * free + response.imag - clearance
+
+    start = periodic_orbit(Oscillator(h=h, R=0.5, omega=1.3, f=1.0, clearance=clearance), -0.3, 0.0)
+    found = bifurcation_curve(start, "graze", ("R", 0.0, 1.0), ("omega", 0.65, 2.21))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    end = found.special[-1]
+    assert end.value[0] == 0.0
+    assert end.value[1] == pytest.approx(brentq(misses, 1.6, 1.8, xtol=1e-15), abs=1e-8)

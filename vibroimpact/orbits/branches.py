@@ -290,7 +290,7 @@ def _free_branch(orbit: PeriodicOrbit, axis: ContinuationParameter) -> Branch:
     special = [end(values[values < start][::-1]), end(values[values > start])]
     low, high = (point.value for point in special)
     values = np.unique(np.concatenate([[low], values[(values > low) & (values < high)], [high]]))
-    stable = np.full(values.size, osc.h > 0.0 or axis.name == "h")
+    stable = (values if axis.name == "h" else np.full(values.size, osc.h)) > 0.0
     stable[[i for i in (0, -1) if special[i].kind == "graze"]] = False
     none = np.empty((values.size, 0))
     return Branch("", (axis.name,), 1, 0, values, stable, none, none, special, osc)

@@ -231,6 +231,14 @@ class OrbitFamily:
         seen = math.isfinite(point.turn) and (point.turn > 0.0) == (point.violation is not None)
         return -point.turn if violation.kind == "penetration" and seen else math.nan
 
+    def leaves(self, point: Point) -> bool:
+        """Whether a path is on an edge of a range and goes on beyond it."""
+        ways = zip(self.parameters, self.kept(point.X), point.tangent[2 * self.q :], strict=True)
+        return any(
+            value == (axis.low if along < 0.0 else axis.high) and along != 0.0
+            for axis, value, along in ways
+        )
+
     def allows(self, point: Point) -> bool:
         """Whether a point is an orbit, or fails to be one only by rounding."""
         return point.violation is None or self.margin(point, point.violation) > -ROUNDING

@@ -97,6 +97,8 @@ def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     zero.
     """
     family, X, violation = step.family, step.end.X, step.violation
+    if violation is None and family.leaves(step.end):  # as at R = 0, where two impacts may meet
+        return "edge", X, family.orbit(X)
     kind = "lost" if violation is None or violation.kind == "speed" else "penetration"
     if violation is not None:
         limit = family.without_force(X)
