@@ -9,7 +9,7 @@ import pytest
 from oscillators import bifurcation
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
-from vibroimpact.orbits.one_impact import one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
@@ -107,6 +107,33 @@ def test_the_free_oscillation_is_not_stable_without_damping():
     start = periodic_orbit(Oscillator(h=0.3, R=0.8, omega=1.9, f=1.0, clearance=2.0), 0.0, 0.0)
     found = branch(start, "h", 0.0, 0.5)
     assert found.values[0] == 0.0 and found.stable.tolist() == (found.values > 0.0).tolist()
+
+
+@pytest.mark.parametrize("R", [0.8, 0.5])
+def test_without_damping_orbits_vanish_at_a_multiple_of_the_eigenfrequency(R):
+    """A natural vibration returns there in four periods, so that the impact has no speed.
+
+    Its speed is proportional to tan(4 pi / omega). Newton's method fails beside it.
+    """
+    osc = Oscillator(h=0.0, R=R, omega=4.2, f=1.0, clearance=1.0)
+    closed = one_impact_orbits(osc, 4)
+    assert closed
+    for one in closed:
+        orbit = solved(osc, 4, np.array([one.phase]), np.array([one.v]))
+        found = branch(orbit, "omega", 3.0, 4.3)
+        end, edge = found.special
+        assert (end.kind, edge.kind) == ("graze", "edge")
+        assert end.value == found.values[0] == pytest.approx(4.0, abs=1e-13)
+        assert end.orbit.speeds.tolist() == found.speeds[0].tolist() == [0.0]
+
+
+def test_a_branch_without_an_end_is_lost():
+    """Without damping and loss its speed grows without bound towards omega = 2 p."""
+    start = one_impact(Oscillator(h=0.0, R=1.0, omega=2.3, f=1.0, clearance=-0.4))
+    found = branch(start, "omega", 1.5, 2.5)
+    assert [point.kind for point in found.special] == ["lost", "edge"]
+    assert found.special[0].value == pytest.approx(2.0, abs=1e-3)
+    assert found.speeds[0] > 1000.0
 
 
 def test_two_flips_in_one_step_are_found():

@@ -109,7 +109,25 @@ def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
         found = _graze(family, X, violation) if family.kind == "" else None
         if found is not None:
             return found
-    return "graze" if step.margin < _GRAZES else kind, X, family.orbit(X)
+    if not step.margin < _GRAZES:
+        return kind, X, family.orbit(X)
+    X = _without_speed(step) if family.kind == "" and kind == "lost" else X
+    return "graze", X, family.orbit(X)
+
+
+def _without_speed(step: PathStep) -> np.ndarray:
+    """Return the end of a branch, on which an impact is slow, along its tangent to speed zero.
+
+    Newton's method fails there where any natural vibration closes the orbit, as at h = 0 and
+    omega = n p.
+    """
+    X, tangent, q = step.end.X, step.end.tangent, step.family.q
+    at = 2 * int(np.argmin(X[1 : 2 * q : 2])) + 1
+    if not -X[at] / NEARBY_DISTANCE > tangent[at]:  # it becomes no slower
+        return X
+    X = X - X[at] / tangent[at] * tangent
+    X[at] = 0.0
+    return X
 
 
 def _graze(
