@@ -33,7 +33,7 @@ def compare(
     """Write a table of the largest deviation of points from their exact orbits.
 
     It has a row for each class and direction; the rarest share a row. `classes` restricts the
-    comparison to these classes; by default all classes with impacts and of at most
+    comparison to these classes; by default all classes of at most
     ``LONGEST_ORBIT`` periods are compared.
     """
     import pandas as pd
@@ -78,7 +78,7 @@ def deviations(
     records = recorded_coordinate(line, coordinate).values
     transient = int(line["section"].values[0]) - 1
     rows = []
-    for i in np.flatnonzero(motions.q > 0).tolist():
+    for i in np.flatnonzero(motions.m > 0).tolist():
         mq = int(motions.m[i]), int(motions.q[i])
         if mq not in classes if classes else mq[0] > LONGEST_ORBIT:
             continue
@@ -86,8 +86,9 @@ def deviations(
             orbit = motions.orbit(i)
         except OrbitError:
             continue
-        if orbit.stable and (orbit.m, orbit.q) == mq:
-            exact = orbit_coordinates(orbit, motions.phase)[coordinate]
+        exact = orbit_coordinates(orbit, motions.phase)[coordinate]
+        # The free oscillation has no impacts.
+        if orbit.stable and (orbit.m, orbit.q) == mq and exact.size:
             size = _distance(records[i], exact, coordinate)
             decay = float(np.abs(orbit.multipliers).max()) ** (transient / orbit.m)
             settled = decay < np.finfo(float).eps

@@ -229,8 +229,9 @@ def _smooth(found: BranchSet, phase: float) -> list[Branch]:
         return list(values.values())
 
     records = [shown(orbit) for item in found.branches for orbit in _orbits(item)]
-    columns = zip(*records, strict=True)
-    extents = [float(np.ptp(np.concatenate(column))) or 1.0 for column in columns]
+    columns = [np.concatenate(column) for column in zip(*records, strict=True)]
+    # Where nothing meets the stop, no orbit has an impact.
+    extents = [(float(np.ptp(column)) if column.size else 0.0) or 1.0 for column in columns]
 
     def drawn(orbit: PeriodicOrbit) -> np.ndarray:
         return np.concatenate([y / extent for y, extent in zip(shown(orbit), extents, strict=True)])

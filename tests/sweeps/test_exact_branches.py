@@ -193,6 +193,21 @@ def test_a_line_breaks_where_the_phase_begins_anew(later):
         assert np.abs(np.diff(line.get_ydata(), axis=0)).max() < 0.5
 
 
+def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_path):
+    """Its amplitude is that of the steady response; no impact is compared with it."""
+    dataset = computed(tmp_path, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
+    assert not dataset["impacts_per_period"].any()
+    found = branches(dataset, "omega")
+    assert list(zip(found["m"].values, found["q"].values, strict=True)) == [(1, 0)]
+    omega = found["omega"].values
+    x = (-np.exp(1j) / (1.0 - omega**2 + 0.6j * omega)).imag  # at the phase 1
+    np.testing.assert_allclose(found["poincare_x"].values[:, 0], x, atol=1e-14)
+    assert found["stable"].all() and found["kind"].values.tolist() == ["edge", "edge"]
+    points = deviations(dataset, "omega", "poincare_x")
+    assert len(points) == 45 and points["size"].max() < 1e-14
+    assert len(deviations(dataset, "omega", "impact_v")) == 0
+
+
 def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
     cut = select(exact, {"R": 0.8}, free=["omega"]).load()
     m, q = cut["period"].values, cut["period_impacts"].values

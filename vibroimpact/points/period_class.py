@@ -36,8 +36,8 @@ def period_class(
     divisor of m.
 
     Without a force a motion ends at its rest position, and its sections are rounding. So if the
-    `points` are given, of dtype POINT and shape (n,), the greatest |x| and |v| count as at least 1e-7
-    of clearance and p clearance.
+    `points` are given, of dtype POINT and shape (n,), the greatest |x| and |v| count as at least
+    1e-7 of clearance and p clearance.
 
     The sections have the shape (n, periods); the impacts per period are over the same record.
     Returns the forcing periods and the impacts per repetition: int64, shape (n,), 0 where no period
