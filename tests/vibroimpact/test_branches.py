@@ -9,6 +9,7 @@ import pytest
 from oscillators import bifurcation
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
+from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -134,6 +135,23 @@ def test_a_branch_without_an_end_is_lost():
     assert [point.kind for point in found.special] == ["lost", "edge"]
     assert found.special[0].value == pytest.approx(2.0, abs=1e-3)
     assert found.speeds[0] > 1000.0
+
+
+def test_orbits_between_a_fold_and_a_flip_of_one_step_are_stable():
+    """The window is 1e-6 wide; points added for a picture have the stability of their own."""
+    osc = Oscillator(h=0.565873495924132, R=0.5, omega=4.5, f=1.0, clearance=-0.5)
+    inside = periodic_orbit(osc, -0.502280357078872, -0.03054864829772489, 4)
+    assert (inside.m, inside.q) == (4, 11) and inside.stable
+    start = branch(inside, "h", 0.005, 0.6).orbit(5)
+    found = with_short_chords(branch(start, "h", 0.005, 0.6), 0.005, 0.6, speeds_of, 1e-4)
+    largest = np.array([abs(found.orbit(i).multipliers[0]) for i in range(len(found.values))])
+    clear = np.abs(largest - 1.0) > 1e-6
+    assert found.stable[clear].any()
+    np.testing.assert_array_equal(found.stable[clear], largest[clear] < 1.0)
+
+
+def speeds_of(orbit):
+    return orbit.speeds
 
 
 def test_two_flips_in_one_step_are_found():

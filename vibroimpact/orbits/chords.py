@@ -51,12 +51,14 @@ def with_short_chords(
         added += between
     if not added:
         return found
-    X, stable = np.array(added), found.stable[1:] | found.stable[:-1]
+    X = np.array(added)
     phases, speeds = family.impacts(X)
+    # Not as their neighbours: a fold and a flip in one step have stable orbits between them.
+    stable = [chords.orbit(point).stable for point in added]
     return replace(
         found,
         values=np.insert(found.values, index, family.kept(X)[:, 0]),
-        stable=np.insert(found.stable, index, stable[np.array(index) - 1]),
+        stable=np.insert(found.stable, index, stable),
         phases=np.insert(found.phases, index, phases, axis=0),
         speeds=np.insert(found.speeds, index, speeds, axis=0),
     )
@@ -78,10 +80,13 @@ class _Chords:
     drawn: Callable[[PeriodicOrbit], np.ndarray]
     tolerance: float
 
+    def orbit(self, X: np.ndarray) -> PeriodicOrbit:
+        """Return an orbit with its impacts numbered as on the branch."""
+        return PeriodicOrbit(self.family.oscillator(X), self.family.m, *self.family.impacts(X))
+
     def place(self, X: np.ndarray) -> _Place:
         """Return the place of an orbit in the plot."""
-        osc, impacts = self.family.oscillator(X), self.family.impacts(X)
-        return _Place(X, float(X[-1]), self.drawn(PeriodicOrbit(osc, self.family.m, *impacts)))
+        return _Place(X, float(X[-1]), self.drawn(self.orbit(X)))
 
     def between(self, begin: _Place, end: _Place, checks: int = _CHECKS) -> Iterator[_Place]:
         """Yield the points that are needed between two places, in order."""
