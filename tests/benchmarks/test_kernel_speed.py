@@ -7,22 +7,14 @@ import numba
 import numpy as np
 import pytest
 
+from kernel_cases import EVERY_METHOD
 from limits import cpu_seconds
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import run
 from vibroimpact.status import Status
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
-
-METHODS = [
-    (rule, integrator)
-    for rule in IMPACT_RULES
-    for integrator in INTEGRATORS
-    if rule != "exact" or integrator == "exact"
-]
 
 
 def along_omega(start, stop, count, **values):
@@ -38,7 +30,7 @@ POINTS, OSCILLATORS = along_omega(2.0, 2.6, 1024, h=0.1, R=0.8)
 PERIODS = 100
 
 
-@pytest.mark.parametrize(("rule", "integrator"), METHODS)
+@pytest.mark.parametrize(("integrator", "rule"), EVERY_METHOD)
 def test_methods(race, rule, integrator):
     """Every method gives what ``simulate`` gives, and the exact one the closed form."""
     steps = 32 if rule == "exact" else 100

@@ -8,29 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kernel_cases import EVERY_METHOD
 from vibroimpact import Oscillator
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES
 
 TESTS = Path(__file__).parents[1]
 
 
-#: Every integrator with every impact rule that takes it.
-METHODS = [
-    (integrator, rule)
-    for rule in IMPACT_RULES
-    for integrator in INTEGRATORS
-    if rule != "exact" or integrator == "exact"
-]
-
-
 def pytest_generate_tests(metafunc):
-    """A test of `integrator` and `rule` is run for all of ``METHODS`` unless it chooses its own."""
+    """A test of `integrator` and `rule` is run for ``EVERY_METHOD`` unless it chooses its own."""
     marks = metafunc.definition.iter_markers("parametrize")
     chosen = {name for mark in marks for name in re.split(r"\W+", str(mark.args[0]))}
     if {"integrator", "rule"} <= set(metafunc.fixturenames) and not chosen & {"integrator", "rule"}:
-        ids = ["-".join(method) for method in METHODS]
-        metafunc.parametrize(("integrator", "rule"), METHODS, ids=ids)
+        ids = ["-".join(method) for method in EVERY_METHOD]
+        metafunc.parametrize(("integrator", "rule"), EVERY_METHOD, ids=ids)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 
+from kernel_cases import EVERY_METHOD
 from vibroimpact import integrate
 from vibroimpact.jit import jit
 from vibroimpact.kernel.record import SUMS, list_impact
@@ -29,12 +30,6 @@ from vibroimpact.step.scheme import EXACT, IMPACT_RULES, PLAIN, scheme_of
 from vibroimpact.step.stepper import take_exact_step
 from vibroimpact.step.time_stepping import plain, reduced_step
 
-METHODS = [
-    (integrator, rule)
-    for rule in IMPACT_RULES
-    for integrator in INTEGRATORS
-    if rule != "exact" or integrator == "exact"
-]
 BATCH = 64
 LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-324
 
@@ -165,7 +160,7 @@ def main(seed, steps):
     """Take about that many steps with every rule."""
     scratch = new_scratch()
     for rule in IMPACT_RULES:
-        integrators = [integrator for integrator, other in METHODS if other == rule]
+        integrators = [integrator for integrator, other in EVERY_METHOD if other == rule]
         rng = np.random.default_rng(seed)
         began, taken = time.perf_counter(), 0
         while taken < steps:

@@ -10,6 +10,14 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, default_steps
 
+#: Every integrator with every impact rule that takes it.
+EVERY_METHOD = [
+    (integrator, rule)
+    for rule in IMPACT_RULES
+    for integrator in INTEGRATORS
+    if rule != "exact" or integrator == "exact"
+]
+
 # One integrator for every rule.
 METHODS = pytest.mark.parametrize(
     ("rule", "integrator"), [(r, "exact" if r == "exact" else "newmark") for r in IMPACT_RULES]
@@ -45,6 +53,13 @@ def random_points(n, seed=11):
 def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0):
     """One parameter point."""
     return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0)
+
+
+def taken_apart(point):
+    """The oscillator of a point, and the start."""
+    given = {name: float(point[name]) for name in POINT.names}
+    x0, v0 = given.pop("x0"), given.pop("v0")
+    return Oscillator(**given), x0, v0
 
 
 def steps_for(points, rule, otherwise=40):

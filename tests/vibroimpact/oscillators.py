@@ -13,6 +13,8 @@ import numpy as np
 from scipy.optimize import bisect
 
 from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact.orbits.one_impact import one_impact_orbits
+from vibroimpact.orbits.periodic import solved
 
 TAU = 2.0 * np.pi
 
@@ -37,6 +39,12 @@ def random_oscillators(count, seed, clearance=1.0):
             p,
         )
         yield osc, int(rng.integers(1, 4))
+
+
+def one_impact(osc, n=1, slower=False):
+    """The orbit with one impact in n periods, from its closed form."""
+    closed = one_impact_orbits(osc, n)[0] if slower else one_impact_orbit(osc, n)
+    return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
 
 
 #: What changes its sign where a one-impact orbit bifurcates.
@@ -128,6 +136,49 @@ class Dux(NamedTuple):
         return Oscillator(0.0, float(self.R[i]), float(self.omega[i]), 1.0, clearance=float(sigma))
 
 
+def in_digits(osc):
+    """The parameters in multiple precision, by name."""
+    return {name: mp.mpf(value) for name, value in asdict(osc).items()}
+
+
+def _one_impact(parameters, n):
+    """g, k and X of the flights of n/1 orbits, from `in_digits`.
+
+    The free part u of the flight has M u = u + (0, (1 + R) v), so that x_p = sigma + g v and
+    x_p' = k omega v at the impact: (sigma + g v)^2 + (k v)^2 = |X|^2, X the complex steady motion.
+    """
+    h, R, omega, p = (parameters[name] for name in ("h", "R", "omega", "p"))
+    T = 2 * mp.pi * n / omega
+    rate = mp.sqrt(mp.mpc(h * h - p * p))
+    decay = mp.exp(-h * T)
+    response = (decay * mp.sinh(rate * T) / rate).real if rate else decay * T
+    trace = (2 * decay * mp.cosh(rate * T)).real
+    determinant = 1 - trace + decay**2  # of I - M
+    g = (1 + R) * response / determinant
+    k = ((1 + R) * (1 - trace / 2 - h * response) / determinant - R) / omega
+    return g, k, steady_response(parameters)
+
+
+def one_impact_motions(parameters, n):
+    """Speed and phase of all n/1 motions, the slower first, from `in_digits`."""
+    sigma, (g, k, X) = parameters["clearance"], _one_impact(parameters, n)
+    a, b, c = g * g + k * k, sigma * g, sigma**2 - abs(X) ** 2
+    if b * b < a * c:
+        return []
+    speeds = [(-b + sign * mp.sqrt(b * b - a * c)) / a for sign in (-1, 1)]
+    return [(v, mp.arg(mp.mpc(k * v, sigma + g * v) / X) % (2 * mp.pi)) for v in speeds if v > 0]
+
+
+def fold_of_one_impact(parameters, n):
+    """The clearance at which both n/1 orbits meet, and their speed there, from `in_digits`.
+
+    That is a double root v > 0, where sigma = -sign(g) |X| sqrt(g^2 + k^2) / |k|.
+    """
+    g, k, X = _one_impact(parameters, n)
+    sigma = -mp.sign(g) * abs(X) * mp.hypot(g, k) / abs(k)
+    return sigma, -sigma * g / (g * g + k * k)
+
+
 class Flight:
     """The motion of eq. (1) from a state at a time; not at h = p or in resonance."""
 
@@ -164,7 +215,7 @@ class SectionMap:
     """
 
     def __init__(self, orbit):
-        self.parameters = {name: mp.mpf(value) for name, value in asdict(orbit.oscillator).items()}
+        self.parameters = in_digits(orbit.oscillator)
         turn = 2 * mp.pi * orbit.m
         hits = [(mp.mpf(a), mp.mpf(v)) for a, v in zip(orbit.phases, orbit.speeds, strict=True)]
         impacts = [hit for hit in hits if hit[1] > 0]
