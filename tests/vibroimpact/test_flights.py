@@ -1,0 +1,228 @@
+"""A flight as a polynomial: its first root, and what is proved of a step with one impact."""
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from vibroimpact import Oscillator
+from vibroimpact.step.exact import is_below
+from vibroimpact.step.impact import FIRST, ONLY, single_impact
+from vibroimpact.step.propagator import (
+    SLACK,
+    coefficients_of,
+    forced,
+    propagate,
+    propagator_of,
+)
+from vibroimpact.step.scheme import default_steps
+from vibroimpact.step.series import TERMS, expand, first_crossing
+from vibroimpact.step.series import value_and_slope as evaluate
+
+NONE = -1.0
+
+
+# --- the first root ---
+
+
+def padded(c):
+    """Coefficients from the constant term on, filled up with zeros."""
+    out = np.zeros(TERMS)
+    out[: len(c)] = c
+    return out
+
+
+def crossing(c, m=0, end=1.0):
+    """Where the polynomial first crosses, and its highest turning point."""
+    return first_crossing(padded(c), m, end)
+
+
+def from_roots(roots, lead=1.0):
+    """Coefficients of lead (u - r_1) (u - r_2) ..., rounded once."""
+    with mp.workdps(50):
+        c = [mp.mpf(lead)]
+        for r in roots:
+            c = [(c[k - 1] if k else 0) - (r * c[k] if k < len(c) else 0)
+                 for k in range(len(c) + 1)]  # fmt: skip
+        return np.array([float(q) for q in c])
+
+
+def first_root(c, m, end):
+    """The first root in (0, end] at which the rounded polynomial rises, by mpmath; and its slope.
+
+    None without one.
+    """
+    with mp.workdps(50):
+        c = [mp.mpf(float(q)) for q in np.trim_zeros(c[m:], "b")]
+        roots = mp.polyroots(c[::-1], maxsteps=400, extraprec=400)
+        real = sorted(r.real for r in map(mp.mpc, roots) if abs(r.imag) < mp.mpf(10) ** -30)
+        real = [r for r in real if 0 < r <= end]
+        if not real:
+            return None
+        return real[0], sum(k * q * real[0] ** (k - 1) for k, q in enumerate(c) if k)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Descending")
+def test_random_roots():
+    """100 polynomials of degree up to 8, roots all around: the first in the step, or none."""
+    rng = np.random.default_rng(1)
+    found = 0
+    for _ in range(100):
+        count = int(rng.integers(1, 9))
+        m = int(rng.integers(0, 3))
+        end = rng.choice([1.0, rng.uniform(0.1, 1.0)])
+        roots = rng.uniform(-2.0, 3.0, count)
+        inner = from_roots(roots)
+        inner *= -np.sign(inner[0])  # below the stop at the launch
+        c = padded(np.concatenate([np.zeros(m), inner]))
+        true = first_root(c, m, end)
+        u, _ = first_crossing(c, m, end)
+        if true is None:
+            assert u == NONE
+            continue
+        root, slope = map(float, true)
+        assert slope > 0.0
+        found += 1
+        assert abs(u - root) <= 4e-16 * root + 8e-16 * np.abs(c).sum() / slope
+    assert found > 40
+
+
+def test_a_root_at_the_end():
+    """On it: found there; beyond it: none."""
+    for end in (1.0, 0.5, 0.3):
+        assert crossing(from_roots([end - 1e-9, -1.0]), 0, end)[0] == pytest.approx(end - 1e-9)
+        assert crossing(from_roots([end + 1e-9, -1.0]), 0, end)[0] == NONE
+    assert crossing([-1.0, 1.0 + 1e-15])[0] == pytest.approx(1.0, abs=2e-15)
+
+
+@pytest.mark.parametrize("at", [0.1, 1 / 3, 0.5, 0.77, 0.998])
+@pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-7])
+def test_two_close_roots(at, gap):
+    """-(u - at)^2 + gap^2 / 4 rises through the first; lowered by twice that, it has none."""
+    top = (gap / 2) ** 2
+    with mp.workdps(50):
+        shape = [mp.mpf(-at) * at, 2 * mp.mpf(at), mp.mpf(-1), mp.mpf(0)]
+        for lift in (top, -top):
+            c = np.array([float(q + (lift if k == 0 else 0)) for k, q in enumerate(shape)])
+            u, turn = crossing(c)
+            exact = mp.mpf(c[0]) + mp.mpf(c[1]) ** 2 / (-4 * mp.mpf(c[2]))
+            if exact > 1e-15:
+                root = mp.mpf(c[1]) / 2 - mp.sqrt(exact)
+                assert abs(u - root) <= 1e-16 / math.sqrt(exact) + 2e-16
+            elif exact < -1e-15:
+                assert u == NONE
+                assert turn == pytest.approx(float(exact), abs=3e-16)
+
+
+def test_roots_a_billionth_apart_are_not_jumped():
+    """Roots r and r + 1e-9, where coefficients of one allow it: divided by their size, near 0."""
+    for r in (1e-6, 1e-5, 1e-4):
+        c = from_roots([r, r + 1e-9, 2.0])
+        u, turn = crossing(c)
+        assert c[0] < 0.0
+        assert u == pytest.approx(r, rel=1e-5 * r / 1e-6)
+        assert u < r + 0.6e-9
+        u, turn = crossing(from_roots([r, r + 1e-9, 2.0]) - padded([1e-18])[:4])
+        assert (u, turn < 0.0) == (NONE, True)
+
+
+def test_inflections():
+    """A triple root is crossed once; a curve with inflections and no root has none."""
+    for at in (0.3, 0.5, 0.9):
+        u, _ = crossing(from_roots([at, at, at]))
+        assert u == pytest.approx(at, abs=2e-5)
+        u, _ = crossing(from_roots([at, at, at]) - padded([5e-7])[:4])
+        assert u == pytest.approx(at + 5e-7 ** (1 / 3), abs=1e-10)
+    wave = np.polynomial.Chebyshev.basis(11).convert(kind=np.polynomial.Polynomial).coef
+    assert crossing(wave - padded([1.01])[: wave.size])[0] == NONE
+
+
+# --- proofs ---
+
+
+def random_step(rng):
+    """A point with a step, a state near the stop, and the polynomial of the flight."""
+    h, omega = rng.choice([0.0, rng.uniform(0, 2)]), 0.05 * 400.0 ** rng.random()
+    osc = Oscillator(
+        h=h, R=rng.random(), omega=omega, f=rng.uniform(0, 3), p=rng.uniform(0.3, 3),
+        clearance=rng.choice([0.0, rng.normal()]),
+    )  # fmt: skip
+    pt = osc.at(-9.0)[0]
+    step = 2.0 * math.pi / (default_steps(osc.at(-9.0), "exact") * int(rng.choice([1, 1, 2, 7])))
+    eq, c = coefficients_of(pt), np.empty(TERMS)
+    flow = propagator_of(eq, step, c)
+    w = rng.normal() * 10.0 ** rng.uniform(-3, 1)
+    y, theta = -abs(w) * step * rng.exponential() * rng.choice([1e-3, 0.3, 1.0]), rng.uniform(0, 7)
+    expand(eq, y, w, math.sin(theta), math.cos(theta), step, c)
+    return eq, flow, step, (y, w), theta, c
+
+
+@pytest.mark.slow
+def test_the_bounds_are_bounds():
+    """2000 random steps: of the fourth derivative; none that the guard lets pass meets the stop."""
+    rng = np.random.default_rng(4)
+    passed, met, tightest, u = 0, 0, math.inf, np.linspace(0.0, 1.0, 101)
+    for _ in range(2000):
+        _, flow, step, (y, w), theta, c = random_step(rng)
+        flight = np.polynomial.Polynomial(c)
+        fourth = np.abs(flight.deriv(4)(u)).max() / 72
+        added = forced(flow[1], math.sin(theta), math.cos(theta))
+        _, _, E, high = propagate(flow[0], y, w, added, step)
+        bound = E - 2.0 * SLACK * (abs(y) + abs(w))  # without the slack
+        assert fourth <= bound
+        if fourth > 0.0:
+            tightest = min(tightest, bound / fourth)
+        highest = flight(u).max()
+        proved = high < 0.0 or is_below(c, 1.0, E, 2) or is_below(c, 1.0, E, 4)
+        assert not proved or highest < 0.0 or highest == y == 0.0
+        passed += high < 0.0
+        met += highest > 0.0
+    assert passed > 400 and met > 400 and tightest < 3.0
+
+
+@pytest.mark.slow
+def test_what_is_proved_of_a_single_impact_holds():
+    """2000 random steps: it is the first root of the flight, and the rebound does not return."""
+    rng = np.random.default_rng(5)
+    only, first, crossings, u = 0, 0, 0, np.linspace(0.0, 1.0, 101)
+    for _ in range(2000):
+        eq, flow, step, (y, w), theta, c = random_step(rng)
+        end = evaluate(c, 0, 1.0)
+        added = forced(flow[1], math.sin(theta), math.cos(theta))
+        free = end[0], end[1] / step, propagate(flow[0], y, w, added, step)[2]
+        waves = tuple(q(theta + d) for d in (0.0, step) for q in (math.sin, math.cos))
+        y_1, w_1, t, w_i, proved = single_impact(eq, (y, w), free, waves, step, 1)
+        root, _ = first_crossing(c, 0, 1.0)
+        crossings += root > 0.0
+        if proved < FIRST:
+            continue
+        first += 1
+        scale = np.abs(c).sum()
+        slope = evaluate(c, 0, root)[1] / step
+        late = 4e-16 * step + 4e-16 * scale / slope
+        bent = np.abs(np.polynomial.Polynomial(c).deriv(2)(u)).max() / step**2
+        assert abs(t - root * step) <= 4 * late
+        assert w_i == pytest.approx(slope, abs=4e-15 * scale / step + 4 * bent * late)
+        if proved < ONLY:
+            continue
+        only += 1
+        after = np.empty(TERMS)
+        expand(eq, 0.0, -eq.R * w_i, math.sin(theta + t), math.cos(theta + t), step, after)
+        left = (step - t) / step
+        assert np.polynomial.Polynomial(after)(u[1:] * left).max() < 0.0
+        y_T, slope_T = evaluate(after, 0, left)
+        noise = 4e-15 * scale + 4 * (bent * step + slope) * late
+        assert y_1 == pytest.approx(y_T, abs=4 * noise)
+        assert w_1 == pytest.approx(slope_T / step, abs=4 * noise / step)
+    assert only > 360 and crossings > 2 * only  # the others are no ordinary steps
+    assert first >= only
+
+
+def test_no_impact_is_proved_from_what_is_no_number():
+    """Infinite states, and none."""
+    eq = coefficients_of(Oscillator(0.1, 0.8, 2.0, 1.0).at()[0])
+    for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
+        for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):
+            assert single_impact(eq, start, (*end, 0.1), (0.0, 1.0, 0.5, 0.9), 0.5, 1)[4] < ONLY
