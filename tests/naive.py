@@ -181,12 +181,8 @@ def shortened(osc, step, periods, n, x=0.0, v=0.0, locate=on_the_chord):
     return np.array(states), np.array(impacts).reshape(-1, 2)
 
 
-def literal(osc, periods, n, carry=True):
-    """Eqs (6)-(10) to the letter, stop at 0: impacts (t, v), and where time stopped or None.
-
-    With `carry` the acceleration of eq. (10), that before the impact, starts the next step;
-    without, eq. (1) is asked again after the impact.
-    """
+def literal(osc, periods, n):
+    """Eqs (6)-(10) to the letter, stop at 0: impacts (t, v), and where time stopped or None."""
     T = 2.0 * math.pi / osc.omega / n
     t = x = v = a = 0.0
     impacts = []
@@ -202,8 +198,6 @@ def literal(osc, periods, n, carry=True):
         if v > 0.0:
             impacts.append((t, v))
             v = -osc.R * v
-            if not carry:
-                a = acceleration(osc, t, x, v)
     return np.array(impacts).reshape(-1, 2), None
 
 

@@ -1,14 +1,16 @@
-"""The failures of time stepping, asserted as failures and by their size.
+"""The failures of time stepping and of the paper's literal procedure, by their size.
 
-Beside those here: stalls in test_paper.py; false rests, lost energy, lost impacts and grazes that
-are not seen in test_trajectory.py; touches within a step in test_exact.py; growth in
-test_stability.py.
+False rests are in test_trajectory_rest.py, lost energy and lost impacts in test_trajectory.py,
+growth in test_stability.py; orders and stalls of the procedure in the tests of its bench.
 """
 
 import math
+from dataclasses import replace
 
+import naive
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from vibroimpact import Oscillator, integrate, paper_procedure, simulate
 from vibroimpact.status import Status
@@ -112,3 +114,106 @@ def test_an_unstable_step_may_pass_for_computed_where_impacts_shorten_it():
     true = simulate(osc, 400)
     assert held.status is Status.COMPUTED
     assert 2.0 < np.abs(held.v).max() / np.abs(true.v).max() < 10.0
+
+
+@pytest.mark.parametrize(
+    ("h", "omega", "x0"),
+    [(0.1, 0.5, -1.5), (0.05, 0.8, -2.5), (0.3, 0.9, -0.7), (0.02, 0.55, -3.0)],
+)
+def test_runge_kutta_with_the_reduced_step_misses_what_lies_between_grid_points(h, omega, x0):
+    """At 100 steps a touch is seen from the depth a d^2 / 2 on, d from the top to the next point.
+
+    That is |a| T^2 / 8 in the worst case: from there on all are seen. The first two motions are
+    near it, and miss all that is below 0.79 of it.
+    """
+    free = Oscillator(h=h, R=0.8, omega=omega, f=1.0)
+    flight, T = naive.ClosedForm(free, 0.0, x0, 0.0), free.forcing_period / 100
+    grid = np.linspace(0.05, 0.95 * free.forcing_period, 400)
+    v = flight(grid)[1]
+    first = np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))[0]
+    top = brentq(lambda t: flight(t)[1], grid[first], grid[first + 1], xtol=1e-15)
+    height = float(flight(top)[0])
+    a = -naive.acceleration(free, top, height, 0.0)
+    d = abs(top / T - round(top / T)) * T
+    from_depth, worst = a * d * d / 2, a * T * T / 8
+    assert 1e-6 < from_depth <= worst
+    assert from_depth > 0.79 * worst or h > 0.1 or omega == 0.55
+
+    def sees(depth, method):
+        osc = replace(free, clearance=height - depth)
+        tr = simulate(osc, 1, *method, x0=x0)
+        return bool((tr.impact_t < top + T).any())
+
+    scheme = ("rk4", "reduced-step", 100)
+    for factor in (1.1, 2.0, 10.0):
+        assert sees(factor * from_depth, scheme)
+    for factor in (0.9, 0.5, 0.1, 1e-3, 1e-6):
+        assert not sees(factor * from_depth, scheme)
+        assert sees(max(factor * from_depth, 1e-13), ("exact", "exact", None))
+        assert sees(max(factor * from_depth, 1e-13), ("exact", "exact", 100))
+    assert sees(1.05 * worst, scheme)
+
+
+# --- the literal procedure ---
+
+
+@pytest.mark.parametrize(
+    ("h", "R", "omega"), [(0.5, 1.0, 1.0), (0.0, 0.5, 1.0), (0.1, 0.6, 2.2), (2.0, 0.7, 1.3)]
+)
+def test_the_procedure_is_equations_6_to_10(h, R, omega):
+    """Every impact is that of the slow implementation, which solves Newmark as linear equations."""
+    run = paper_procedure(Oscillator(h=h, R=R, omega=omega, f=1.0), 4, 100)
+    impacts, stalled = naive.literal(naive.oscillator(h, R, omega), 4, 100)
+    assert run.stalled_at is stalled is None
+    assert len(impacts) >= 3
+    np.testing.assert_allclose(run.impact_t, impacts[:, 0], rtol=1e-10)
+    np.testing.assert_allclose(run.impact_v, impacts[:, 1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_without_the_procedure_it_is_the_plain_rule(name):
+    """The same orbit as `simulate` and as the slow implementation, step by step."""
+    run = paper_procedure(paper_case(name), 5, 100, procedure=False)
+    tr = simulate(paper_case(name), 5, "newmark", "plain", 100)
+    _, impacts = naive.plain(naive.oscillator(*PAPER[name], 1.0), naive.newmark_step, 5, 100)
+    for ours in (tr, run):
+        np.testing.assert_allclose(ours.impact_t, impacts[:, 0], rtol=1e-12)
+        np.testing.assert_allclose(ours.impact_v, impacts[:, 1], atol=1e-11)
+    assert run.max_penetration == pytest.approx(tr.max_penetration, rel=1e-9)
+
+
+@pytest.mark.parametrize("procedure", [True, False])
+def test_both_sides_of_an_impact_are_recorded(procedure):
+    """Two rows with the same time; the second on the stop with the velocity turned."""
+    run = paper_procedure(paper_case("paper_B"), 5, 100, procedure=procedure)
+    assert (np.diff(run.t) >= 0.0).all()
+    before = np.flatnonzero(np.diff(run.t) == 0.0)
+    np.testing.assert_array_equal(run.t[before], run.impact_t)
+    np.testing.assert_array_equal(run.v[before], run.impact_v)
+    np.testing.assert_array_equal(run.v[before + 1], -0.5 * run.impact_v)
+    np.testing.assert_array_equal(run.x[before + 1], 0.0)
+    assert run.t[-1] >= 5 * 2 * math.pi - 1e-9
+
+
+def test_the_procedure_never_passes_the_accumulation(truth):
+    """At no step count; and the kernel, on the same oscillator, always does."""
+    orbit = truth["stick_R03_w03"]
+    for n in (10, 20, 37, 50, 100, 200, 400, 1000, 3000):
+        stalled = paper_procedure(orbit.oscillator, 2, n).stalled_at
+        assert stalled is not None
+        assert stalled < orbit.rests[0, 0]
+        assert simulate(orbit.oscillator, 2, "newmark", "reduced-step", n).section_x.shape == (2,)
+
+
+def test_a_stall_where_nothing_rests():
+    """h = 0.5, R = 0.95, omega = 0.4: on a coarse step time stops though no mass ever rests."""
+    osc = Oscillator(h=0.5, R=0.95, omega=0.4, f=1.0)
+    stalled = paper_procedure(osc, 3, 10).stalled_at
+    _, expected = naive.literal(naive.oscillator(0.5, 0.95, 0.4), 3, 10)
+    assert stalled == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_stop_elsewhere_is_refused():
+    """The paper has its stop at 0."""
+    with pytest.raises(ValueError, match=r"not at 0\.5"):
+        paper_procedure(Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=0.5))

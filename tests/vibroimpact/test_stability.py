@@ -13,12 +13,9 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.status import Status
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import MOST_STEPS, default_steps
-from vibroimpact.step.stability import free_map, is_stable, least_stable_steps, spectral_radius
+from vibroimpact.step.stability import is_stable, least_stable_steps, spectral_radius
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
-# Where the real axis leaves the region |1 + z + z^2/2 + z^3/6 + z^4/24| <= 1.
-RK4_REAL = 2.785293563405282
-OVER = 2.0 + math.sqrt(3.0)  # |lambda| / p of the faster mode at h = 2 p
 
 
 def slow_radius(name, step, zeta):
@@ -26,33 +23,6 @@ def slow_radius(name, step, zeta):
     osc = naive.oscillator(zeta, 0.5, 1.0, f=0.0)
     columns = [naive.STEPS[name](osc, 0.0, *unit, step) for unit in np.eye(2)]
     return np.abs(np.linalg.eigvals(np.array(columns, float).T)).max()
-
-
-@pytest.mark.parametrize(
-    ("name", "zeta", "limit"),
-    [
-        ("euler", 0.0, 0.0),
-        ("euler", 0.3, 0.6),
-        ("euler", 1.0, 2.0),
-        ("euler", 2.0, 2.0 / OVER),
-        ("semi-implicit-euler", 0.0, 2.0),
-        ("semi-implicit-euler", 0.75, 1.0),
-        ("semi-implicit-euler", 2.4, 0.4),
-        ("verlet", 0.0, 2.0),
-        ("verlet", 7.0, 2.0),
-        ("newmark", 0.0, math.inf),
-        ("newmark", 7.0, math.inf),
-        ("rk4", 0.0, 2.0 * math.sqrt(2.0)),
-        ("rk4", 1.0, RK4_REAL),
-        ("rk4", 2.0, RK4_REAL / OVER),
-        ("rk4", 1e8, RK4_REAL / 2e8),
-        ("exact", 0.0, math.inf),
-        ("exact", 7.0, math.inf),
-    ],
-)
-def test_limits_by_hand(name, zeta, limit):
-    """From the eigenvalues -h +- sqrt(h^2 - p^2) and Jury's conditions, on paper."""
-    assert INTEGRATORS[name].limit(np.array([zeta]))[0] == pytest.approx(limit, rel=1e-14)
 
 
 @ALL
@@ -82,27 +52,6 @@ def test_the_spectral_radius_is_that_of_the_slow_implementation(name):
     steps, zetas = rng.uniform(0.01, 4.0, 40), rng.uniform(0.0, 2.5, 40)
     expected = [slow_radius(name, *point) for point in zip(steps, zetas, strict=True)]
     np.testing.assert_allclose(spectral_radius(name, steps, zetas), expected, rtol=1e-12)
-
-
-def test_radii_in_closed_form():
-    """The flow decays as its slower mode, Newmark without damping keeps the energy."""
-    step, zeta = np.linspace(0.1, 9.0, 50), np.linspace(0.0, 0.99, 50)
-    np.testing.assert_allclose(
-        spectral_radius("exact", step, zeta), np.exp(-zeta * step), rtol=1e-13
-    )
-    slow = np.exp(-step / OVER)  # h - sqrt(h^2 - p^2) = 1 / OVER at h = 2
-    np.testing.assert_allclose(spectral_radius("exact", step, 2.0), slow, rtol=1e-12)
-    np.testing.assert_allclose(spectral_radius("newmark", step, 0.0), 1.0, rtol=1e-14)
-    np.testing.assert_allclose(spectral_radius("euler", step, 0.0), np.hypot(1.0, step), rtol=1e-14)
-
-
-def test_shapes_broadcast():
-    """A map per point of the chart."""
-    step, zeta = np.linspace(0.1, 3.0, 4), np.linspace(0.0, 2.0, 5)[:, None]
-    assert free_map("rk4", step, zeta).shape == (5, 4, 2, 2)
-    np.testing.assert_array_equal(
-        spectral_radius("rk4", step, zeta)[3, 2], spectral_radius("rk4", step[2], zeta[3, 0])
-    )
 
 
 @ALL
