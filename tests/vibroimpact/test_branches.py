@@ -1,12 +1,21 @@
-"""Branches and sets of them, against closed forms, simulation, and published values."""
+"""Branches and sets of them, against closed forms, simulation, published values and 40 digits."""
 
 import math
 from dataclasses import replace
+from itertools import islice
 
+import mpmath as mp
 import numpy as np
 import pytest
 
-from oscillators import bifurcation
+from oscillators import (
+    SectionMap,
+    bifurcation,
+    fold_of_one_impact,
+    in_digits,
+    one_impact,
+    random_oscillators,
+)
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.chords import with_short_chords
@@ -17,12 +26,6 @@ from vibroimpact.trajectory import simulate
 
 LIGHT = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0)
 AHEAD = Oscillator(h=0.1, R=0.8, omega=1.0, f=1.0, clearance=1.0)
-
-
-def one_impact(osc, n=1):
-    """The orbit with one impact in n periods, from its closed form."""
-    closed = one_impact_orbit(osc, n)
-    return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
 
 
 def special(found, kind):
@@ -170,14 +173,6 @@ def test_a_branch_without_a_stop_in_the_way_ends_where_there_is_no_force():
     assert [(point.kind, point.value) for point in found] == [("edge", 0.0), ("edge", 2.0)]
 
 
-def test_every_orbit_of_a_branch_is_one():
-    found = branch(one_impact(replace(LIGHT, omega=2.4)), "omega", 1.05, 3.0)
-    for i in range(0, len(found.values), 5):
-        closed = one_impact_orbit(replace(LIGHT, omega=float(found.values[i])))
-        assert found.speeds[i, 0] == pytest.approx(closed.v, abs=1e-13)
-        assert found.stable[i] == (closed.stable and found.orbit(i).stable)
-
-
 def test_a_branch_of_too_much_work_is_lost(monkeypatch):
     """All its points are orbits; it has as many as the work allows."""
     whole = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
@@ -309,3 +304,97 @@ def test_period_adding_has_the_ratios_of_the_multiplier(decay, most):
     distances, speeds = np.array(flips).T
     assert distances[-2] / distances[-1] == pytest.approx(decay**-2, rel=1e-3)
     assert speeds[-2] / speeds[-1] == pytest.approx(1.0 / decay, rel=1e-3)
+
+
+# --- random branches of one-impact orbits, in 40 digits and more ---
+
+
+EPS = 2.0**-52
+
+
+def condition(parameters, n):
+    """By how many roundings the fold moves when each of its data moves by one; h by one of p."""
+    step, (sigma, _) = mp.mpf(10) ** -18, fold_of_one_impact(parameters, n)
+    total = mp.mpf(0)
+    for name in ("h", "R", "omega", "f", "p"):
+        unit = parameters["p" if name == "h" else name]
+        moved = parameters | {name: parameters[name] + step * unit}
+        total += abs(fold_of_one_impact(moved, n)[0] / sigma - 1) / step
+    return float(total)
+
+
+def random_folds(seed):
+    """Yield oscillators just beside a fold of admissible n/1 orbits, and n."""
+    rng = np.random.default_rng(seed)
+    while True:
+        p = rng.uniform(0.5, 2.0)
+        h = p * float(rng.choice([0.0, 1.0, rng.uniform(0.0, 0.5), rng.uniform(0.5, 2.0)]))
+        osc = Oscillator(h, rng.uniform(), p * rng.uniform(0.5, 6.0), 1.0, p)
+        n = int(rng.integers(1, 4))
+        osc = replace(osc, clearance=0.9999 * float(fold_of_one_impact(in_digits(osc), n)[0]))
+        orbits = one_impact_orbits(osc, n)
+        if len(orbits) == 2 and all(orbit.exists for orbit in orbits):
+            yield osc, n
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("axis", "count"),
+    [("clearance", 50), ("h", 15), ("R", 15), ("omega", 15), ("f", 15), ("p", 15)],
+)
+def test_random_folds_are_at_their_closed_form(axis, count):
+    """As many as the closed form has on the branch; undamped, critical and over-damped too."""
+    cases = (case for case in random_folds(seed=5) if getattr(case[0], axis))
+    with mp.workdps(40):
+        for osc, n in islice(cases, count):
+            value = getattr(osc, axis)
+            ends = sorted((0.998 * value, min(1.002 * value, 1.0 if axis == "R" else math.inf)))
+            start = one_impact(osc, n)
+            assert (start.m, start.q) == (n, 1)
+            folds = [point for point in branch(start, axis, *ends).special if point.kind == "fold"]
+            assert len(folds) == sum(
+                at_end.clearance / fold_of_one_impact(in_digits(at_end), n)[0] > 1
+                for at_end in (replace(osc, **{axis: end}) for end in ends)
+            )
+            values = [point.value for point in folds]
+            speeds = [float(point.orbit.speeds[0]) for point in folds]
+            for value, speed in zip(values, speeds, strict=True):
+                at_fold = replace(osc, **{axis: value})
+                sigma, v = fold_of_one_impact(in_digits(at_fold), n)
+                rounding = EPS * (1.0 + condition(in_digits(at_fold), n))
+                assert abs(at_fold.clearance / sigma - 1) < 32.0 * rounding
+                assert abs(speed / v - 1) < 100.0 * rounding
+
+
+@pytest.mark.parametrize(
+    "count",
+    [pytest.param(12, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)],
+)
+def test_random_flips_and_grazes_are_those_of_the_section_map(count):
+    """To 1e-13, any damping but the critical; and a branch is stable where the closed form is."""
+    compared = {"flip": 0, "graze": 0}
+    rng = np.random.default_rng(4)
+    for osc, n in random_oscillators(60 * count, seed=31, clearance=0.5):
+        if sum(compared.values()) >= count:
+            break
+        closed = one_impact_orbit(osc, n)
+        axis = str(rng.choice(["h", "R", "omega", "f", "p", "clearance"]))
+        value = getattr(osc, axis)
+        if osc.h == osc.p or not closed.exists or not value:
+            continue
+        start = one_impact(osc, n)
+        ends = sorted((0.85 * value, min(1.15 * value, 1.0 if axis == "R" else math.inf)))
+        found = branch(start, axis, *ends)
+        for point in found.special:
+            if point.kind in compared:
+                with mp.workdps(50):
+                    expected = SectionMap(point.orbit).bifurcation(point.kind, axis)
+                    assert abs(point.value / expected - 1) < 1e-13
+                compared[point.kind] += 1
+        at_special = np.isin(found.values, [point.value for point in found.special])
+        for i in np.flatnonzero(~at_special)[::5].tolist():
+            orbits = one_impact_orbits(replace(osc, **{axis: float(found.values[i])}), n)
+            nearest = min(orbits, key=lambda orbit: abs(orbit.v - found.speeds[i, 0]))
+            assert nearest.v == pytest.approx(found.speeds[i, 0], rel=1e-9)
+            assert nearest.stable == found.stable[i]
+    assert sum(compared.values()) >= count and min(compared.values()) > count // 4

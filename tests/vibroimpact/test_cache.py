@@ -71,26 +71,26 @@ def test_the_folder_and_its_files_are_private(folder):
     assert [path.stat().st_mode & 0o777 for path in folder.iterdir()] == [0o600]
 
 
-@pytest.mark.parametrize("place", [0, 40, -1])
-def test_a_changed_byte_is_compiled_anew(folder, place):
-    (path,) = folder.iterdir()
+def changed(path, place):
     data = bytearray(path.read_bytes())
     data[place] ^= 1
     path.write_bytes(data)
-    assert [call(folder), call(folder)] == [False, True]
 
 
-@pytest.mark.parametrize("size", [0, 10, 40, 1000])
-def test_a_cut_file_is_compiled_anew(folder, size):
-    (path,) = folder.iterdir()
-    os.truncate(path, size)
-    assert [call(folder), call(folder)] == [False, True]
-
-
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(folder):
-    (path,) = folder.iterdir()
+def pipe(path, _):
     path.unlink()
     os.mkfifo(path, 0o600)
+
+
+@pytest.mark.parametrize(
+    ("damage", "at"),
+    [*((changed, at) for at in (0, 40, -1)), *((os.truncate, at) for at in (0, 10, 40, 1000)),
+     (pipe, 0)],
+)  # fmt: skip
+def test_a_damaged_file_is_compiled_anew(folder, damage, at):
+    """A byte is changed, the file is cut, or a pipe is in its place, which is not waited for."""
+    (path,) = folder.iterdir()
+    damage(path, at)
     assert [call(folder), call(folder)] == [False, True]
 
 

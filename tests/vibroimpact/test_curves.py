@@ -8,11 +8,10 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-from oscillators import bifurcation
-from vibroimpact.orbits.branches import branch, doubled_branch
+from oscillators import bifurcation, one_impact
+from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
-from vibroimpact.orbits.one_impact import one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -20,12 +19,6 @@ from vibroimpact.trajectory import simulate
 
 #: Ghosh & Simpson (arXiv 2510.16218): b = 2 h = .04, r = R = .9, the stop at 1; n = 2.
 SCENE = Oscillator(h=0.02, R=0.9, omega=0.81, f=0.35, clearance=1.0)
-
-
-def one_impact(osc, n=1, slower=False):
-    """The orbit with one impact in n periods, from its closed form."""
-    closed = one_impact_orbits(osc, n)[0 if slower else -1]
-    return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
 
 
 def test_the_flips_without_damping_are_on_the_closed_form():
@@ -36,36 +29,6 @@ def test_the_flips_without_damping_are_on_the_closed_form():
     assert np.abs(curve - 1.0).max() < 1e-13
     assert sorted(point.value[1] for point in found.special) == [0.2, 0.98]
     assert {point.kind for point in found.special} == {"edge"}
-
-
-def test_the_flips_of_twice_the_period_obey_their_condition():
-    """The 2/2 orbit at h = 0, R = .8 flips at omega = 2.715987251."""
-    start = one_impact(Oscillator(h=0.0, R=0.8, omega=2.6, f=1.0))
-    flip = branch(start, "omega", 2.6, 2.7).special
-    (first,) = [point for point in flip if point.kind == "flip"]
-    twice = doubled_branch(first.orbit, "omega", 2.6, 2.8).special[0]
-    found = bifurcation_curve(twice.orbit, "flip", ("omega", 2.6, 2.8), ("R", 0.7, 0.9))
-    assert (found.m, found.q) == (2, 2)
-    at = int(np.argmin(np.abs(found.values[:, 1] - 0.8)))
-    assert found.values[at, 0] == pytest.approx(2.715987251, abs=1e-4)
-    for i in range(0, len(found.values), 3):
-        omega, R = found.values[i]
-        osc = Oscillator(h=0.0, R=R, omega=omega, f=1.0)
-        orbit = solved(osc, 2, found.phases[i], found.speeds[i])
-        assert np.abs(orbit.multipliers + 1.0).min() < 1e-11
-
-
-@pytest.mark.parametrize(
-    ("kind", "omega", "f", "published", "slower"),
-    [("flip", 0.81, 0.35, 0.3475334, False), ("fold", 0.799, 0.365, 0.3628362, True)],
-)
-def test_the_published_points_of_the_two_period_orbit(kind, omega, f, published, slower):
-    start = one_impact(replace(SCENE, omega=omega, f=f), 2, slower)
-    points = [p.value for p in branch(start, "f", 0.2, 0.6).special if p.kind == kind]
-    assert points == pytest.approx([published], abs=1e-7)
-    found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", 0.7, 1.0))
-    near = found.values[np.abs(found.values[:, 1] - omega).argsort()[:2]]
-    assert near[:, 0] == pytest.approx(published, abs=2e-2)
 
 
 #: At omega = 2 n Omega / k, k = 5, flips and folds meet the graze of the free oscillation.

@@ -8,7 +8,6 @@ import pytest
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import POINT
-from vibroimpact.step.variational import orthonormalise
 
 
 @pytest.mark.slow
@@ -148,12 +147,3 @@ def test_two_nearby_orbits_part_as_the_tangent_vectors_do(given, x0, v0):
     # The first vector starts along x.
     assert growth[0] == pytest.approx(math.log(np.linalg.norm(matrix[:, 0])), abs=1e-6)
     assert growth.sum() == pytest.approx(math.log(abs(np.linalg.det(matrix))), abs=1e-4)
-
-
-def test_orthonormalise():
-    """Lengths, directions, and vectors that are gone."""
-    pair, *grown = orthonormalise((3.0, 4.0, 1.0, 0.0))
-    np.testing.assert_allclose(grown, [math.log(5.0), math.log(0.8)], rtol=1e-15)
-    np.testing.assert_allclose(pair, [0.6, 0.8, 0.8, -0.6], rtol=1e-15)
-    assert orthonormalise((0.0, 0.0, 0.0, 0.0))[1:] == (-math.inf, -math.inf)
-    assert orthonormalise((1.0, 0.0, 2.0, 0.0))[2] == -math.inf

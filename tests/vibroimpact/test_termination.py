@@ -118,21 +118,6 @@ def test_a_free_decay_is_followed_to_the_smallest_normal_number(h, R, periods):
     assert not tr.x[after].any() and not tr.v[after].any()
 
 
-@pytest.mark.parametrize(("h", "R", "periods"), DECAYS)
-def test_a_free_decay_in_the_lanes(h, R, periods):
-    """The same numbers as alone, beside a lane that moves on."""
-    osc = Oscillator(h=h, R=R, omega=1.0, f=0.0)
-    other = Oscillator(h=h, R=R, omega=1.0, f=1.0)
-    points = np.concatenate([osc.at(-1.0), other.at(-1.0)])
-    out = integrate(points, transient=0, periods=periods, impacts=64)
-    tr = simulate(osc, periods, x0=-1.0)
-    np.testing.assert_array_equal(out["poincare_x"][0], tr.section_x)
-    np.testing.assert_array_equal(out["poincare_v"][0], tr.section_v)
-    np.testing.assert_array_equal(out["impact_v"][0], tr.impact_v[-64:])
-    assert out["status"].tolist() == [Status.CERTIFIED] * 2
-    assert out["poincare_x"][0, -1] == out["poincare_v"][0, -1] == 0.0
-
-
 def test_a_free_decay_ends_with_every_method(integrator, rule):
     """At the equilibrium; the exact rule also on a stop with preload, where others hammer on."""
     oscillators = [

@@ -1,4 +1,4 @@
-"""Many points on threads: beside other threads, in forked processes, and where none can be made."""
+"""Many points on threads: beside other threads, in forked processes; runs that are interrupted."""
 
 import os
 import subprocess
@@ -10,7 +10,12 @@ import numba
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, integrate
+from kernel_cases import METHODS, assert_same, one, random_points, steps_for
+from vibroimpact import Oscillator, Status, integrate
+from vibroimpact.kernel import run
+from vibroimpact.kernel.workspace import LANES
+from vibroimpact.step.recorder import trace, trajectories
+from vibroimpact.step.scheme import scheme_of
 
 PROGRAM = """
 import multiprocessing
@@ -84,8 +89,6 @@ def test_where_no_thread_can_be_started_the_caller_does_the_work(monkeypatch):
 
 def test_an_error_in_any_thread_is_raised(monkeypatch):
     """Not lost with the thread."""
-    from vibroimpact.kernel import run
-
     caller = threading.get_ident()
 
     def fail(*arguments):
@@ -96,3 +99,80 @@ def test_an_error_in_any_thread_is_raised(monkeypatch):
     monkeypatch.setattr(run, "compiled", lambda *arguments: fail)
     with pytest.raises(MemoryError):
         integrate(points(256), transient=5, periods=5, threads=2)
+
+
+# --- interrupts ---
+
+
+@pytest.mark.slow
+@METHODS
+def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator):
+    """What is complete has the bits of a whole run, and the rest is pending: NaN and no count."""
+    points = random_points(3 * LANES)
+    arguments = {
+        "integrator": integrator,
+        "impact": rule,
+        "steps_per_period": steps_for(points, rule),
+        "transient": 4_000 if rule == "plain" else 500,
+        "periods": 5,
+    }
+    whole = integrate(points, **arguments, threads=1)
+    assert_same(integrate(points, **arguments, interrupt=np.zeros(1, np.int64)), whole)
+    began = time.perf_counter()
+    integrate(points, **arguments, threads=1)
+    delay, pending = time.perf_counter() - began, np.zeros(1, bool)
+    while not pending[-1] and delay > 1e-6:  # the last block is begun last
+        delay *= 0.5
+        interrupt = np.zeros(1, np.int64)
+        timer = threading.Timer(delay, interrupt.fill, (1,))
+        timer.start()
+        out = integrate(points, **arguments, threads=1, interrupt=interrupt)
+        timer.join()
+        pending = out["status"] == Status.PENDING
+    assert pending[-1]
+    for name in out:
+        np.testing.assert_array_equal(out[name][~pending], whole[name][~pending], err_msg=name)
+        if out[name].dtype.kind == "f":
+            assert np.isnan(out[name][pending]).all()
+        elif name != "status":
+            assert (out[name][pending] == 0).all()
+
+
+def test_a_run_of_days_ends_when_it_is_interrupted():
+    """Also one whose point would take days, and one that is interrupted before it begins."""
+    interrupt = np.zeros(1, np.int64)
+    timer = threading.Timer(0.2, interrupt.fill, (1,))
+    timer.start()
+    out = integrate(one(), transient=10**9, periods=1, interrupt=interrupt)
+    assert interrupt[0] and out["status"] == Status.PENDING
+    scheme, extent = scheme_of(one(), "exact", "exact", None), {"transient": 10**11, "periods": 2}
+    log, status = trace(one(), scheme, **extent, interrupt=interrupt)
+    assert status is Status.PENDING and len(log) == 0
+    out = trajectories(one(), scheme, **extent, interrupt=interrupt)
+    assert all(array.shape == (1, 0) for array in out.values())
+    timer = threading.Timer(0.2, interrupt.fill, (1,))
+    interrupt[0] = 0
+    timer.start()
+    assert trace(one(), scheme, **extent, interrupt=interrupt)[1] < 0
+
+
+INTERRUPTED = """
+import os, signal, threading
+from vibroimpact import Oscillator, integrate, simulate
+osc = Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0)
+for run in (simulate, lambda osc, **many: integrate(osc.at(), **many)):
+    run(osc, periods=1)
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    try:
+        run(osc, transient=10**9, periods=1)
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_run_of_hours():
+    """Of one orbit, and of many points."""
+    command = [sys.executable, "-c", INTERRUPTED]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["interrupted"] * 2, done.stderr
