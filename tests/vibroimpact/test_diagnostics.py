@@ -1,6 +1,7 @@
 """What is recorded of a motion: impulse and energy at impacts, and the period class."""
 
 import math
+from dataclasses import replace
 
 import naive
 import numpy as np
@@ -236,21 +237,22 @@ def test_known_cycles():
     [(0.05, 0.8, 1, 2.64, 2.68), (0.1, 0.5, 1, 2.68, 2.70), (0.1, 0.5, 2, 4.65, 4.68)],
 )
 def test_the_flip_is_where_the_period_doubles(h, R, n, low, high):
-    """Bisection on the period class, started 5e-8 beside the closed-form orbit.
+    """Eight points at a time between the ends, started 5e-8 beside the closed-form orbit.
 
     Near the flip a motion settles, or parts from the orbit, like |multiplier|^k: below it the
     start stays within the tolerance of the class, above it 4e5 periods carry it beyond. Far from
     it fewer do.
     """
-    flip = bifurcation(Oscillator(h=h, R=R, omega=low, f=1.0), "flip", "omega", low, high, n)
-
-    def doubled(omega):
-        osc = Oscillator(h=h, R=R, omega=omega, f=1.0)
-        transient = min(400_000, int(8.0 / (high - low)))
-        return computed(osc, transient, 8 * n, *on_the_orbit(osc, n, 5e-8))[0] != n
-
-    assert doubled(high) and not doubled(low)
+    osc = Oscillator(h=h, R=R, omega=low, f=1.0)
+    flip = bifurcation(osc, "flip", "omega", low, high, n)
     while high - low > 5e-7:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if doubled(middle) else (middle, high)
+        omegas = np.linspace(low, high, 8)
+        oscillators = [replace(osc, omega=omega) for omega in omegas.tolist()]
+        points = np.concatenate([one.at(*on_the_orbit(one, n, 5e-8)) for one in oscillators])
+        transient = min(400_000, int(8.0 / (omegas[1] - low)))
+        out = integrate(points, transient=transient, periods=8 * n)
+        m, _ = period_class(out["poincare_x"], out["poincare_v"], out["impacts_per_period"])
+        first = int(np.argmax(m != n))
+        assert first > 0 and (m[first:] != n).all()
+        low, high = omegas[first - 1], omegas[first]
     assert abs(0.5 * (low + high) - flip) < 1e-6

@@ -32,19 +32,18 @@ def run(impact):
 
 rules = ["plain", "reduced-step", "exact"] * 3
 here = {rule: run(rule) for rule in rules}
-with POOL as pool:
-    for rule, there in zip(rules, pool.map(run, rules)):
-        np.testing.assert_array_equal(there, here[rule])
+for pool in (multiprocessing.get_context("fork").Pool(2), ThreadPoolExecutor(3)):
+    with pool:
+        for rule, there in zip(rules, pool.map(run, rules)):
+            np.testing.assert_array_equal(there, here[rule])
 """
-FORKED, BESIDE = 'multiprocessing.get_context("fork").Pool(2)', "ThreadPoolExecutor(3)"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pool", [FORKED, BESIDE], ids=["forked", "beside each other"])
-def test_calls_in_forked_processes_and_in_threads(pool):
+def test_calls_in_forked_processes_and_in_threads():
     """After a call on two threads: the same numbers, in time."""
     environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
-    command = [sys.executable, "-c", PROGRAM.replace("POOL", pool)]
+    command = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
 
