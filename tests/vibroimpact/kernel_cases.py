@@ -50,6 +50,20 @@ def random_points(n, seed=11):
     return points
 
 
+def wide_points(n, seed):
+    """Points at p = f = 1, omega evenly spread in its logarithm."""
+    rng = np.random.default_rng(seed)
+    points = np.zeros(n, dtype=POINT)
+    points["h"] = rng.uniform(0.0, 2.0, n)
+    points["R"] = rng.uniform(0.0, 1.0, n)
+    points["omega"] = np.sort(0.05 * 400.0 ** rng.random(n))
+    points["f"] = points["p"] = 1.0
+    points["clearance"] = rng.uniform(-1.0, 1.0, n)
+    points["x0"] = points["clearance"] - rng.exponential(1.0, n) * (rng.random(n) > 0.1)
+    points["v0"] = rng.normal(0.0, 1.0, n)
+    return points
+
+
 def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0):
     """One parameter point."""
     return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0)

@@ -136,10 +136,17 @@ def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_m
 
 
 @pytest.mark.parametrize(
-    ("h", "low", "high", "count"),
-    [(0.02, 0.3, 2.5, 6), (0.1, 0.15, 0.9, 11), (0.05, 0.1, 0.3, 13), (0.3, 0.06, 0.1, 12)],
+    ("h", "low", "high", "count", "near"),
+    [
+        (0.02, 0.3, 2.5, 6, 1e-12),
+        (0.1, 0.15, 0.9, 11, 1e-12),
+        (0.05, 0.1, 0.3, 13, 1e-12),
+        (0.3, 0.06, 0.1, 12, 1e-12),
+        (0.5, 0.06, 0.08, 7, 1e-9),  # c1 itself is of the order of exp(-h T)
+        (0.5, 0.08, 0.1, 4, 1e-9),
+    ],
 )
-def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high, count):
+def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high, count, near):
     """Section 5: they are at omega = 2 Omega / k. Two may lie in one step."""
     omega = 0.505 * (low + high)
     osc = Oscillator(h=h, R=0.8, omega=omega, f=0.99, clearance=1.0)
@@ -151,7 +158,7 @@ def test_no_meeting_on_the_graze_of_the_free_oscillation_is_missed(h, low, high,
     assert len(expected) == count
     for kind in ("flip", "fold"):
         places = sorted(point.value[1] for point in found.special if point.kind == kind)
-        assert places == pytest.approx(expected, abs=1e-12)
+        assert places == pytest.approx(expected, abs=near)
 
 
 def test_the_graze_of_the_free_oscillation_goes_on_as_an_orbit_of_three_periods():
@@ -234,22 +241,6 @@ def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
     found = bifurcation_curve(graze.orbit, "graze", *ranges)
     assert len(found.values) > 10
     assert not {"flip", "fold"} & {point.kind for point in found.special}
-
-
-@pytest.mark.parametrize(("low", "high", "count"), [(0.06, 0.08, 7), (0.08, 0.1, 4)])
-def test_flips_and_folds_meet_the_graze_of_a_strongly_damped_free_oscillation(low, high, count):
-    """They do at omega = 2 Omega / k, where c1 itself is of the order of exp(-h T)."""
-    omega = 0.5 * (low + high)
-    f = math.hypot(1.0 - omega**2, omega)
-    still = Oscillator(h=0.5, R=0.8, omega=omega, f=0.99 * f, clearance=1.0)
-    orbit = solved(still, 1, np.empty(0), np.empty(0))
-    found = bifurcation_curve(orbit, "graze", ("f", 0.8 * f, 1.2 * f), ("omega", low, high))
-    meetings = [2.0 * math.sqrt(0.75) / k for k in range(1, 40)]
-    expected = sorted(omega for omega in meetings if low < omega < high)
-    assert len(expected) == count
-    for kind in ("flip", "fold"):
-        places = sorted(p.value[1] for p in found.special if p.kind == kind)
-        assert places == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("width", [1e-7, 1e-8, 1e-9])

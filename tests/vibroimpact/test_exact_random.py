@@ -6,7 +6,7 @@ import naive
 import numpy as np
 import pytest
 
-from kernel_cases import PERIOD, taken_apart
+from kernel_cases import PERIOD, taken_apart, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import default_steps
@@ -14,24 +14,10 @@ from vibroimpact.step.scheme import default_steps
 # --- random points ---
 
 
-def random_points(n, seed):
-    """Points all over the domain, omega / p evenly spread in its logarithm."""
-    rng = np.random.default_rng(seed)
-    points = np.zeros(n, dtype=POINT)
-    points["h"] = rng.uniform(0.0, 2.0, n)
-    points["R"] = rng.uniform(0.0, 1.0, n)
-    points["omega"] = np.sort(0.05 * 400.0 ** rng.random(n))
-    points["f"] = points["p"] = 1.0
-    points["clearance"] = rng.uniform(-1.0, 1.0, n)
-    points["x0"] = points["clearance"] - rng.exponential(1.0, n) * (rng.random(n) > 0.1)
-    points["v0"] = rng.normal(0.0, 1.0, n)
-    return points
-
-
 @pytest.mark.slow
 def test_random_points_end_decided():
     """2000 points, 50 periods: no NaN, nothing beyond the stop, a status that says what it is."""
-    points = random_points(2000, 17)
+    points = wide_points(2000, 17)
     for part in np.array_split(points, 10):
         out = integrate(part, transient=0, periods=50, lyapunov=True)
         for name in ("poincare_x", "poincare_v", "impacts_per_period", "rest_fraction"):
@@ -56,7 +42,7 @@ def test_random_points_are_those_of_the_slow_solver(every):
     50 periods or 500 impacts, chatters included, while a rounding stays below 1e-11; from a graze
     within 1e-6 on, none is compared.
     """
-    points = random_points(2000, 23)[::every]
+    points = wide_points(2000, 23)[::every]
     grazed, lost, sections, impacts, rested = 0, 0, 0, 0, 0
     for point in points:
         osc, x0, v0 = taken_apart(point)
@@ -159,7 +145,7 @@ def test_growth_without_bound_is_said_and_disturbs_nobody():
     assert len(k) >= 99
     np.testing.assert_allclose(tr.impact_t, k * math.pi, rtol=1e-13)
     np.testing.assert_allclose(tr.impact_v, 4 * k / 3, rtol=1e-12)
-    points = random_points(70, 3)
+    points = wide_points(70, 3)
     points["omega"] = np.random.default_rng(0).uniform(0.5, 5.0, 70)
     mixed = points.copy()
     grows = np.zeros(70, dtype=bool)

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from kernel_cases import PERIOD, assert_same, one, random_points
+from kernel_cases import PERIOD, assert_same, one, random_points, wide_points
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.workspace import ROW, TANGENTS, new_workspace, set_start
-from vibroimpact.oscillator import POINT
 from vibroimpact.step.scheme import EXACT, default_steps
 from vibroimpact.step.series import LONGEST_STEP
 
@@ -76,16 +75,7 @@ def test_an_overflow_in_the_transient_is_seen():
 @pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
 def test_nothing_hangs_anywhere(rule, integrator):
     """2000 points all over the domain, coarse steps: each computed, none beyond the stop."""
-    rng = np.random.default_rng(5)
-    n = 2000
-    points = np.zeros(n, dtype=POINT)
-    points["h"] = rng.uniform(0.0, 2.0, n)
-    points["R"] = rng.uniform(0.0, 1.0, n)
-    points["omega"] = rng.uniform(0.05, 20.0, n)
-    points["f"] = points["p"] = 1.0
-    points["clearance"] = rng.uniform(-1.0, 1.0, n)
-    points["x0"] = points["clearance"] - rng.exponential(1.0, n) * (rng.random(n) > 0.2)
-    points["v0"] = rng.normal(0.0, 1.0, n)
+    points = wide_points(2000, 5)
     out = integrate(
         points,
         integrator=integrator,

@@ -93,17 +93,6 @@ def test_a_stable_orbit_has_the_logarithms_of_its_multipliers(h, omega, R, n):
     np.testing.assert_allclose(found, known, atol=2e-3 if turning else 1e-8)
 
 
-def test_after_a_rest_nothing_of_the_past_is_left():
-    """Both are -inf, and stay so; without the rest they are finite."""
-    points = np.concatenate(
-        [Oscillator(h=h, R=R, omega=w, f=1.0).at() for h, R, w in
-         ((0.0, 0.3, 0.3), (2.0, 0.7, 0.5), (0.05, 0.7, 2.3))]
-    )  # fmt: skip
-    out = integrate(points, transient=0, periods=10, lyapunov=True)["lyapunov"]
-    assert (out[:2] == -np.inf).all()
-    assert np.isfinite(out[2]).all()
-
-
 def test_without_restitution_one_impact_leaves_a_line_of_neighbours():
     """R = 0: the second exponent is -inf from the first impact on, the first one is finite.
 

@@ -81,12 +81,6 @@ def test_before_a_flip_there_is_no_orbit_of_twice_the_period(distance, off):
     assert (found.m, found.stable) == (1, True)
 
 
-def test_the_multiplier_at_a_flip_is_minus_one():
-    _, _, (x, v) = beside(replace(LIGHT, omega=FLIP))
-    found = periodic_orbit(replace(LIGHT, omega=FLIP), x, v)
-    assert found.multipliers[0] == pytest.approx(-1.0, abs=1e-11)
-
-
 @pytest.mark.parametrize("turns", [2, 20, 2000])
 def test_the_multipliers_of_many_turns_are_powers(turns):
     """The larger one of a flipped orbit, to infinity."""

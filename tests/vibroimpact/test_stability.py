@@ -83,29 +83,6 @@ def test_no_step_is_stable():
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "step", "zeta"),
-    [("euler", 0.3, 0.0), ("euler", 0.5, 0.1), ("semi-implicit-euler", 1.5, 0.5),
-     ("verlet", 2.1, 0.3), ("rk4", 2.9, 0.0), ("rk4", 1.0, 2.0)],
-)  # fmt: skip
-@pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
-def test_an_unstable_step_grows_at_its_predicted_rate(name, step, zeta, rule):
-    """In a run of the kernel, per step rho: the sections are 4 steps apart, the stop far away."""
-    point = np.zeros(1, dtype=POINT)
-    point["h"], point["p"], point["omega"] = zeta, 1.0, 2.0 * math.pi / (4 * step)
-    point["clearance"], point["x0"] = 1e200, -1.0
-    rho = slow_radius(name, step, zeta)
-    periods = int(100.0 / math.log(rho)) // 4  # to e^100
-    out = integrate(
-        point, integrator=name, impact=rule, steps_per_period=4, transient=0, periods=periods
-    )
-    state = np.hypot(out["poincare_x"][0], out["poincare_v"][0])
-    slope = np.polyfit(4.0 * np.arange(periods), np.log(state), 1)[0]
-    assert rho > 1.04
-    assert slope == pytest.approx(math.log(rho), rel=0.02)
-    assert state[-1] > 1e40
-
-
 def exploding(name, n, steps):
     """Points all over the domain at which steps are 1.02 to 1.8 times too long."""
     rng = np.random.default_rng(5)
