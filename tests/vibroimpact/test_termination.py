@@ -39,34 +39,27 @@ for R in (0.8, 0.5):
 """
 
 
-# --- steps from states of every magnitude ---
+# --- steps from states, and calls with arguments, of every magnitude ---
 
 
-@pytest.mark.slow
-def test_every_step_ends():
-    """5,000 steps with every rule, from random bits and from valid points at their bounds."""
-    in_time(FUZZ, 1, 5_000, seconds=300)
+@pytest.mark.parametrize(
+    ("seed", "steps"),
+    [pytest.param(1, 5_000, marks=pytest.mark.slow),
+     pytest.param(2, 1_000_000, marks=pytest.mark.campaign)],
+)  # fmt: skip
+def test_every_step_ends(seed, steps):
+    """So many with every rule, from random bits and from valid points at their bounds."""
+    in_time(FUZZ, seed, steps, seconds=300 if seed == 1 else 3600)
 
 
-@pytest.mark.campaign
-def test_a_million_steps_end():
-    """A million steps with every rule."""
-    in_time(FUZZ, 2, 1_000_000, seconds=3600)
-
-
-# --- calls with arguments of every magnitude ---
-
-
-@pytest.mark.slow
-def test_every_call_ends_as_it_is_documented():
-    """50 calls of the public functions; see ``hostile_calls.py``."""
-    in_time(HOSTILE, 1, 50, seconds=300)
-
-
-@pytest.mark.campaign
-def test_ten_thousand_calls_end():
-    """Ten thousand of them."""
-    in_time(HOSTILE, 2, 10_000, seconds=3600)
+@pytest.mark.parametrize(
+    ("seed", "calls"),
+    [pytest.param(1, 50, marks=pytest.mark.slow),
+     pytest.param(2, 10_000, marks=pytest.mark.campaign)],
+)  # fmt: skip
+def test_every_call_ends_as_it_is_documented(seed, calls):
+    """Of the public functions; see ``hostile_calls.py``."""
+    in_time(HOSTILE, seed, calls, seconds=300 if seed == 1 else 3600)
 
 
 # --- free decay ---

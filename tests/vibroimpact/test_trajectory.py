@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from kernel_cases import ALL, DONE, PERIOD, SECOND_ORDER
 from oscillators import oscillator
-from vibroimpact import Oscillator, Status, integrate, one_impact_orbit, simulate
+from vibroimpact import Oscillator, Status, one_impact_orbit, simulate
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.recorder import trace, trajectories
@@ -60,16 +60,6 @@ def test_the_motion_is_that_of_the_slow_implementation(osc, x0, v0, rule, integr
 
 
 # --- closed forms ---
-
-
-def test_the_flight_at_resonance_is_secular():
-    """x = (t cos t - sin t) / 2 at every step before the first impact, exactly."""
-    tr = simulate(oscillator(0.0, 0.5), 1, steps_per_period=100)
-    flight = tr.t < tr.impact_t[0]
-    t = tr.t[flight]
-    assert flight.sum() == 72
-    assert_allclose(tr.x[flight], (t * np.cos(t) - np.sin(t)) / 2, atol=1e-14)
-    assert_allclose(tr.v[flight], -t * np.sin(t) / 2, atol=1e-14)
 
 
 @SECOND_ORDER
@@ -271,14 +261,6 @@ def test_a_phase_starts_the_motion_there():
     assert launched.t[0] == pytest.approx(orbit.phase / OSC.omega)
     assert_allclose(launched.impact_v, orbit.v, rtol=1e-12)
     assert_allclose(OSC.omega * launched.impact_t[:2] % (2 * np.pi), orbit.phase, rtol=1e-12)
-
-
-def test_a_motion_goes_on_from_a_state_of_its_section():
-    """A section at phase 1 of a motion from t = 0 by the batch run, continued."""
-    record = integrate(OSC.at(-0.2, 0.1), transient=4, periods=6, phase=1.0)
-    x, v = (record[name][0] for name in ("poincare_x", "poincare_v"))
-    rest = simulate(OSC, periods=5, x0=x[0], v0=v[0], phase=1.0)
-    assert_allclose(np.stack([rest.section_x, rest.section_v]), [x[1:], v[1:]], atol=1e-12)
 
 
 @pytest.mark.parametrize(
