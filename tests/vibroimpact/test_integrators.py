@@ -12,7 +12,7 @@ import naive
 import numpy as np
 import pytest
 
-from vibroimpact import Oscillator, integrate, simulate
+from vibroimpact import Oscillator, integrate
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 from vibroimpact.step.scheme import IMPACT_RULES
 from vibroimpact.step.trigonometry import sin_cos
@@ -202,32 +202,3 @@ def test_the_order_through_impacts_is_the_lower_of_the_two(truth, case, rule, in
     low, high = FITTED[order]
     assert low < slope(ladder, errors) < high
     assert errors[-1] < parts.count(order) * LEFT[order]
-
-
-@pytest.mark.parametrize(
-    "integrator", [name for name in INTEGRATORS if min(orders(name, "reduced-step")) == 2]
-)
-@pytest.mark.parametrize(
-    ("case", "periods"),
-    [
-        ("crit_h1_w1", 20),
-        ("w10", 60),
-        ("x0_m1", 20),
-        ("v0_p1", 20),
-        ("unscaled", 20),
-        ("cons_R1_w1", 4),
-    ],
-)
-def test_other_certified_orbits_are_met_at_second_order(truth, case, periods, integrator):
-    """Critical damping, far from resonance, other starts, no loss: 16 times finer, 100 times."""
-    orbit = truth[case]
-    errors = []
-    for n in (100, 1600):
-        runs = [
-            simulate(orbit.oscillator, periods, integrator, "reduced-step", m, orbit.x0, orbit.v0)
-            for m in spread(n, 8)
-        ]
-        true = orbit.sections[periods - 1]
-        errors.append(rms([[r.section_x[-1], r.section_v[-1]] - true for r in runs]))
-    assert 100 * errors[1] < errors[0]
-    assert errors[1] < 1e-3 * max(1.0, np.abs(true).max())

@@ -59,33 +59,6 @@ def test_the_motion_is_that_of_the_slow_implementation(osc, x0, v0, rule, integr
     assert tr.status is DONE[rule]
 
 
-# --- closed forms ---
-
-
-@SECOND_ORDER
-@pytest.mark.parametrize(
-    ("omega", "amplitude", "landing", "release"),
-    [(3.0, 0.5, math.pi, 4 * math.pi / 3), (1 / 3, 1.5, 3 * math.pi, 6 * math.pi)],
-)
-@pytest.mark.parametrize("R", [0.0, 0.5, 0.9])
-def test_a_tangential_landing_rests_until_the_force_turns(
-    R, omega, amplitude, landing, release, integrator
-):
-    """h = 0, omega = 3 p or p / 3: x = -c sin^3 to the landing with x = v = a = 0, then rest."""
-    osc = oscillator(0.0, R, omega)
-    late = []
-    for n in (200, 3200):
-        tr = simulate(osc, 4, integrator, "reduced-step", n)
-        assert tr.status is Status.COMPUTED
-        assert_allclose(tr.rests[0, 1], release, rtol=1e-12)
-        late.append(abs(tr.rests[0, 0] - landing))
-        flight = tr.t < landing - 0.3
-        cube = -amplitude * np.sin(min(omega, 1.0) * tr.t[flight]) ** 3
-        assert_allclose(tr.x[flight], cube, atol=30 * (PERIOD / omega / n) ** 2)
-    # The contact is cubic, so its time is known to the cube root of an error; or to one step.
-    assert late[1] < max(0.7 * late[0], 1.01 * PERIOD / omega / 3200)
-
-
 # --- the paper's three cases ---
 
 
