@@ -130,7 +130,6 @@ def test_what_is_no_angle_is_no_number():
 
 # --- through impacts, against certified orbits ---
 
-
 PERIODS = 20
 # The steps at which a method is in its asymptotic range.
 LADDER = {1: (400, 800, 1600, 3200), 2: (100, 200, 400, 800), 4: (100, 200, 400, 800)}
