@@ -6,7 +6,7 @@ import xarray as xr
 
 from commands import call
 from sweep_files import partition, run_in
-from sweeps import attractors, open_sweep
+from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime
 from vibroimpact import Oscillator, one_impact_orbit
