@@ -150,7 +150,7 @@ def resumed(folder, *names):
         "from sweeps.store import sweep_writer\n"
         f"assert sweeps.__file__.startswith({str(folder)!r}), sweeps.__file__\n"
         "for name in sys.argv[1:]:\n"
-        "    schema = _schema(load_config(f'{name}.yaml'), {})\n"
+        "    schema = _schema(load_config(f'{name}.yaml'), 128)\n"
         "    with sweep_writer(f'{name}.h5', schema, resume=True): pass\n"
     )
     environment = {"PYTHONPATH": str(folder), "HOME": str(folder)}
