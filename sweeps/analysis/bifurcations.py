@@ -72,6 +72,8 @@ def find_bifurcations(
           ``unknown`` otherwise;
         - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known.
 
+        Its attribute ``unclassified`` is the number of points whose class is not known.
+
     Raises
     ------
     Refused
@@ -85,16 +87,20 @@ def find_bifurcations(
     data = select(dataset, at, free=[along, *free])
     other_axes = [str(name) for name in data["status"].dims if name != along]
     data = data.sortby(along)
-    rows = []
+    rows, unclassified = [], 0
     for index in product(*(range(data.sizes[name]) for name in other_axes)):
         line = data.isel(dict(zip(other_axes, index, strict=True))).load()
         motions, down = PeriodicPoints.of(line), _is_followed_down(line, along)
-        for change in changes(line[along].values, labels(line)):
+        classes = labels(line)
+        unclassified += classes.count(None)
+        for change in changes(line[along].values, classes):
             kind, value = _explain(motions, along, change, down)
             own = {"kind": kind, "value": value}
             rows.append({name: line[name].item() for name in other_axes} | vars(change) | own)
     columns = [*other_axes, *(field.name for field in fields(Change)), "kind", "value"]
-    return along, pd.DataFrame(rows, columns=columns)
+    found = pd.DataFrame(rows, columns=columns)
+    found.attrs["unclassified"] = unclassified
+    return along, found
 
 
 def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
@@ -173,6 +179,15 @@ def describe(axis: str, found: pd.DataFrame) -> str:
         parts.append(f"{len(others)} changes without an exact value\n{_summary(axis, others)}")
     lines = [*_cascades(axis, found), *_meanings(others)]
     return "\n\n".join([*parts, *(["\n".join(lines)] if lines else [])])
+
+
+def describe_unclassified(dataset: xr.Dataset, found: pd.DataFrame) -> str:
+    """Write how many points have no known class, so that the list says nothing about them."""
+    if not found.attrs["unclassified"]:
+        return ""
+    number = shown_count(found.attrs["unclassified"], "point")
+    text = f"no class is known at {number}, not settled or without a result"
+    return text if "lyapunov" in dataset else f"{text}; only Lyapunov exponents show chaos"
 
 
 def _meanings(found: pd.DataFrame) -> list[str]:

@@ -169,6 +169,8 @@ def _show_bifurcations(
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)
+    if text := bifurcations.describe_unclassified(dataset, found):
+        say(text)
     if text := bifurcations.describe_branches(dataset, axis, here, **chosen):
         say(text)
     if csv is not None:

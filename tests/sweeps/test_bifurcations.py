@@ -94,6 +94,18 @@ def test_along_a_start_the_basin_changes(sweep):
     assert changes and {change.kind for change in changes} == {"basin"}
 
 
+def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
+    chaotic = "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.24]"
+    path = sweep(chaotic, changes=["record.diagnostics=[period]"])
+    with open_sweep(path) as dataset:
+        assert dataset["period"].values.tolist() == [1, 0, 0, 0]
+    said = accepted("info", path, "--bifurcations")
+    assert "does not change along omega\nno class is known at 3 points" in said
+    assert "only Lyapunov exponents show chaos" in said
+    said = accepted("info", sweep(chaotic), "--bifurcations")
+    assert " chaos  1/1 -> chaos " in said and "no class" not in said
+
+
 @pytest.mark.slow
 def test_a_map_is_summed_up_and_its_lines_are_listed(sweep, tmp_path):
     grid = sweep("h: 0.05, R: [0.6, 0.7, 0.8], f: 1.0, omega: {start: 0.8, stop: 4, num: 91}")
