@@ -57,7 +57,7 @@ _BLOCKS_PER_CORE = 20
 _KERNEL_LOCK = threading.Lock()
 
 
-class Cluster:
+class ClusterComputer:
     """Computes blocks on the workers of a synchronous Dask client, which stays open.
 
     Raises Refused if a worker has another version of the numerics, or none.

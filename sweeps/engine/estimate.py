@@ -6,22 +6,18 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import psutil
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
-from sweeps.engine.executors import Local, in_thread
+from sweeps.engine.executors import Computer, in_thread
 from sweeps.errors import StoreError
 from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.run import lanes_per_batch
-
-if TYPE_CHECKING:
-    from sweeps.engine.cluster import Cluster
 
 #: Memory for the results of one block [bytes]; more is used only to fill the lanes.
 _BLOCK_MEMORY = 64 * 2**20
@@ -61,7 +57,7 @@ class Cost:
     block: int
 
 
-def expected_cost(config: SweepConfig, path: Path, computer: Local | Cluster, resume: bool) -> Cost:
+def expected_cost(config: SweepConfig, path: Path, computer: Computer, resume: bool) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
     file = config.size * bytes_per_point(config.spec)
     disk = 2 * config.size * bytes_per_point(config.spec, _AT_IMPACTS)

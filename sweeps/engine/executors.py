@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from itertools import islice
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numba.core import event
@@ -23,8 +23,6 @@ from vibroimpact.kernel.run import FEWEST_LANES
 
 if TYPE_CHECKING:
     from distributed import Client
-
-    from sweeps.engine.cluster import Cluster
 
 T = TypeVar("T")
 #: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.
@@ -100,22 +98,52 @@ def completed(
             yield out.pop(done), done
 
 
-class Local:
-    """Computes blocks one after the other on this machine; ``threads=None`` uses all cores."""
+class Computer(Protocol):
+    """Computes the blocks of a sweep, on this machine or on a cluster."""
 
-    cores = 1  #: Number of computations of the size of a trial that run in parallel.
+    @property
+    def threads(self) -> int | None:
+        """Number of threads of a trial, which runs on this machine; None for all cores."""
 
-    def __init__(self, threads: int | None = None) -> None:
-        self.threads = threads
+    @property
+    def cores(self) -> int:
+        """Number of computations of the size of a trial that run in parallel."""
+
+    def described(self) -> str:
+        """Return where the blocks are computed, for the progress bar."""
+
+    def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
+        """Return arguments of `block_size` for a sweep of `size` points and this duration."""
 
     def computed(
         self, config: SweepConfig, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
-        """Yield every block with its results, in order; see `compute_block` for `advance`.
+        """Yield every block with its results as it is done, and tell `advance` of its points.
 
-        One block is computed while another is written. A caller that stops early must close the
-        generator.
+        A caller that stops early must close the generator.
         """
+
+
+class LocalComputer:
+    """Computes blocks one after the other on this machine; ``threads=None`` uses all cores."""
+
+    cores = 1
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.threads = threads
+
+    def described(self) -> str:
+        """Return nothing: the work is done here."""
+        return ""
+
+    def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
+        """Return limits that give every thread points."""
+        return {"least": min(size, FEWEST_LANES * (self.threads or ALL_THREADS))}
+
+    def computed(
+        self, config: SweepConfig, blocks: Iterable[Block], advance: Callable[[int], object]
+    ) -> Generator[tuple[Block, Results], None, None]:
+        """Yield the blocks in order; one is computed while another is written."""
         with LocalExecutor() as executor:
 
             def submit(block: Block) -> Future[Results]:
@@ -124,19 +152,11 @@ class Local:
             for block, future in completed(submit, blocks, lambda: 2):
                 yield block, future.result()
 
-    def block_limits(self, seconds: float, size: int) -> Mapping[str, int]:
-        """Return arguments of `block_size`, so that every thread has points."""
-        return {"least": min(size, FEWEST_LANES * (self.threads or ALL_THREADS))}
 
-    def described(self) -> str:
-        """Return an empty description: the work is done on this machine."""
-        return ""
-
-
-def computer_for(client: Client | None, threads: int | None) -> Local | Cluster:
+def computer_for(client: Client | None, threads: int | None) -> Computer:
     """Return the computer of blocks: the workers of a client, or threads of this machine."""
     if client is None:
-        return Local(threads)
-    from sweeps.engine.cluster import Cluster  # imports Dask
+        return LocalComputer(threads)
+    from sweeps.engine.cluster import ClusterComputer  # imports Dask
 
-    return Cluster(client)
+    return ClusterComputer(client)

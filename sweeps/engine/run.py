@@ -17,7 +17,7 @@ from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, numerics
 from sweeps.engine.estimate import expected_cost
-from sweeps.engine.executors import Local, computer_for, in_thread
+from sweeps.engine.executors import Computer, computer_for, in_thread
 from sweeps.engine.reports import plan
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
@@ -31,8 +31,6 @@ from sweeps.text import printable
 
 if TYPE_CHECKING:
     from distributed import Client
-
-    from sweeps.engine.cluster import Cluster
 
 
 def run_sweep(
@@ -164,7 +162,7 @@ def _schema(config: SweepConfig, size: int) -> Schema:
 
 @contextmanager
 def _progress(
-    config: SweepConfig, pending: Iterable[Block], computer: Local | Cluster, console: Console
+    config: SweepConfig, pending: Iterable[Block], computer: Computer, console: Console
 ) -> Iterator[Callable[[int], None]]:
     """Show points done, forcing periods per second and time left; yield the function to advance."""
     periods = config.record.transient + config.record.periods

@@ -18,7 +18,7 @@ import sweeps
 from commands import CLUSTERED as CONFIG
 from commands import WORKERS, assert_same_bits, call, refused_run
 from sweep_files import data, load
-from sweeps.engine.cluster import Cluster
+from sweeps.engine.cluster import ClusterComputer
 from sweeps.engine.compute import compute_block
 from sweeps.engine.estimate import block_size
 from sweeps.engine.run import run_sweep
@@ -118,7 +118,7 @@ def left_on(client):
 def test_a_long_axis_travels_without_a_warning(client):
     sweep = load(CONFIG, "oscillator.omega.num=2000000")
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
-    for block, results in Cluster(client).computed(sweep, blocks):
+    for block, results in ClusterComputer(client).computed(sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
 
 
@@ -142,12 +142,12 @@ def test_a_killed_worker_costs_nothing_but_time(monkeypatch, cluster, client, sm
 def test_workers_may_come_when_the_run_has_begun():
     options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
-        assert Cluster(client).described() == ", waiting for a worker"
+        assert ClusterComputer(client).described() == ", waiting for a worker"
         later = threading.Timer(0.5, cluster.scale, [1])
         later.start()
         run_sweep(load(CONFIG), "out.h5", client=client)
         later.join()
-        assert Cluster(client).described() == " on 1 worker"
+        assert ClusterComputer(client).described() == " on 1 worker"
     assert_same_bits("out.h5")
 
 
@@ -204,7 +204,7 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blo
 def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
     without_an_axis = [()] * 20
     with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with ValueError: zip\(\)"):
-        list(Cluster(client).computed(load(CONFIG), without_an_axis))
+        list(ClusterComputer(client).computed(load(CONFIG), without_an_axis))
 
 
 # Workers with another version
@@ -269,7 +269,7 @@ def test_a_worker_without_this_package_is_refused(client):
     client.run(hide)
     try:
         with pytest.raises(Refused, match=r"tcp://\S+ has another version .*, none \("):
-            Cluster(client)
+            ClusterComputer(client)
     finally:
         client.run(show)
 
@@ -295,7 +295,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
     blocks = list(sweep.grid.blocks(20))
     options = {"processes": False, "n_workers": 1, "threads_per_worker": 4}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
-        computer = Cluster(client)
+        computer = ClusterComputer(client)
         assert computer.cores == 4
         with monkeypatch.context() as patch:
             patch.setattr("vibroimpact.points.compute.compute_points", watched)
@@ -316,7 +316,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
             yield (slice(number, number + 1),)
 
     sweep, taken = load(CONFIG), 0
-    for block, results in Cluster(client).computed(sweep, blocks()):
+    for block, results in ClusterComputer(client).computed(sweep, blocks()):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
         taken += 1
         assert len(handed) <= taken + 3 * WORKERS + 2  # what is out, and two on this side
@@ -325,7 +325,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
 
 def test_a_block_is_worth_sending(client):
     sweep, size = load(CONFIG, "oscillator.omega.num=1e6"), 10**6
-    computer = Cluster(client)
+    computer = ClusterComputer(client)
     for seconds in (5.0, 50.0, 500.0):
         limits = computer.block_limits(seconds, size)
         assert limits["least"] / size * seconds * WORKERS == pytest.approx(0.5, rel=0.01)

@@ -133,7 +133,9 @@ def test_a_block_holds_whole_chains(monkeypatch):
         monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
         size = block_size(many)
         assert size % 3000 == 0
-        assert expected_cost(many, Path("out.h5"), executors.Local(), False).memory <= memory
+        assert (
+            expected_cost(many, Path("out.h5"), executors.LocalComputer(), False).memory <= memory
+        )
         for block in many.grid.blocks(size, whole="omega"):
             assert block[1] == slice(0, 3000)
     monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)

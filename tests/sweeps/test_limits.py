@@ -12,7 +12,7 @@ from sweep_files import load
 from sweeps.engine import estimate as limits
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost, expected_seconds
-from sweeps.engine.executors import Local, LocalExecutor, completed
+from sweeps.engine.executors import LocalComputer, LocalExecutor, completed
 from sweeps.engine.run import _schema, run_sweep
 from sweeps.grid import block_points
 from sweeps.store import sweep_writer
@@ -26,7 +26,7 @@ record: {transient: 100, periods: 100}
 
 
 def cost_of(sweep, threads=None):
-    return expected_cost(sweep, Path("out.h5"), Local(threads), resume=False)
+    return expected_cost(sweep, Path("out.h5"), LocalComputer(threads), resume=False)
 
 
 def with_memory(monkeypatch, size):
@@ -50,7 +50,7 @@ def test_a_block_has_points_for_every_thread(monkeypatch):
     with_memory(monkeypatch, 10**11)
     sweep = load(CONFIG, "record.transient=1e6")
     for threads in (1, 2, 8, 16):
-        size = block_size(sweep, **Local(threads).block_limits(1.0, sweep.grid.size))
+        size = block_size(sweep, **LocalComputer(threads).block_limits(1.0, sweep.grid.size))
         lanes = lanes_per_batch(size, threads)
         assert size / lanes >= threads
 
