@@ -1,6 +1,6 @@
-"""The live picture: a bifurcation diagram in the browser that is computed anew with every view.
+"""The live picture: a bifurcation diagram in the browser, recomputed for every view.
 
-It is the only room that imports Bokeh. `sweeps.explore(config)` opens it.
+This is the only room that imports Bokeh. `sweeps.explore(config)` opens the page.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     Parameters
     ----------
     config : SweepConfig
-        From `sweeps.load_config`. Each point is computed from its own start: ``follow`` and
-        ``refine`` are left out.
+        From `sweeps.load_config`. ``follow`` and ``refine`` are ignored: each point is computed
+        from its own start.
     port : int, optional
-        By default any that is free.
+        By default any free port.
     folder : Path, optional
-        Where the page saves configurations, by default the present one.
+        Where the page saves configurations, by default the current folder.
 
     Returns
     -------
     Explorer
-        The page, where it is the value of a cell in Jupyter; elsewhere, its ``address`` is for a
-        browser on this machine. ``close()`` ends it.
+        A running server. Jupyter shows it as the page itself if it is the value of a cell;
+        otherwise open its ``address`` in a browser on this machine. ``close()`` ends it.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     from sweeps.errors import Refused
 
     if config.points is not None:
-        raise Refused("the live picture is over axes, and the points are the rows of a table")
+        raise Refused("the live picture needs axes; this sweep has the rows of a table as points")
     try:
         import bokeh  # noqa: F401
     except ImportError:

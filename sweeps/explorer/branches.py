@@ -1,4 +1,4 @@
-"""The exact branches over the diagram: the lines and marks of the files' pictures."""
+"""The exact branches over the diagram, with the lines and marks of `plot --exact`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from sweeps.explorer.worker import Step
 from sweeps.interrupts import check
 from sweeps.plotting.style import VERMILION
 
-#: What there is to see, by the name in the legend: the dashes of a line, or a marker.
+#: The dash style of each line and the marker of each special point, by name in the legend.
 _LINES = {"exact orbits, stable": "solid", "exact orbits, unstable": "dashed"}
 _MARKERS = {"flip": "circle", "fold": "square", "graze": "triangle"}
 
-#: By the same names, the abscissas, the ordinates and the class of every piece or mark.
+#: Columns of data by the same names: abscissas, ordinates and class of every piece or mark.
 Parts = dict[str, dict[str, list[Any]]]
 
 
@@ -30,10 +30,10 @@ class Branches:
 
     def __init__(self, diagram: Diagram) -> None:
         self._diagram = diagram
-        #: What the branches depend on: those of the view, and those that were painted last.
+        #: The `_depends_on` of the view, and of the branches painted last.
         self._wanted: Any = None
         self._painted: Any = None
-        #: The branches that were found last, and the configuration of their points.
+        #: The branches found last, with the configuration of the points they start from.
         self._found: tuple[SweepConfig, xr.Dataset] | None = None
         figure = diagram.figure
         self.sources = {
@@ -54,12 +54,12 @@ class Branches:
         diagram.legend.items += self._items
 
     def show(self, view: View) -> None:
-        """Hide the branches of other oscillators."""
+        """Show the painted branches only if they belong to this view."""
         self._wanted = _depends_on(view)
         self._show_wanted()
 
     def steps(self, view: View, columns: int) -> list[Step]:
-        """Return the step that finds the branches, if they are wanted."""
+        """Return the step that finds the branches, if the view shows them."""
         if not view.exact or view.tab != DIAGRAM:
             return []
         config = view.diagram(columns)
@@ -67,14 +67,14 @@ class Branches:
         return [Step("exact branches", (config, view.ordinate), find, show)]
 
     def _find(self, view: View, config: SweepConfig) -> Parts:
-        """Follow the orbits of the diagram's points; return the coordinates of each part.
+        """Follow the branches from the points of the diagram; return the data of each part.
 
         Raises
         ------
         Refused
             If the orbits do not depend on the axis.
         """
-        from sweeps.plotting.exact import parts_of  # whose import takes a second
+        from sweeps.plotting.exact import parts_of  # this import takes a second
 
         if self._found is None or self._found[0] != config:
             dataset = dataset_of(config, config.grid.axes, numbers(config))
@@ -96,7 +96,7 @@ class Branches:
         self._show_wanted()
 
     def _show_wanted(self) -> None:
-        """Show the branches if they are those of the view, and name the parts that there are."""
+        """Show the branches if they belong to the view, with a legend of the existing parts."""
         wanted = self._wanted is not None and self._wanted == self._painted
         for item, source in zip(self._items, self.sources.values(), strict=True):
             item.visible = item.renderers[0].visible = wanted and bool(source.data["x"])
@@ -104,11 +104,11 @@ class Branches:
 
 
 def _nothing() -> Parts:
-    """Return what is seen of no branches."""
+    """Return the data for no branches: empty columns."""
     return {name: {"x": [], "y": [], "orbit": []} for name in (*_LINES, *_MARKERS)}
 
 
 def _depends_on(view: View) -> Any:
-    """Return what the branches in a window depend on, or None if no branches are wanted."""
+    """Return all that determines the shown branches, or None if the view shows none."""
     fixed = {name: value for name, value in view.values.items() if name != view.axis}
     return (view.axis, view.ordinate, fixed, view.record["phase"]) if view.exact else None

@@ -1,4 +1,4 @@
-"""The column of sliders, fields and choices beside the picture."""
+"""The column of sliders, fields and drop-down lists beside the picture."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from sweeps.plotting.labels import as_variable
 from vibroimpact.oscillator import PARAMETERS
 
 _WIDTH = 232
-#: As low as a screen of 400 pixels needs; titles stand beside the choices.
+#: Low enough for a screen of 400 pixels; titles stand beside the drop-down lists.
 _COMPACT = (
     ".bk-input { height: 22px; min-height: 22px; padding: 0 4px; font-size: 12px; }"
     "select.bk-input { padding-right: 18px; } label { min-width: 54px; }"
 )
 _BESIDE = ".bk-input-group { flex-direction: row; align-items: center; }"
-#: The fields of the record, and what they are.
+#: The fields of the record and their tooltips.
 _RECORD = {
     "transient": "forcing periods before anything is shown",
     "periods": "forcing periods that are shown first",
@@ -47,9 +47,9 @@ class Controls:
     ----------
     view : View
     change : callable
-        Is given a function from the present view to the one that is asked for.
+        Called with a function that maps the current view to the requested one.
     save : callable
-        Writes the configuration of what is shown.
+        Writes the configuration of the picture shown.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Controls:
         )  # fmt: skip
 
     def _choice(self, title: str, options: list[tuple[str, str]]) -> Select:
-        """Return a choice with its title."""
+        """Return a drop-down list with its title."""
         return Select(
             options=options, name=title, title=title, width=_WIDTH, margin=(1, 0, 1, 0),
             stylesheets=[_COMPACT, _BESIDE],
@@ -110,13 +110,13 @@ class Controls:
         return row(label, field, slider, spacing=2)
 
     def _record(self, name: str) -> LayoutDOM:
-        """Return the field of a number of the record."""
+        """Return the field of a value of the record."""
         return self._field(
             name, title=name, width=74, margin=(0, 0, 2, 0), description=_RECORD[name]
         )
 
     def _field(self, name: str, **look: Any) -> TextInput:
-        """Return a field for a number of the view."""
+        """Return a field for a number in the view."""
         field = TextInput(name=name, stylesheets=[_COMPACT], **look)
         connect(
             field,
@@ -128,7 +128,7 @@ class Controls:
         return field
 
     def show(self, view: View) -> None:
-        """Set every widget to a view."""
+        """Set every widget to the values of a view."""
         self.axis.value, self.ordinate.value = view.axis, view.ordinate
         self.exact.active = view.exact
         for name, value in view.values.items():
@@ -143,13 +143,13 @@ class Controls:
 
 
 def _message(name: str, colour: str) -> Div:
-    """Return the place of messages, which repeat what files, addresses and fields hold."""
+    """Return an element for messages; as plain text, since they quote files and user input."""
     styles = {"color": colour, "white-space": "pre-line", "overflow-wrap": "anywhere"}
     return Div(name=name, width=_WIDTH, text="", styles=styles, render_as_text=True)
 
 
 def meaning(name: str) -> str:
-    """Return the symbol of a parameter and what it is."""
+    """Return the symbol and the meaning of a parameter."""
     return f"{symbol(name)}: {PARAMETERS[name].meaning}"
 
 
@@ -159,5 +159,5 @@ def connect(
     change: Callable[[Callable[[View], View]], None],
     changed: Callable[[View, Any], View],
 ) -> None:
-    """Let a property of a model change the view; `changed` is given the view and the value."""
+    """Let a property of a model change the view to `changed(view, value)`."""
     model.on_change(name, lambda attr, old, new: change(lambda view: changed(view, new)))

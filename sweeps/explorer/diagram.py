@@ -32,26 +32,27 @@ from sweeps.explorer.worker import Step
 from sweeps.plotting.lines import count_pixels, widened
 from sweeps.plotting.style import DENSITY, LEAST_SHARE, STATUS_COLOURS, VERMILION
 
-#: The coarse picture has so many times fewer columns.
+#: Columns of the fine picture per column of the coarse one.
 _COARSER = 4
-#: The window of the ordinate before the first picture, which nobody else asks for.
+#: The window of the ordinate before the first picture: values that no user would choose.
 _UNSEEN = (-0.123456789, 0.123456789)
-#: Where there are fewer columns, two names stand side by side in the legend.
+#: Below this number of columns the legend has two columns.
 _NARROW = 480
-#: So many times the periods are recorded while nothing else is asked for.
+#: Factors of the recorded periods in successive pictures of an unchanged view.
 _RECORDS = (1, 4, 16, 64)
-#: The number of colours; 0 is no colour.
+#: Number of colours; 0 stands for no colour.
 _SHADES = 255
 
-#: Sets the window that fits a picture, unless the user has moved the one before it: only the
-#: browser knows that at once, and the server need not know. Then says which picture is on the
-#: screen: what is drawn in one frame is there in the next.
+#: Sets the window that fits a picture, unless the user has moved the window before. Only the
+#: browser knows that at once, and the server need not know. Then reports which picture is on the
+#: screen: a picture drawn in one frame is visible in the next.
 _PAINTED = """
 const number = pixels.data.number[0], [before, [start, end]] = pixels.data.fit[0];
 if (y.start === before[0] && y.end === before[1]) y.setv({start, end}, {sync: false});
 requestAnimationFrame(() => requestAnimationFrame(() => {painted.value = number}));
 """
-#: Undo of the first zoom, and reset, go back to the window before the first picture.
+#: Undoing the first zoom, and reset, restore the window before the first picture; this script
+#: replaces it by the window that fits the points.
 _RESET = f"""
 if (y.start === {_UNSEEN[0]} && y.end === {_UNSEEN[1]} && pixels.data.fit !== undefined) {{
   const [start, end] = pixels.data.fit[0][1];
@@ -61,24 +62,24 @@ if (y.start === {_UNSEEN[0]} && y.end === {_UNSEEN[1]} && pixels.data.fit !== un
 
 
 def numbers(config: SweepConfig) -> Results:
-    """Compute all points of a configuration, the same numbers as a run of it."""
+    """Compute all points of a configuration, with the same results as a run."""
     grid = config.grid
     return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
 
 
 def ramp() -> list[str]:
-    """Return the colours of the shares, from the least to 1; the same as in the files' pictures."""
+    """Return the colours of the shares from the least to 1, the same as those of `plot`."""
     return list(interp_palette(DENSITY, _SHADES))
 
 
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
-    """Return what a diagram shows of each point, shape (n, width); NaN where nothing."""
+    """Return the ordinates of each point, shape (n, width); NaN where there is none."""
     values = recorded_coordinate(dataset_of(config, config.grid.axes, results), ordinate).values
     return np.where(has_result(results["status"])[:, None], values, np.nan)
 
 
 def fitted(values: np.ndarray) -> Window:
-    """Return a window that holds all values, with a margin of a twentieth."""
+    """Return a window that holds all values, with a margin of 5 % on each side."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.0, 1.0
@@ -90,7 +91,7 @@ def fitted(values: np.ndarray) -> Window:
 
 
 def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
-    """Return the share of each column's points in each pixel, as the number of its colour.
+    """Return the number of each pixel's colour: the share of its column's values in that pixel.
 
     Parameters
     ----------
@@ -102,8 +103,8 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
     Returns
     -------
     ndarray of uint8, shape (rows, columns)
-        From 1 for ``LEAST_SHARE`` on a logarithmic scale to 255 for all; 0 where there is none.
-        A value is drawn two pixels wide and high: the line of a periodic motion is to be seen.
+        1 for ``LEAST_SHARE`` or less, 255 for all values, logarithmic between; 0 without values.
+        A value is drawn two pixels wide and high, so that the line of a periodic motion is visible.
     """
     columns = len(values)
     counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
@@ -130,7 +131,7 @@ class Shown:
         Of the ordinate.
     pixels : ndarray of uint8, shape (rows, columns)
     seconds : float
-        That the numbers took.
+        Time to compute the results.
     """
 
     view: View
@@ -142,24 +143,24 @@ class Shown:
 
     @property
     def values(self) -> np.ndarray:
-        """Those of the axis."""
+        """The values of the axis."""
         return self.config.grid.axes[self.view.axis]
 
 
 class Diagram(PixelFigure):
-    """The figure, its picture, the mark, and the points that failed; `report` as for its base."""
+    """The figure with its picture, the mark and the failed points; `report` as in `PixelFigure`."""
 
     def __init__(self, report: Report) -> None:
         super().__init__("diagram", report)
-        #: The last picture that was computed.
+        #: The picture computed last.
         self.kept: Shown | None = None
-        #: The windows of the ordinate that held all points, the newest last.
+        #: The windows that fitted all points along the ordinate, the newest last.
         self.fitted: list[Window] = [_UNSEEN]
-        #: The ordinate of the view and its window, None for that of the points.
+        #: The ordinate of the view and its window; None for the window that fits the points.
         self._ordinate: tuple[str, Window | None] = ("", None)
         self.figure.xgrid.grid_line_alpha = self.figure.ygrid.grid_line_alpha = 0.4
         self.set_colours(ramp())
-        #: The number of the picture that the browser has painted last, and that was sent last.
+        #: The numbers of the picture that the browser painted last and of the one sent last.
         self.painted, self.sent = NumericInput(visible=False, value=0), 0
         y = self.figure.y_range
         models = {"pixels": self.source, "painted": self.painted, "y": y}
@@ -173,7 +174,7 @@ class Diagram(PixelFigure):
         self.figure.add_layout(self.mark)
 
     def _new_strips(self) -> dict[Any, tuple[ColumnDataSource, LegendItem]]:
-        """Return the marks of failed points, in a strip at the bottom, by outcome."""
+        """Return the marks of failed points by outcome, in a strip at the bottom."""
         self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
         strips, items = {}, []
         for outcome, colour in STATUS_COLOURS.items():
@@ -200,17 +201,17 @@ class Diagram(PixelFigure):
         self.mark.update(location=view.values[view.axis], visible=view.marked, editable=view.marked)
 
     def move(self, across: float, upwards: float, size: float) -> None:
-        """Move the window, or make it smaller or greater, from what the browser has fitted."""
+        """Move or scale the window, starting from the one that the browser has fitted."""
         if self.windows[1] in self.fitted:
             set_range(self.figure.y_range, self.fitted[-1])
         super().move(across, upwards, size)
 
     def steps(self, view: View) -> list[Step]:
-        """Return the steps that draw a view: coarse at once, then fine, then ever denser."""
+        """Return the steps that draw a view: first coarse, then fine, then with more periods."""
         columns, rows = self.resolution
         configs = self.configurations(view)
         kept = None if self.kept is None else self.kept.config
-        if kept in configs:  # what was computed is not thrown away
+        if kept in configs:  # continue from the results computed last
             configs = configs[configs.index(kept) :]
         else:
             configs = [view.diagram(max(LEAST, columns // _COARSER)), *configs]
@@ -221,9 +222,9 @@ class Diagram(PixelFigure):
         ]
 
     def configurations(self, view: View) -> list[SweepConfig]:
-        """Return that of the view, and those that record on, as far as there is memory.
+        """Return the configuration of the view, and those with longer records that fit into memory.
 
-        Raises StoreError if there is not enough memory for the first.
+        Raises StoreError if there is not enough memory for the first one.
         """
         columns, configs = self.resolution[0], list[SweepConfig]()
         for times in _RECORDS:
@@ -239,13 +240,13 @@ class Diagram(PixelFigure):
         return configs
 
     def finest(self, view: View) -> SweepConfig:
-        """Return the configuration of what is seen, or will be seen first."""
+        """Return the configuration of the picture shown last, or of the one to be shown first."""
         configs = self.configurations(view)
         kept = None if self.kept is None else self.kept.config
         return kept if kept in configs else configs[0]
 
     def _draw(self, view: View, config: SweepConfig, rows: int) -> Shown:
-        """Compute a picture; only the pixels, where the numbers are those of the last."""
+        """Compute a picture; if the configuration is the last one, only its pixels."""
         kept = self.kept
         begin = perf_counter()
         if kept is not None and kept.config == config:
@@ -265,7 +266,7 @@ class Diagram(PixelFigure):
         self.sent += 1
         edges = outer_edges(shown.values, shown.view.axis in shown.view.log)
         before = self.fitted[-1]
-        # A picture of an older view may come after the window of a newer one was set.
+        # A picture of an older view may arrive after the window of a newer view was set.
         fits = shown.view.ylim is None and (shown.view.ordinate, None) == self._ordinate
         if fits and shown.window != before:
             self.fitted.append(shown.window)
@@ -281,5 +282,5 @@ class Diagram(PixelFigure):
         self._report(shown.config, len(shown.values), shown.seconds, seconds)
 
     def show_legend(self) -> None:
-        """Show the legend if it has anything to say."""
+        """Show the legend if it has a visible item."""
         self.legend.visible = any(item.visible for item in self.legend.items)

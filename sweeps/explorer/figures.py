@@ -1,4 +1,4 @@
-"""What the figures of the page have in common: words, axes, and a picture of pixels."""
+"""Common parts of the figures of the page: labels, axes and a picture made of pixels."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from sweeps.explorer.view import View, Window, bounds
 from sweeps.plotting.labels import as_variable, label
 from sweeps.plotting.lines import cell_edges
 
-#: Is given the configuration of a picture, its computed points, the seconds that their numbers
-#: took, and those in all.
+#: Called with the configuration of a picture, its number of computed points, the seconds to compute
+#: them, and the seconds in total.
 Report = Callable[[SweepConfig, int, float, float], None]
 
 _CLEAR = "#00000000"
-#: A picture has no fewer columns and rows, and no more are computed.
+#: Fewest and most columns and rows of a picture.
 LEAST, _MOST = 16, 4096
-#: A label may be longer than its axis by what is beside the canvas [px].
+#: A label may be longer than its axis by the space beside the canvas [px].
 _BESIDE = 40.0
-#: The page has no formulas: they would need a typesetter of a megabyte.
+#: Unicode in place of TeX: a typesetter of formulas would add a megabyte to the page.
 _LETTERS = {
     r"\omega": "ω", r"\sigma": "σ", r"\lambda": "λ", r"\pi": "π", r"\dot{x}^{-}": "ẋ⁻",
     r"\dot{x}": "ẋ", r"\mathrm{mod}": "mod", r"\approx": "≈", "~": " ", "\t": "", "_0": "₀",
@@ -44,21 +44,21 @@ _LETTERS = {
 
 
 def plain(text: str) -> str:
-    """Return a text without the marks of its formulas."""
+    """Replace the TeX formulas in a text by Unicode letters."""
     for formula, letters in _LETTERS.items():
         text = text.replace(formula, letters)
     return text
 
 
 def symbol(name: str) -> str:
-    """Return the symbol of a parameter or of a variable of the file."""
+    """Return the symbol of a parameter or of a result as Unicode text."""
     return plain(as_variable(name).attrs["symbol"])
 
 
 def axis_label(name: str, units: Mapping[str, str], pixels: float = math.inf) -> str:
-    """Return the meaning, the symbol and the unit of a parameter or of a variable of the file.
+    """Return the meaning, the symbol and the unit of a parameter or of a result.
 
-    Where they need more pixels than there are, the meaning is left out.
+    If the label needs more than `pixels`, the meaning is left out.
     """
     variable = as_variable(name, units)
     text = plain(label(variable))
@@ -66,15 +66,15 @@ def axis_label(name: str, units: Mapping[str, str], pixels: float = math.inf) ->
 
 
 class PixelFigure:
-    """A figure with the tools that all pictures have.
+    """A figure with the tools common to all pictures.
 
     Parameters
     ----------
     name : str
     report : Report
-        Is called when a picture is shown.
+        Called when a picture is shown.
     x_range : Range1d, optional
-        That of another figure, with which this one shares its abscissa.
+        The range of another figure, to share its abscissa.
     """
 
     def __init__(self, name: str, report: Report, x_range: Range1d | None = None) -> None:
@@ -85,9 +85,9 @@ class PixelFigure:
             sizing_mode="stretch_both", min_height=120, lod_threshold=None,
         )  # fmt: skip
         self.figure.toolbar.logo = None
-        #: What the tab of the figure shows.
+        #: The content of the tab of this figure.
         self.layout: LayoutDOM = self.figure
-        #: Columns and rows of the canvas; 0 as long as the browser has not said.
+        #: Columns and rows of the canvas; 0 until the browser reports them.
         self.size = (0, 0)
         columns: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
         self.source = ColumnDataSource(columns, name=f"{name} pixels")
@@ -95,24 +95,24 @@ class PixelFigure:
         self.figure.image("image", color_mapper=self._colours, source=self.source, level="image")
 
     def resize(self, side: str, pixels: int) -> None:
-        """Take the width or the height that the browser gives the canvas."""
+        """Set the width or the height of the canvas, as the browser reports it."""
         columns, rows = self.size
         self.size = (pixels, rows) if side == "inner_width" else (columns, pixels)
 
     @property
     def resolution(self) -> tuple[int, int]:
-        """Columns and rows that are computed."""
+        """Number of columns and rows to compute."""
         columns, rows = (min(max(size, LEAST), _MOST) for size in self.size)
         return columns, rows
 
     @property
     def windows(self) -> tuple[Window, Window]:
-        """Those of the figure."""
+        """The windows of the abscissa and of the ordinate."""
         x, y = self.figure.x_range, self.figure.y_range
         return (x.start, x.end), (y.start, y.end)
 
     def set_axis(self, side: str, name: str, view: View, window: Window) -> None:
-        """Set axis x or y: its label, if there is room, its window, and what this may hold."""
+        """Set the label, the scale, the window and the bounds of axis x or y."""
         axis, log, allowed = getattr(self.figure, f"{side}axis"), name in view.log, None
         if name in view.values:
             allowed = bounds(name, view.values)
@@ -125,7 +125,7 @@ class PixelFigure:
         set_range(getattr(self.figure, f"{side}_range"), window, allowed)
 
     def move(self, across: float, upwards: float, size: float) -> None:
-        """Move the window by shares of it, and make it smaller or greater about its middle."""
+        """Move the window by fractions of its width and height, and scale it about its centre."""
         figure = self.figure
         sides = (figure.x_range, figure.x_scale, across), (figure.y_range, figure.y_scale, upwards)
         for model, scale, by in sides:
@@ -139,7 +139,7 @@ class PixelFigure:
                 model.update(start=start, end=end)
 
     def set_colours(self, colours: Sequence[str]) -> None:
-        """Set the colours of the pixels from 1 on; 0 has none."""
+        """Set the colours of the pixel values 1, 2, ...; 0 is transparent."""
         self._colours.update(palette=[_CLEAR, *colours], low=-0.5, high=len(colours) + 0.5)
 
     def set_pixels(self, pixels: np.ndarray, x: Window, y: Window, **columns: list[Any]) -> None:
@@ -149,15 +149,15 @@ class PixelFigure:
 
 
 def outer_edges(values: np.ndarray, log: bool) -> Window:
-    """Return the ends of the cells around increasing values."""
+    """Return the outer edges of the first and the last cell around increasing values."""
     low, *_, high = cell_edges(values, log).tolist()
     return low, high
 
 
 def set_range(model: Range1d, window: Window, allowed: Any = None) -> None:
-    """Set a range and what it may hold.
+    """Set a range and its bounds.
 
-    The browser would cut the window of a new axis to what the old one may hold.
+    The old bounds are removed first: the browser would clip the window of a new axis to them.
     """
     if model.bounds != allowed:
         model.bounds = None

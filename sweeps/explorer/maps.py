@@ -1,4 +1,4 @@
-"""The maps of the page: classes over two parameters, and basins over the starts."""
+"""The maps of the page: classes over two parameters, and basins of attraction over the starts."""
 
 from __future__ import annotations
 
@@ -25,41 +25,41 @@ from sweeps.explorer.view import BASINS, View
 from sweeps.explorer.worker import Step
 from vibroimpact.status import Status
 
-#: Of the columns and of the rows, every so many are computed first, then those between them. Each
-#: is an odd multiple of the next, so that the middle of a cell is the middle of a smaller one.
+#: Distances between the columns (and rows) computed in each pass, from coarse to fine. Each is an
+#: odd multiple of the next, so that the middle of a cell is also the middle of a smaller cell.
 _STRIDES = (27, 9, 3, 1)
-#: A map is shown at least so often until it is complete.
+#: A map is shown at least this many times until it is complete.
 _SHOWN = 20
-#: A legend of more lines, and wider, where the page is narrow and high enough.
+#: A higher and wider legend for pages that are narrow and high enough.
 _HIGHER = (
     "@media (max-width: 700px) and (min-height: 600px) { :host {"
     "flex: 0 0 88px !important; height: 88px !important;"
     "width: calc(100% - 16px) !important; margin-left: 8px !important; } }"
 )
-#: Of a disc: x and v of its centre, and its size along these.
+#: The columns of a disc: x and v of its centre, and its size along each.
 _DISC = ("x", "y", "width", "height")
 Disc = tuple[float, float, float, float]
-#: What the classes of the points follow from.
+#: The results that determine the classes of the points.
 _OF_CLASSES = ("status", "rest_fraction", "period", "period_impacts", "lyapunov")
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """A map as far as it is computed.
+    """A map, complete or partly computed.
 
     Attributes
     ----------
     config : SweepConfig
     kinds : list of (str, str, float)
-        What there is: its label, its colour and its share of the points.
+        Label, colour and share of the computed points, for each kind of motion or outcome.
     pixels : ndarray of uint8, shape (rows, columns)
-        1 + the number of the kind; a point that is not computed yet has that of one beside it.
+        1 + the index of the kind; a point not computed yet has the value of a point beside it.
     discs : list of Disc
-        The largest in complete basins.
+        The largest disc in each basin, once the map is complete.
     points : int
-        That were computed.
+        Number of computed points.
     seconds : float
-        That their numbers took.
+        Time to compute their results.
     """
 
     config: SweepConfig
@@ -78,28 +78,28 @@ class Filling:
     config : SweepConfig
         Over two axes.
     x : str
-        The axis that is the abscissa.
+        The axis on the abscissa.
     basins : bool
-        Whether the points are starts, to be put into the basins of their attractors.
+        Whether the points are starts, to be assigned to the basins of their attractors.
     """
 
     def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
         self.config, self._x, self._basins = config, x, basins
         levels = np.maximum.outer(*map(_levels, config.grid.shape)).ravel()
-        #: The numbers of the points in the order in which they are computed.
+        #: The numbers of the points in the order of their computation.
         self._order = np.argsort(levels, kind="stable")
         every = -(-levels.size // _SHOWN)
-        #: How many points are computed each time that the map is shown.
+        #: Numbers of computed points at which the map is shown.
         self.stops = sorted({*np.cumsum(np.bincount(levels)), *range(every, levels.size, every)})
         self._done, self._seconds = 0, 0.0
         self._kept = {"status": np.full(levels.size, Status.PENDING)}
-        #: The attractors of the starts, the results of a start on each, and that of each start.
+        #: The attractors found, the results of one start on each, and the attractor of each start.
         self._found: list[Row] = []
         self._on_each: Results = {}
         self._reached = np.full(levels.size, -1)
 
     def advance(self, stop: int) -> Tiles:
-        """Compute points until there are so many, on from where it was cancelled before."""
+        """Continue until `stop` points are computed, also after an earlier call was cancelled."""
         while self._done < stop:
             size = block_size(self.config, least=stop - self._done)
             at = self._order[self._done : min(self._done + size, stop)]
@@ -116,10 +116,10 @@ class Filling:
         return self._tiles()
 
     def _group(self, at: np.ndarray, results: Results) -> None:
-        """Put starts into the basins of the attractors that were found before, and of new ones."""
+        """Assign starts to the attractors found before, or to new ones."""
         known = {name: self._on_each.get(name, values[:0]) for name, values in results.items()}
         both = {name: np.concatenate([known[name], values]) for name, values in results.items()}
-        nowhere = {"x0": np.zeros(len(both["status"]))}  # their values are not needed
+        nowhere = {"x0": np.zeros(len(both["status"]))}  # the values are not needed
         starts = dataset_of(self.config, nowhere, both).assign_coords(v0=0.0)
         result = attractors(starts, extensions=0)
         self._found = sorted(rows(starts, result), key=lambda row: row.number)
@@ -130,7 +130,7 @@ class Filling:
         self._on_each = {name: values[kept] for name, values in both.items()}
 
     def _tiles(self) -> Tiles:
-        """Put the points into kinds as the files' pictures do."""
+        """Colour the computed points by the kinds that `plot` uses."""
         from sweeps.plotting.attractors import attractor_cells
         from sweeps.plotting.maps import Cells, failed_cells, period_cells
 
@@ -154,7 +154,7 @@ class Filling:
         return Tiles(self.config, kinds, pixels, discs, self._done, self._seconds)
 
     def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
-        """Return the largest disc in a basin, and its radius in words."""
+        """Return the largest disc in a basin, and its radius as text."""
         grid = self.config.grid
         basin = basin.reshape(grid.shape)
         basin = basin if next(iter(grid.axes)) == "x0" else basin.T
@@ -165,7 +165,7 @@ class Filling:
         return disc, f"disc {'>= ' if at_edge else ''}{radius:.3g}"
 
     def _ranked(self) -> Iterator[tuple[Row, int]]:
-        """Yield the attractors with their shares, the greatest first, and the places they had."""
+        """Yield the attractors by decreasing share, renumbered, with their indices in `_found`."""
         counts = np.bincount(self._reached + 1, minlength=len(self._found) + 1)[1:]
         order = np.argsort(-counts, kind="stable").tolist()
         numbered = sorted(order, key=lambda i: self._found[i].regime is not Regime.PERIODIC)
@@ -175,12 +175,12 @@ class Filling:
 
 
 def _middles(size: int, stride: int) -> np.ndarray:
-    """Return the middle of every cell of so many columns."""
+    """Return the middle of every cell of `stride` columns."""
     return np.minimum(np.arange(stride // 2, size + stride // 2, stride), size - 1)
 
 
 def _levels(size: int) -> np.ndarray:
-    """Return the number of the first stride that computes each of so many columns."""
+    """Return, for each of `size` columns, the index of the first stride that computes it."""
     levels = np.empty(size, int)
     for level in reversed(range(len(_STRIDES))):
         levels[_middles(size, _STRIDES[level])] = level
@@ -188,7 +188,7 @@ def _levels(size: int) -> np.ndarray:
 
 
 def _filled(pixels: np.ndarray) -> np.ndarray:
-    """Give the pixels that are 0 the value at the middle of the least cell that has one."""
+    """Fill pixels that are 0 from the middle of the smallest cell around them with a value."""
     filled = np.zeros_like(pixels)
     for stride in _STRIDES:
         at = (_middles(size, stride)[np.arange(size) // stride] for size in pixels.shape)
@@ -203,7 +203,7 @@ class Map(PixelFigure):
     Parameters
     ----------
     name : str
-        Of the figure.
+        The name of the figure.
     tab : int
         ``MAP`` or ``BASINS``.
     report, x_range
@@ -213,7 +213,7 @@ class Map(PixelFigure):
     def __init__(self, name: str, tab: int, report: Report, x_range: Range1d | None = None) -> None:
         super().__init__(name, report, x_range)
         self._name, self._tab = name, tab
-        #: The map of the last view.
+        #: The points of the last view, partly or completely computed.
         self.filling: Filling | None = None
         self.figure.grid.visible = False
         self._marks = [Span(dimension=way, line_color="white") for way in ("height", "width")]
@@ -223,13 +223,13 @@ class Map(PixelFigure):
         look = {"fill_alpha": 0.0, "line_color": "black"}
         self.figure.ellipse(*_DISC, source=self.discs, **look)
         self.legend = Div(name=f"{name} legend", text="", sizing_mode="stretch_width")
-        # Its height stays, since a point is computed for every pixel of the figure.
+        # Its height is fixed: a different height of the figure would need other points.
         self.legend.update(margin=(0, 8, 4, 60), height=36, styles={"overflow-y": "auto"})
         self.legend.stylesheets = [_HIGHER]
         self.layout = column(self.figure, self.legend, sizing_mode="stretch_both")
 
     def resize(self, side: str, pixels: int) -> None:
-        """Take a greater size; where there are fewer pixels, a finer picture need not change."""
+        """Set the size if it is greater; with fewer pixels the finer picture is kept."""
         super().resize(side, max(pixels, self.size[side == "inner_height"]))
 
     def show(self, view: View) -> None:
@@ -250,7 +250,7 @@ class Map(PixelFigure):
         return [Step(self._name, (config, n), partial(advance, n), show) for n in stops]
 
     def finest(self, view: View) -> SweepConfig:
-        """Return the configuration of the whole picture, a point for every pixel."""
+        """Return the configuration of the complete map, with a point for every pixel."""
         return view.tiles(self._tab, *self.resolution)
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:

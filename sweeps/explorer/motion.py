@@ -1,4 +1,4 @@
-"""The motion at the mark: its time history, its phase plane, and its class in words."""
+"""The motion at the mark: its time history, its phase portrait, and a text with its class."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, ORANGE, REGIMES
 from vibroimpact.status import Status
 
-#: Forcing periods that are drawn: of a periodic motion two repetitions, within these limits.
+#: Forcing periods drawn: two repetitions of a periodic motion, within these limits.
 _FEWEST, _MOST = 4, 32
+#: Forcing periods drawn of other motions.
 _UNREPEATED = 12
 
 
 class Drawn(NamedTuple):
     """A motion to draw.
 
-    Its `text` has its class, and its multipliers or exponents. Its `line` and its `impacts`, shape
-    (3, n), are the time from a passage of the section on, the displacement and the velocity.
+    `text` gives its class with its Floquet multipliers or Lyapunov exponents. `line` and `impacts`,
+    shape (3, n), hold time, displacement and velocity; the time starts at a section.
     """
 
     text: str
@@ -43,7 +44,7 @@ class Drawn(NamedTuple):
 
 
 def motion_at(view: View) -> Drawn:
-    """Compute the motion at the mark, and the periods that follow its last section."""
+    """Compute the motion at the mark, for some periods after its last recorded section."""
     config = view.point()
     point = dataset_of(config, {}, numbers(config))
     nothing = np.empty((3, 0)), np.empty((3, 0))
@@ -61,7 +62,7 @@ def motion_at(view: View) -> Drawn:
 
 
 def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
-    """Return the forcing periods of a repetition, 0 for none, and what is known of the motion."""
+    """Return the forcing periods per repetition (0: not periodic) and a text on the motion."""
     motion, phase = Regime(int(classify(point))), config_of(point).record.phase
     m, q = int(point["period"]), int(point["period_impacts"])
     orbit = None
@@ -88,12 +89,12 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
 
 
 class MotionPanel:
-    """The two figures below the picture, and the words above them.
+    """The two figures below the picture, and the text above them.
 
     Parameters
     ----------
     close : callable
-        Takes the mark away.
+        Removes the mark.
     """
 
     def __init__(self, close: Callable[[], None]) -> None:
@@ -114,7 +115,7 @@ class MotionPanel:
             panel.line(x, y, source=self.line, color=BLUE, line_width=1.2)
             panel.scatter(x, y, source=self.impacts, color=ORANGE, size=5)
             panel.add_layout(stop)
-            panel.xaxis.ticker.desired_num_ticks = 4  # more collide where the page is narrow
+            panel.xaxis.ticker.desired_num_ticks = 4  # more would overlap on a narrow page
             self._panels.append(panel)
         closing = Button(label="close (Esc)", width=90, height=24, margin=(0, 8, 0, 0))
         closing.on_click(close)
@@ -133,12 +134,12 @@ class MotionPanel:
             panel.yaxis.axis_label = axis_label(upwards, view.units, 0)
 
     def steps(self, view: View) -> list[Step]:
-        """Return the step that computes the motion, if it is to be seen."""
+        """Return the step that computes the motion, if the view shows it."""
         compute, show = partial(motion_at, view), partial(self._paint, view)
         return [Step("motion", view.point(), compute, show)] if view.shows_motion else []
 
     def _paint(self, view: View, drawn: Drawn, seconds: float) -> None:
-        """Show a motion, the stop and what is known of both."""
+        """Show a motion, the stop and the text."""
         for source, rows in ((self.line, drawn.line), (self.impacts, drawn.impacts)):
             source.data = dict(zip("txv", rows, strict=True))
         clearance = view.values["clearance"]

@@ -1,4 +1,4 @@
-"""The page: what is looked at, the thread that computes it, and the models that show it."""
+"""The page: its view, the thread that computes the pictures, and the models that show them."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _ENDED = (
     "<b>vibroimpact explore has ended</b>, or the connection to it is lost: what is shown stays as "
     "it is. Start it again in a terminal."
 )
-#: The name in the address of what lets a browser in.
+#: The name of the secret in the address, without which the server refuses a browser.
 SECRET = "token"
-#: Time in which the four ends of a window arrive [ms].
+#: Time to wait for all four ends of a window [ms].
 _GATHER = 8
 _TABS = ("diagram", "map of classes", "basins")
-#: What a key does to the window: by which shares it moves, and how much greater it is then.
+#: Effect of a key on the window: shifts as fractions of its width and height, and scale factor.
 _MOVES = {
     "ArrowLeft": (-0.1, 0.0, 1.0),
     "ArrowRight": (0.1, 0.0, 1.0),
@@ -47,7 +47,7 @@ _MOVES = {
     "+": (0.0, 0.0, 0.5),
     "-": (0.0, 0.0, 2.0),
 }
-#: Sends every key, with a number so that no two are alike, unless a widget has a use for it.
+#: Sends every key that no widget uses; a counter makes each value different from the last.
 _LISTEN = """
 document.getElementById("opening")?.remove();
 let number = 0;
@@ -57,15 +57,15 @@ window.addEventListener("keydown", (event) => {
   if (KEYS.includes(event.key)) { event.preventDefault(); to.value = `${++number} ${event.key}`; }
 });
 """.replace("KEYS", str([*_MOVES, "Home", "Escape"]))
-#: A word is there before the scripts, which the browser reads for a second. Without an icon a
-#: browser asks for one, again whenever the address changes, and Tornado logs each refusal.
+#: Shows a text while the browser loads the scripts, for about a second. Without an icon a browser
+#: requests one whenever the address changes, and Tornado logs each refusal.
 _TEMPLATE = """
 {% extends "BASE" %}
 {% block preamble %}<link rel="icon" href="data:,">{% endblock %}
 {% block js_resources %}{% endblock %}
 {% block contents %}<p id="opening">vibroimpact explore is opening …</p>
 {{ bokeh_js }}{{ super() }}{% endblock %}
-""".replace("BASE", FILE.name)  # named otherwise in other versions of Bokeh
+""".replace("BASE", FILE.name)  # its name depends on the version of Bokeh
 
 
 class LivePage:
@@ -74,11 +74,11 @@ class LivePage:
     Parameters
     ----------
     document : Document
-        An empty one.
+        An empty document.
     home : View
-        The view that the page opens with, and returns to on a reset.
+        The view of the page when it opens and after a reset.
     folder : Path
-        Where configurations are saved.
+        Where the page saves configurations.
     """
 
     def __init__(self, document: Document, home: View, folder: Path) -> None:
@@ -130,7 +130,7 @@ class LivePage:
         return Tabs(tabs=panels, sizing_mode="stretch_both", name="tabs")
 
     def _connect(self) -> None:
-        """Let the figure, the address and the connection change what is shown."""
+        """Connect the figures, the address, the keys and the connection to the page."""
         document, figures = self.document, [picture.figure for picture in self._pictures]
         ranges = {r.id: r for plot in figures for r in (plot.x_range, plot.y_range)}
         for model in ranges.values():
@@ -151,12 +151,12 @@ class LivePage:
             self.change,
             lambda view, location: view.moved(**{view.axis: float(location)}),
         )
-        document.config.notify_connection_status = False  # the page has words of its own
+        document.config.notify_connection_status = False  # the page shows its own message
         document.on_session_destroyed(lambda _: self.worker.shutdown())
         document.add_periodic_callback(self._show_progress, 200)
         self._key.on_change("value", self._pressed)
         document.js_on_event(DocumentReady, CustomJS(args={"to": self._key}, code=_LISTEN))
-        # The address holds the view: it is read when the page opens, and follows the view.
+        # The address holds the view: the page reads it when it opens, then keeps it up to date.
         connect(self._address, "value", self.change, View.with_query)
         read = CustomJS(args={"to": self._address}, code="to.value = location.search")
         write = (
@@ -170,7 +170,7 @@ class LivePage:
             document.js_on_event(event, CustomJS(args={"div": self._ended}, code=code))
 
     def change(self, changed: Callable[[View], View]) -> None:
-        """Show another view, or say why there is none; nothing while a view is being shown."""
+        """Show another view, or why it is refused; ignored while the widgets are being set."""
         if self._showing:
             return
         try:
@@ -187,7 +187,7 @@ class LivePage:
         self.controls.error.text = text
 
     def _show(self) -> None:
-        """Set all parts of the page to the view, and ask for its pictures."""
+        """Set all parts of the page to the view, and request its pictures."""
         self._showing = True
         for part in (self.controls, *self._pictures, self.branches, self.motion):
             part.show(self.view)
@@ -201,10 +201,10 @@ class LivePage:
         self._compute()
 
     def _compute(self) -> None:
-        """Ask for the pictures of the view, once the size of the page is known."""
+        """Request the pictures of the view, once the size of the page is known."""
         if not all(self._picture.size):
             return
-        # A browser that is given more than it can paint falls behind.
+        # A browser that receives pictures faster than it paints them falls behind.
         self._waiting = self.diagram.painted.value < self.diagram.sent
         self.worker.ask([] if self._waiting else self._steps())
 
@@ -213,7 +213,7 @@ class LivePage:
             self._compute()
 
     def _steps(self) -> list[Step]:
-        """Return what the open tab shows of the view, the quickest first; nothing if too large."""
+        """Return the steps of the open tab, the fastest first; none if they exceed the memory."""
         view = self.view
         try:
             first, *finer = self._picture.steps(view)
@@ -221,16 +221,16 @@ class LivePage:
             self._refuse(str(error))
             return []
         branches = self.branches.steps(view, self.diagram.resolution[0])
-        # After the first two the picture only becomes denser, or a map finer.
+        # Later steps only make a diagram denser, or a map finer.
         return [first, *self.motion.steps(view), *finer[:1], *branches, *finer[1:]]
 
     def _resized(self, picture: Diagram | Map, attr: str, old: int, new: int) -> None:
         picture.resize(attr, new)
-        picture.show(self._as_zoomed(self.view))  # there may be room for longer labels
+        picture.show(self._as_zoomed(self.view))  # longer labels may fit now
         self._compute()
 
     def _pressed(self, attr: str, old: str, new: str) -> None:
-        """Do what a key stands for."""
+        """Carry out the action of a key."""
         key = new.partition(" ")[2]
         if key in _MOVES:
             self._picture.move(*_MOVES[key])
@@ -240,23 +240,23 @@ class LivePage:
             self._close()
 
     def _close(self) -> None:
-        """Take the mark and its motion away."""
+        """Remove the mark and its motion."""
         self.change(lambda view: replace(view, marked=False))
 
     def _ranges_changed(self, attr: str, old: Any, new: Any) -> None:
-        """Read the window once, when all four ends of it are there: they come one by one."""
+        """Read the window once all four ends have arrived: the browser sends them one by one."""
         if not self._showing and not self._reading:
             self._reading = True
             self.document.add_timeout_callback(self._read_ranges, _GATHER)
 
     def _read_ranges(self) -> None:
-        """Show the view of the windows that the browser has."""
+        """Show the view with the windows of the browser."""
         self._reading = False
         if self._as_zoomed(self.view) != self.view:
             self.change(lambda view: view)
 
     def _as_zoomed(self, view: View) -> View:
-        """Return a view with the window that the figure has."""
+        """Return a view with the windows of the figures."""
         xlim, ylim = self.diagram.windows
         fits = ylim in self.diagram.fitted
         (_, maplim), (x0lim, v0lim) = self.map.windows, self.basins.windows
@@ -264,7 +264,7 @@ class LivePage:
         return replace(view, maplim=maplim, x0lim=x0lim, v0lim=v0lim)
 
     def _at_home(self, view: View) -> View:
-        """Return the view with the windows that the open tab began with."""
+        """Return the view with the original windows of the open tab."""
         home = self.home
         if view.tab == BASINS:
             return replace(view, x0lim=home.x0lim, v0lim=home.v0lim).moved(**view.values)
@@ -279,7 +279,7 @@ class LivePage:
         return replace(view, xlim=xlim, maplim=home.maplim if unchanged else view.maplim)
 
     def _tapped(self, event: Tap) -> None:
-        """Mark what was clicked on; from a map of classes, show the diagram through it."""
+        """Mark the clicked point; on the map of classes, also show the diagram through it."""
         if event.x is None or event.y is None:
             return
         view, x, y = self.view, float(event.x), float(event.y)
@@ -296,7 +296,7 @@ class LivePage:
         self.change(lambda view: replace(clicked, marked=True))
 
     def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
-        """Say how many points of a picture were computed, and how fast."""
+        """Show the number of computed points of a picture, and the speed."""
         of = "" if points == config.grid.size else f" of {config.grid.size:,}"
         periods = points * (config.record.transient + config.record.periods)
         self._rate = self.controls.status.text = (
@@ -306,8 +306,8 @@ class LivePage:
         )
 
     def _show_progress(self) -> None:
-        """Say since when a step has been computed, and that the first one compiles."""
-        if self._waiting:  # a window that is hidden paints nothing
+        """Show how long the current step has taken, and that a first step compiles."""
+        if self._waiting:  # a hidden browser window paints nothing
             self._waiting = False
             self.worker.ask(self._steps())
         name, first, begin = self.worker.busy or ("", False, math.inf)
@@ -318,7 +318,7 @@ class LivePage:
             self.controls.status.text = self._rate
 
     def _save(self) -> None:
-        """Write the configuration of what is seen, and say where."""
+        """Write the configuration of the picture, and show the path."""
         try:
             path = write_yaml(self.view, self._picture.finest(self.view), self.folder)
         except SweepError as error:
@@ -329,5 +329,5 @@ class LivePage:
 
     @property
     def _picture(self) -> Diagram | Map:
-        """That of the open tab."""
+        """The picture of the open tab."""
         return self._pictures[self.view.tab]

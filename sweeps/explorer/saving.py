@@ -1,4 +1,4 @@
-"""What is seen, as a configuration that `vibroimpact run` turns into the same picture."""
+"""Saving a picture as a configuration, from which `vibroimpact` draws the same picture."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sweeps.text import printable
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
-    """Write the configuration of the picture in the tab of the view to a new file in a folder.
+    """Write the configuration of the picture in the open tab to a new file in a folder.
 
     Raises
     ------
@@ -31,14 +31,14 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
 
 
 def _heading(view: View, name: str) -> str:
-    """Return a comment that says how the picture is drawn."""
+    """Return a comment with the commands that draw the picture."""
     config, file = shlex.quote(f"{name}.yaml"), shlex.quote(f"{name}.h5")
     options = f"--kind {('bifurcation', 'map', 'basins')[view.tab]}"
     if view.tab == DIAGRAM:
         options += f" --coordinate {view.ordinate} --xlim={view.xlim[0]!r}:{view.xlim[1]!r}"
         if view.ylim is not None:
             options += f" --ylim={view.ylim[0]!r}:{view.ylim[1]!r}"
-    return printable(  # a line end in the name would end the comment
+    return printable(  # a line break in the name would end the comment
         "# Saved by vibroimpact explore. It is run, and drawn as it was seen, with\n"
         f"#   vibroimpact run {config}\n#   vibroimpact plot {file} {options}\n"
     )

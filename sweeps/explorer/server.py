@@ -1,4 +1,4 @@
-"""The server of the page: on this machine alone, for whoever has the address with its secret."""
+"""The server of the page, only for this machine and for users who know the secret address."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ from sweeps.explorer.page import SECRET, LivePage
 from sweeps.explorer.view import View
 
 HOST = "127.0.0.1"
-#: Names of this machine in the Host header; another name is that of a page that was led here.
+#: Allowed names in the Host header; another name shows that a foreign page was redirected here.
 _OWN_NAMES = (HOST, "localhost")
-#: What a page may do in the browser; a script in one of its texts, for example, is not run. Bokeh
-#: makes functions of texts and sets styles, and needs these two exceptions.
+#: Limits what a page may do in the browser; for example, a script in one of its texts does not run.
+#: Bokeh compiles functions from text and sets styles, which needs the two ``unsafe`` exceptions.
 _POLICY = (
     "default-src 'none'; base-uri 'none'; form-action 'none'; img-src 'self' data: blob:; "
     "style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-eval'{hashes}; "
     "connect-src 'self' {sockets}"
 )
 _SCRIPT = re.compile(rb"<script(?: type=\"text/javascript\")?>(.*?)</script>", re.DOTALL)
-#: How long no connection is taken where there are no descriptors left [s].
+#: Pause before new connections are accepted when no file descriptors are left [s].
 _PAUSE = 1.0
-#: How long a page may come back after its connection was lost [s]: ten years.
+#: Time during which a page may reconnect [s]: ten years.
 _FOREVER = 10 * 365 * 86400
 
 
 class _Policy(OutputTransform):
-    """Sends the policy with every answer; it allows the scripts in Bokeh's page by their hashes."""
+    """Adds the policy to every response; it allows the scripts of Bokeh's page by their hashes."""
 
     def __init__(self, hosts: Sequence[str], request: HTTPServerRequest) -> None:
         self._sockets = " ".join(f"ws://{host}" for host in hosts)
@@ -66,14 +66,14 @@ class _Policy(OutputTransform):
 
 
 class _Application(BokehTornado):
-    """The pages, for who has the address, and for requests of these pages to this machine."""
+    """Serves pages to whoever knows the secret address, and the requests of these pages."""
 
     def __init__(self, *arguments: Any, secret: str, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._secret = secret
 
     def resources(self, absolute_url: str | bool | None = None) -> Resources:
-        """Return the scripts that a page needs, from here whatever Bokeh is set to."""
+        """Return the scripts of a page, always served from here, whatever the settings of Bokeh."""
         version = StaticHandler.append_version
         scripts = ["bokeh", "bokeh-widgets"]
         return Resources("server", root_url="/", path_versioner=version, components=scripts)
@@ -85,7 +85,7 @@ class _Application(BokehTornado):
         return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
 
     def _is_own(self, request: HTTPServerRequest) -> bool:
-        """Whether a request is to this machine, from no other page, and has the right secret."""
+        """Whether a request addresses this machine, comes from our own page and has the secret."""
         own = f"http://{request.host}"
         if request.host_name not in _OWN_NAMES or request.headers.get("Origin", own) != own:
             return False
@@ -95,31 +95,31 @@ class _Application(BokehTornado):
             (secret, *others) = request.query_arguments.get(SECRET, [b""])
             return not others and secrets.compare_digest(secret, self._secret.encode())
         if request.path != "/ws":
-            return False  # nothing else is of use for a page
+            return False  # a page needs nothing else
         token = request.headers.get("Sec-WebSocket-Protocol", "").rpartition(",")[2].strip()
         try:
             return check_token_signature(token, self.secret_key, signed=True)
-        except Exception:  # whatever a text that is no token leads to
+        except Exception:  # a malformed token can raise any error
             return False
 
 
 class Explorer:
-    """A running server; in Jupyter it is shown as the page itself.
+    """A running server; Jupyter shows it as the page itself.
 
     Parameters
     ----------
     config : SweepConfig
     port : int
-        0 for any that is free.
+        0 for any free port.
     folder : Path, optional
-        Where configurations are saved, by default the present one.
+        Where pages save configurations, by default the current folder.
 
     Attributes
     ----------
     address : str
-        Of the page, with a secret. Every time that it is opened it shows a page of its own.
+        The address of the page, with a secret. Each time it is opened it shows a separate page.
     pages : list of LivePage
-        Those that were opened.
+        The pages opened so far.
 
     Raises
     ------
@@ -143,7 +143,7 @@ class Explorer:
         self.address = f"http://{HOST}:{self._port}/?{SECRET}={self._secret}"
         self._loop = asyncio.new_event_loop()
         self._loop.set_exception_handler(self._handle_failure)
-        # A request that comes before the thread is ready waits in the socket.
+        # A request that arrives before the thread is ready waits in the socket.
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
@@ -170,10 +170,10 @@ class Explorer:
         loop.start()
         server.stop(wait=False)
         loop.run_sync(http.close_all_connections)
-        loop.close(all_fds=True)  # also those of the open pages, which are none of http's
+        loop.close(all_fds=True)  # also the sockets of open pages, which `http` does not know
 
     def _handle_failure(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take no connection for a while where there are no descriptors left; log all else."""
+        """Pause new connections when no file descriptors are left; log any other error."""
         error = context.get("exception")
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
             server = IOLoop.current()
@@ -186,8 +186,8 @@ class Explorer:
         self.pages.append(LivePage(document, self._home, self._folder))
 
     def close(self) -> None:
-        """End the server; open pages say so."""
-        with contextlib.suppress(RuntimeError):  # it has ended before
+        """Stop the server; open pages show a message."""
+        with contextlib.suppress(RuntimeError):  # closed before
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(2.0)
         for page in self.pages:

@@ -1,7 +1,7 @@
-"""What is looked at: a point in the space of the parameters, and the windows around it.
+"""The view of a page: a point in parameter space, and the windows around it.
 
-A `View` is a plain value. It gives the configuration of every picture, which is all that determines
-the numbers, and the text that stands in the address of the page.
+A `View` is an immutable value. It provides the configuration of every picture, which alone
+determines the results, and the query in the address of the page.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FLAGS = ("marked", "exact")
 
 
 def window_around(name: str, values: Mapping[str, float]) -> Window:
-    """Return values of a parameter to look at, that of the point `values` among them."""
+    """Return a default window of a parameter around its value at the point `values`."""
     value, (length, rate) = values[name], _scales(values)
     if name in ("omega", "p"):
         return 0.5 * value, 2.0 * value
@@ -46,10 +46,11 @@ def window_around(name: str, values: Mapping[str, float]) -> Window:
 
 
 def _scales(values: Mapping[str, float]) -> tuple[float, float]:
-    """Return a length and a rate that motions at a point have.
+    """Return the typical length and rate of motions at a point.
 
-    The rate is p or, where the force is much faster, of the order of omega. The length is the
-    deflection by the force at that rate, or the clearance where it is larger or the force is 0.
+    The rate is p or, if the force is much faster, of the order of omega. The length is the
+    deflection by the force at that rate, or the clearance if that is larger (but not more than ten
+    times) or the force is 0.
     """
     rate = max(values["p"], values["omega"] / math.sqrt(6.0))
     deflection, clearance = values["f"] / (rate * rate), abs(values["clearance"])
@@ -58,7 +59,7 @@ def _scales(values: Mapping[str, float]) -> tuple[float, float]:
 
 
 def log_window_around(name: str, value: float) -> Window:
-    """Return values of a parameter to look at on a logarithmic axis."""
+    """Return a default window of a parameter on a logarithmic axis."""
     middle = value if value > 0.0 else 1.0
     return 0.1 * middle, min(10.0 * middle, PARAMETERS[name].high)
 
@@ -70,23 +71,23 @@ class View:
     Attributes
     ----------
     name : str
-        Of the configuration that it was opened with.
+        Name of the configuration that opened the page.
     method, record : mapping
-        Those of a configuration.
+        The groups ``method`` and ``record`` of a configuration.
     values : mapping of str to float
-        The point in the space of all parameters: where the windows cut, and where the mark is.
+        The point in the space of all parameters through which the windows pass; the mark is there.
     axis, across : str
         The abscissa, and the ordinate of the map.
     xlim, maplim, x0lim, v0lim : (float, float)
-        The windows along these and over the starts.
+        The windows along `axis` and `across`, and those over the starts.
     units : mapping of str to str
         Names of the units of length and time.
     ordinate : str
         One of ``COORDINATES``.
     ylim : (float, float) or None
-        Of the diagram; None where it is to hold all points.
+        The ordinate window of the diagram; None to fit all points.
     marked, exact : bool
-        Whether the motion at `values`, and the exact branches, are shown.
+        Whether the motion at `values` and the exact branches are shown, respectively.
     tab : int
         ``DIAGRAM``, ``MAP`` or ``BASINS``.
     log : tuple of str
@@ -113,7 +114,7 @@ class View:
 
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
-        """Return the view of a configuration: its longest axis, the others at their first value."""
+        """Return the view of a configuration: its longest axes, other axes at their first value."""
         entries = {**dict(config.oscillator.items()), **dict(config.start.items())}
         first = {name: extremes(value)[0] for name, value in entries.items()}
         values = {name: first[name] for name in PARAMETERS}
@@ -124,12 +125,12 @@ class View:
         starts = {axis, across} == {"x0", "v0"}
 
         def window(name: str) -> Window:
-            """Return what an axis covers, or what to look at where there is none."""
+            """Return the range of an axis, or a default window for a fixed parameter."""
             low, high = min(extremes(entries[name])), max(extremes(entries[name]))
             return (low, high) if low < high else window_around(name, values)
 
         method = config.method.model_dump()
-        if config.method.impact == "exact":  # whose steps follow from the parameters
+        if config.method.impact == "exact":  # its steps follow from the parameters
             del method["steps_per_period"]
         return cls(
             name=config.name,
@@ -142,7 +143,7 @@ class View:
             maplim=window(across),
             x0lim=window("x0"),
             v0lim=window("v0"),
-            units=config.units.model_dump(exclude={"mass"}),  # which a rig has
+            units=config.units.model_dump(exclude={"mass"}),  # which only a rig needs
             tab=BASINS if starts else DIAGRAM,
             log=tuple(name for name, v in entries.items() if getattr(v, "spacing", "") == "log"),
         )
@@ -153,13 +154,13 @@ class View:
         return self.marked and self.tab != MAP
 
     def moved(self, **values: float) -> Self:
-        """Return this view at other values of some parameters; the starts stay before the stop."""
+        """Return this view at other values of parameters; the starts stay in front of the stop."""
         beyond = max(0.0, self.x0lim[1] - values.get("clearance", math.inf))
         x0lim = self.x0lim[0] - beyond, self.x0lim[1] - beyond
         return replace(self, values={**self.values, **values}, x0lim=x0lim)
 
     def with_axis(self, name: str) -> Self:
-        """Return this view over another abscissa; on the map, the two axes may change places."""
+        """Return this view over another abscissa; the two axes of the map may change places."""
         if name == self.across:
             view = replace(self, xlim=self.maplim, across=self.axis, maplim=self.xlim)
         else:
@@ -174,15 +175,15 @@ class View:
         return replace(self, across=name, maplim=window)
 
     def around(self, name: str, other: tuple[str, Window]) -> Window:
-        """Return values of a parameter to look at, beside the other axis of the map."""
+        """Return a default window of a parameter, given the other axis of the map."""
         if name in self.log:
             return log_window_around(name, self.values[name])
-        axis, (low, high) = other  # every start is to be before every stop
+        axis, (low, high) = other  # every start must be in front of every stop
         ends = {"x0": {"x0": high}, "clearance": {"clearance": low}}.get(axis, {})
         return window_around(name, {**self.values, **ends})
 
     def diagram(self, columns: int) -> SweepConfig:
-        """Return the sweep of the diagram, with so many values of the axis."""
+        """Return the sweep of the diagram with `columns` values of the axis."""
         return self._sweep({self.axis: (self.xlim, columns)}, ())
 
     def plane(self, tab: int) -> tuple[tuple[str, Window], tuple[str, Window]]:
@@ -192,7 +193,7 @@ class View:
         return (self.axis, self.xlim), (self.across, self.maplim)
 
     def tiles(self, tab: int, columns: int, rows: int) -> SweepConfig:
-        """Return the sweep of the map or of the basins, with so many values of its axes."""
+        """Return the sweep of the map or of the basins with `columns` x `rows` points."""
         (x, across), (y, upwards) = self.plane(tab)
         return self._sweep({x: (across, columns), y: (upwards, rows)}, self._diagnostics)
 
@@ -207,7 +208,7 @@ class View:
     def _sweep(
         self, axes: Mapping[str, tuple[Window, int]], diagnostics: tuple[str, ...]
     ) -> SweepConfig:
-        """Return the sweep over windows with so many values, the other parameters as they are."""
+        """Return the sweep over windows, each with its number of values; the rest is fixed."""
         entries: dict[str, Any] = dict(self.values)
         for axis, ((low, high), num) in axes.items():
             entries[axis] = {"start": low, "stop": high, "num": num}
@@ -236,12 +237,12 @@ class View:
         return urlencode(items, safe=":")
 
     def with_query(self, query: str) -> Self:
-        """Return the view that an address describes; what it leaves out stays.
+        """Return the view that an address describes; entries it lacks keep their values.
 
         Raises
         ------
         ConfigError
-            If it asks for what is not allowed.
+            If a value is not allowed.
         """
         entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
         changes: dict[str, Any] = {name: entries[name] for name in _NAMES if name in entries}
@@ -258,21 +259,24 @@ class View:
             raise ConfigError(f"the address cannot be read: {error}") from None
         view = replace(self.moved(**numbers), **changes)
         view.check()
-        record = view.diagram(2).record  # whose texts are numbers now
+        record = view.diagram(2).record  # its texts are converted to numbers
         return replace(view, record={name: getattr(record, name) for name in _RECORD})
 
     def check(self) -> None:
-        """Refuse what cannot be computed.
+        """Refuse a view that cannot be computed.
 
         Raises
         ------
         ConfigError
+            If a name is unknown, a window is empty, or a value is not allowed.
         """
         for name in (self.axis, self.across):
             if name not in PARAMETERS:
-                raise ConfigError(f"{name} is no parameter: {', '.join(PARAMETERS)}")
+                raise ConfigError(f"{name} is not a parameter; expected: {', '.join(PARAMETERS)}")
         if self.ordinate not in COORDINATES:
-            raise ConfigError(f"{self.ordinate} is no ordinate: {', '.join(COORDINATES)}")
+            raise ConfigError(
+                f"{self.ordinate} is not an ordinate; expected: {', '.join(COORDINATES)}"
+            )
         if self.axis == self.across:
             raise ConfigError(f"{self.axis} is asked for as both axes of the map")
         for name in _WINDOWS:
@@ -290,7 +294,7 @@ class View:
 
 
 def _number(name: str, text: str) -> float:
-    """Return the value of a parameter that a field or an address holds."""
+    """Return the value of a parameter from the text of a field or of an address."""
     try:
         return float(text)
     except ValueError:
@@ -299,7 +303,7 @@ def _number(name: str, text: str) -> float:
 
 
 def bounds(name: str, values: Mapping[str, float]) -> tuple[float | None, float | None] | None:
-    """Return the least and the greatest value that a window may hold; None for no limit."""
+    """Return the limits of a window; None where there is no limit."""
     parameter = PARAMETERS[name]
     low = 1e-3 if parameter.low_open else parameter.low
     low = values["x0"] if name == "clearance" else low

@@ -23,14 +23,15 @@ class Step:
     Attributes
     ----------
     name : str
-        Of the place in the page that it fills; several steps may fill one, each better.
+        The place in the page that the step fills. Several steps may fill one, each with a better
+        result.
     key : object
-        What the result depends on: a step is skipped if its place already holds this result or a
-        better one of the same request.
+        Determines the result. A step is skipped if its place already holds this result or a better
+        one of the same request.
     compute : callable
-        Returns the result; in the thread of the worker.
+        Returns the result; called in the thread of the worker.
     show : callable
-        Is given the result and the seconds that it took; in the thread of the document.
+        Called with the result and the seconds it took, in the thread of the document.
     """
 
     name: str
@@ -40,10 +41,10 @@ class Step:
 
 
 class Worker(ThreadPoolExecutor):
-    """One thread, which takes the steps of the newest request, one after the other.
+    """One thread that computes the steps of the newest request one after the other.
 
-    `post` runs a function in the thread of the document; `fail` is given the text of an error
-    there.
+    `post` runs a function in the thread of the document; `fail` is called there with the text of an
+    error.
     """
 
     def __init__(
@@ -53,13 +54,13 @@ class Worker(ThreadPoolExecutor):
         self._post, self._fail = post, fail
         self._stale, self._closed = np.zeros((2, 1), np.int64)
         self._done: dict[str, Any] = {}
-        #: The name of the step that is computed, whether for the first time, and since when.
+        #: The current step: its name, whether it is the first of that name, and its start time.
         self.busy: tuple[str, bool, float] | None = None
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Replace what is to be done, and cancel what is being done.
+        """Replace the waiting steps, and cancel the current one.
 
-        A step that is being computed for the first time is not cancelled: it compiles.
+        The first step of a name is not cancelled, because it compiles.
         """
         self._stale[0] = 1
         if not self._closed[0]:
@@ -67,12 +68,12 @@ class Worker(ThreadPoolExecutor):
             self.submit(self._take_all, steps, self._stale)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
-        """Cancel everything, and end the thread."""
+        """Cancel all steps, and end the thread."""
         self._closed[0] = self._stale[0] = 1
         super().shutdown(wait, cancel_futures=cancel_futures)
 
     def _take_all(self, steps: Sequence[Step], stale: np.ndarray) -> None:
-        """Take the steps of a request, until a newer one comes."""
+        """Compute the steps of a request until a newer one arrives."""
         for i, step in enumerate(steps):
             if stale[0]:
                 return
@@ -81,7 +82,7 @@ class Worker(ThreadPoolExecutor):
                 self._take(step, stale)
 
     def _take(self, step: Step, stale: np.ndarray) -> None:
-        """Compute a step and post what it shows, unless it is cancelled."""
+        """Compute a step and post its result or its error, unless it is cancelled."""
         first = step.name not in self._done
         begin = perf_counter()
         self.busy = step.name, first, begin

@@ -88,7 +88,7 @@ def test_every_scene_can_be_looked_at():
         view = View.of(load_config(path))
         view.check()
         assert view.tab == (BASINS if {view.axis, view.across} == {"x0", "v0"} else DIAGRAM)
-    with pytest.raises(Refused, match="the points are the rows of a table"):
+    with pytest.raises(Refused, match="rows of a table as points"):
         sweeps.explore(load_config(CONFIGS / "tolerances.yaml"))
 
 
@@ -135,8 +135,8 @@ def test_a_view_returns_from_its_address(view, axis):
         ("x0=1", "lies beyond the stop"),
         ("xlim=3:2", "the window xlim = .* is empty"),
         ("xlim=-1:2", "contains -1, which is not allowed"),
-        ("axis=mass", "mass is no parameter"),
-        ("ordinate=z", "z is no ordinate"),
+        ("axis=mass", "mass is not a parameter"),
+        ("ordinate=z", "z is not an ordinate"),
         ("transient=-1", "record.transient = -1 is not allowed"),
         ("phase=7", "record.phase = 7 is not allowed"),
     ],
