@@ -1,4 +1,4 @@
-"""Make tolerances.csv: joints whose parts scatter, as Sobol indices need them."""
+"""Make tolerances.csv: joints whose parts scatter, sampled for Sobol indices."""
 
 import numpy as np
 from scipy import stats
