@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps.analysis.grouping import SETS, STARTS, GridIndex, records
 from sweeps.analysis.regimes import UNSETTLED, Regime
 from sweeps.analysis.rig import rig_of
-from sweeps.analysis.selection import Selection, config_of, listed, select, swept_axes
+from sweeps.analysis.selection import Selection, choice_of, config_of, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
 from sweeps.config.rig import si_name, si_values
 from sweeps.errors import Refused
@@ -77,7 +77,7 @@ def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
     axes = parameter_axes(dataset)
     for name in at:
         if name not in axes:
-            raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+            raise Refused(f"{name} cannot be fixed here; {choice_of(axes)}")
     free = [name for name in map(str, dataset["status"].dims) if name not in at]
     return select(dataset, at, free=free)
 
@@ -161,7 +161,7 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
     unsettled = result["fraction"].where(result["motion"].isin(UNSETTLED)).sum("coexisting")
     if unsettled.any():
         share = 100.0 * float(unsettled.mean())
-        lines.append(f"{share:.1f} % of the starts have not settled: on which attractor, is open")
+        lines.append(f"{share:.1f} % of the starts have not settled; their attractors are unknown")
     return "\n".join(lines)
 
 

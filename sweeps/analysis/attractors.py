@@ -123,7 +123,7 @@ def attractors(
         "settled": (~ends.followed[shown], "whether its record shows it"),
         "section_x": (x, "displacement at the section"),
         "section_v": (v, "velocity at the section"),
-        "representative": (points.start[shown], "number of the start that stands for it"),
+        "representative": (points.start[shown], "number of its representative start"),
     }
     order = np.lexsort((number, -members, parameter))
     rank = np.empty_like(order)

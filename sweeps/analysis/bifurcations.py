@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 MOST_ROWS, _MOST_INEXACT = 40, 12
 #: Explanations of the kinds that are not standard terms.
 _MEANINGS = {
-    "basin": "the motion of one side is stable on the other, too: the start leads to another there",
+    "basin": "the motion of one side is stable on the other, too, but the start reaches another",
     "unknown": "the motions could not be followed to where one of them ends",
 }
 #: Kinds in the list for the special points of a branch: a penetration begins with a graze.
@@ -145,7 +145,7 @@ def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float
     return "", np.nan
 
 
-def as_read(dataset: xr.Dataset, axis: str, found: pd.DataFrame) -> tuple[str, pd.DataFrame]:
+def in_rig_units(dataset: xr.Dataset, axis: str, found: pd.DataFrame) -> tuple[str, pd.DataFrame]:
     """Convert an axis and the bifurcations along it to the names and units of a rig, if any."""
     import pandas as pd
 
@@ -204,7 +204,7 @@ def _row(item: dict[str, Any]) -> list[str]:
     at = list(item.values())[: list(item).index("low")]
     between = item["between"]
     return [
-        *map(_shown, at),
+        *map(_label, at),
         "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
         item["kind"],
         f"{item['before']} -> {item['after']}",
@@ -213,7 +213,7 @@ def _row(item: dict[str, Any]) -> list[str]:
     ]
 
 
-def _shown(value: float | str) -> str:
+def _label(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.6g}"
 
 
@@ -249,12 +249,12 @@ def _cascades(axis: str, found: pd.DataFrame) -> Iterator[str]:
             places = np.array([value_of[change] for change in run])
             flips = ", ".join(f"{value:.9g}" for value in places)
             ratios = ", ".join(f"{a / b:.4g}" for a, b in pairwise(np.diff(places)))
-            where = [f"{name} = {_shown(value)}" for name, value in zip(others, at, strict=True)]
+            where = [f"{name} = {_label(value)}" for name, value in zip(others, at, strict=True)]
             text = f"cascade: {axis} = {flips}; ratios of the distances {ratios}"
             yield ", ".join([*where, text])
 
 
-def on_branches(found: xr.Dataset) -> pd.DataFrame:
+def special_points(found: xr.Dataset) -> pd.DataFrame:
     """Return the flips, folds and grazes of `branches`, each once, in the order of their values.
 
     At a graze, q includes the grazing impact.
@@ -285,7 +285,7 @@ def describe_branches(
         return ""
     found = in_si(branches(dataset, axis, at, **chosen), dataset)
     (axis,) = map(str, found.coords)
-    frame = on_branches(found)
+    frame = special_points(found)
     wide = wide_branches(found)[frame["branch"].to_numpy()]
     shown = frame if len(frame) <= MOST_ROWS else frame[wide]
     rows = [

@@ -187,7 +187,7 @@ def shown_knock(row: Mapping[str, Any]) -> str:
     if not math.isfinite(row["knock_harmful"]):
         return "-" if math.isnan(row["knock_harmful"]) else "none up to the height of the window"
     ends = row["knock_ends"]
-    to = f"to {ends}" if ends >= 0 else "to what is not known"
+    to = f"to {ends}" if ends >= 0 else "to an unknown attractor"
     notes = "" if row["knock_certified"] else ", not certified"
     notes += ", fractal: the least tried" if row["knock_fractal"] else ""
     return f"{row['knock_harmful']:+.9g} at omega t = {row['knock_phase']:.4f}, {to}{notes}"

@@ -39,8 +39,8 @@ def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
     changed: dict[str, Any] = {}
     for name in QUANTITIES:
         if name in dataset.variables:
-            about, variable = QUANTITIES[name].about, dataset.variables[name]
-            attributes = {"long_name": about.meaning, "units": about.unit, "symbol": about.symbol}
+            entry, variable = QUANTITIES[name].description, dataset.variables[name]
+            attributes = {"long_name": entry.meaning, "units": entry.unit, "symbol": entry.symbol}
             values = si_values({name: variable.values}, rig)
             changed[name] = (variable.dims, *values.values(), {**variable.attrs, **attributes})
     coordinates = {name: values for name, values in changed.items() if name in axes}

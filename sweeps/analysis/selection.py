@@ -76,6 +76,11 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(names)
 
 
+def choice_of(names: Collection[str], noun: str = "axis") -> str:
+    """Write the allowed names for the message of a refusal."""
+    return f"choose from: {listed(names)}" if names else f"there is no {noun} to choose from"
+
+
 def swept_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the swept axes in the order of the file."""
     return tuple(str(name) for name in dataset["status"].dims if name != DIRECTION)
@@ -104,8 +109,7 @@ def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
             continue
         if name not in axes:
             meant = suggestion(nearest(name, axes))
-            choice = listed(axes) or "none"
-            raise Refused(f"{name} cannot be fixed here{meant}; choose from: {choice}")
+            raise Refused(f"{name} cannot be fixed here{meant}; {choice_of(axes)}")
         if isinstance(value, str):
             raise Refused(f"{name} = {value} is not a number")
         values = dataset[name].values
@@ -137,7 +141,7 @@ def select(dataset: xr.Dataset, at: Selection | None, free: Collection[str] = ()
     axes = [name for name in swept_axes(dataset) if name not in free]
     for name in at or {}:
         if name in free and name != DIRECTION:
-            raise Refused(f"{name} cannot be fixed here; choose from: {listed(axes) or 'none'}")
+            raise Refused(f"{name} cannot be fixed here; {choice_of(axes)}")
     index = {name: 0 for name in axes}
     ways = directions(dataset)
     if ways and DIRECTION not in free:

@@ -97,7 +97,7 @@ class PeriodicAttractors:
         mutual = pairs.loc[np.intersect1d(*nearest)]
         return mutual["a"].values, mutual["b"].values
 
-    def on_branches(
+    def links_on_branches(
         self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Continues
     ) -> tuple[np.ndarray, np.ndarray]:
         """Pair attractors on the same exact branch, at any distance; otherwise as `links` does."""
@@ -215,7 +215,7 @@ def _along(
         if step == 1 and on_one_branch is not None:
             open_ends = np.flatnonzero(ends & (at < shape[axis] - 1))
             open_begins = np.flatnonzero(begins & (at >= 1))
-            a, b = attractors.on_branches(open_ends, open_begins, stride, on_one_branch)
+            a, b = attractors.links_on_branches(open_ends, open_begins, stride, on_one_branch)
             ends[a] = begins[b] = False
             yield a, b
 

@@ -161,7 +161,7 @@ def _show_bifurcations(
     seen, here = on_axes(dataset, cuts)
     own = next(iter(model_axes(dataset, [axis] if axis else [])), None)
     axis, found = bifurcations.find_bifurcations(dataset, own, here)
-    along, items = bifurcations.as_read(dataset, axis, found)
+    along, items = bifurcations.in_rig_units(dataset, axis, found)
     say_moved(cuts, seen, "listed")
     text = bifurcations.describe(along, items)
     if bifurcations.is_summary(items):

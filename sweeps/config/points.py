@@ -87,7 +87,7 @@ def _columns(given: Any) -> dict[str, np.ndarray]:
     _check_names(list(columns))
     shapes = {column.shape for column in columns.values()}
     if len(shapes) > 1 or len(*shapes) != 1:
-        raise ValueError("the columns are no lists of equal length")
+        raise ValueError("the columns must be lists of equal length")
     return columns
 
 

@@ -23,7 +23,7 @@ class Quantity(NamedTuple):
     """A quantity of the rig: its name, description and conversions, which also take the mass."""
 
     name: str
-    about: Parameter
+    description: Parameter
     in_si: Callable[[float, Any], Any]
     in_model: Callable[[float, Any], Any] = lambda mass, value: value
 
@@ -77,11 +77,11 @@ class RigConfig(Group):
     mass: Annotated[Number, Field(gt=0.0)] = Field(
         description=f"mass [kg]: {_MASS.allowed}, the same all over the sweep"
     )
-    stiffness: Values = parameter_field(QUANTITIES["p"].about)
-    damping: Values = parameter_field(QUANTITIES["h"].about)
-    force: Values = parameter_field(QUANTITIES["f"].about)
-    frequency: Values = parameter_field(QUANTITIES["omega"].about)
-    gap: Values = parameter_field(QUANTITIES["clearance"].about)
+    stiffness: Values = parameter_field(QUANTITIES["p"].description)
+    damping: Values = parameter_field(QUANTITIES["h"].description)
+    force: Values = parameter_field(QUANTITIES["f"].description)
+    frequency: Values = parameter_field(QUANTITIES["omega"].description)
+    gap: Values = parameter_field(QUANTITIES["clearance"].description)
     R: Values = parameter_field(PARAMETERS["R"])
 
     @field_validator("stiffness", "damping", "force", "frequency", "gap", "R")
@@ -113,7 +113,7 @@ class _Converted(Range):
             made = cls(**ends, num=given.num, spacing=given.spacing)
         except ValidationError:
             shown = f"{ends['start']!r} to {ends['stop']!r}"
-            problem = f"is no range in the units of the model, {shown}; expected: other values"
+            problem = f"is not a range in the units of the model: {shown}; expected: other values"
             raise MisplacedError(("rig", si), problem) from None
         made._given = mass, name, given
         return made
@@ -149,7 +149,7 @@ def si_name(name: str, rig: RigConfig | None) -> str:
 def parameter_of(name: str, rig: RigConfig | None) -> Parameter:
     """Return the symbol, unit and bounds of a parameter: the rig's, if there is one."""
     in_rig = rig is not None and name in QUANTITIES
-    return QUANTITIES[name].about if in_rig else PARAMETERS[name]
+    return QUANTITIES[name].description if in_rig else PARAMETERS[name]
 
 
 def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any]:

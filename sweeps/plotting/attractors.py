@@ -17,7 +17,15 @@ from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.rig import in_si, rig_of
-from sweeps.analysis.selection import Selection, chosen_axes, config_of, listed, select, swept_axes
+from sweeps.analysis.selection import (
+    Selection,
+    choice_of,
+    chosen_axes,
+    config_of,
+    listed,
+    select,
+    swept_axes,
+)
 from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -108,9 +116,7 @@ def attractor_diagram(
     (axis,) = chosen_axes(parameters, axes, 1, "diagram of attractors")
     coordinate = choose_coordinate(dataset, coordinate)
     for name in set(free) & set(at or {}):
-        raise Refused(
-            f"{name} cannot be fixed here; choose from: {listed(parameter_axes(dataset))}"
-        )
+        raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(dataset))}")
     line = select(dataset, at, free=[axis, *free])
     table = rows(line, attractors(line))
     if not table:

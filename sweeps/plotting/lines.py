@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.regimes import has_result
-from sweeps.analysis.selection import COORDINATES, Selection, chosen_axes, listed, select
+from sweeps.analysis.selection import COORDINATES, Selection, choice_of, chosen_axes, listed, select
 from sweeps.errors import Refused
 from sweeps.store import DIRECTION, VARIABLES
 from vibroimpact.status import Status
@@ -34,12 +34,12 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
         coordinate = next(iter([*available, *COORDINATES]))
     if coordinate in available:
         return coordinate
-    choice = f"choose from: {listed(available) or 'none'}"
+    choice = choice_of(available, "coordinate")
     if coordinate not in dataset:
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
     if coordinate in scalars(dataset):
         choice += f"; below={[coordinate]} draws it in a panel below the diagram"
-    raise Refused(f"{coordinate} is no coordinate of the motion; {choice}")
+    raise Refused(f"{coordinate} is not a coordinate of the motion; {choice}")
 
 
 def scalars(dataset: xr.Dataset) -> list[str]:

@@ -60,7 +60,9 @@ def table_panels(
     for name in (*abscissas, ordinate):
         if name not in valid:
             meant = suggestion(nearest(name, valid))
-            raise Refused(f"there are no numbers {name}{meant}; choose from: {listed(valid)}")
+            raise Refused(
+                f"there is no numeric column or result {name}{meant}; choose from: {listed(valid)}"
+            )
     width = page.width or mpl.rcParams["figure.figsize"][0]
     across = min(math.ceil(math.sqrt(len(abscissas))), max(1, int(width / _NARROWEST)))
     down = math.ceil(len(abscissas) / across)

@@ -49,7 +49,7 @@ def test_the_table_over_a_parameter(computed_starts):
 def test_requests_that_do_not_fit_are_refused(computed_starts):
     file = computed_starts().encoding["source"]
     message = refused("attractors", file, "--at", "x0=0")
-    assert "x0 cannot be fixed here; choose from: none" in message
+    assert "x0 cannot be fixed here; there is no axis to choose from" in message
     assert "expected: NAME=VALUE" in refused("attractors", file, "--at", "omega")
     message = refused("attractors", file, "--csv", "a.txt")
     assert "--csv a.txt is not allowed; expected: a .csv file" in message

@@ -187,7 +187,7 @@ def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
     assert found["attractors"].item() == 0
     lines = call("attractors", dataset.encoding["source"]).stdout.splitlines()
     assert lines[1].split()[:2] == ["-", "unsettled"]
-    assert lines[-1] == "100.0 % of the starts have not settled: on which attractor, is open"
+    assert lines[-1] == "100.0 % of the starts have not settled; their attractors are unknown"
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,7 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
         (rig(frequency="{start: 2, stop: 1, num: x}"), 1, ["rig.frequency.num = x is not an int"]),
         (rig(force="1e308", mass="1e-9"), 1, ["rig.force = 1e308 is not a finite number"]),
         (rig(frequency="{start: 1, stop: 1e308, num: 2}"), 1,
-         ["rig.frequency: is no range in the units of the model, 6.283185307179586 to inf"]),
+         ["rig.frequency: is not a range in the units of the model: 6.283185307179586 to inf"]),
         (rig() + "start: {x0: 1}\n", 2, ["x0 = 1 lies beyond the stop at gap = ", "every gap"]),
         (rig(gap="-0.1"), 1, ["rig.gap: x0 = 0 lies beyond the stop"]),
         (rig() + "units: {length: mm}\n", 2, ["units.length: mm is not the unit of a rig", ": m"]),

@@ -121,7 +121,7 @@ def without_impacts(shared_sweep):
         ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
         (
             {"coordinate": "status"},
-            "status is no coordinate of the motion; choose from: poincare_x",
+            "status is not a coordinate of the motion; choose from: poincare_x",
         ),
         (
             {"coordinate": "impact_v"},
@@ -138,8 +138,8 @@ def without_impacts(shared_sweep):
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         (
             {"coordinate": "max_penetration"},
-            "max_penetration is no coordinate of the motion; choose from: poincare_x, poincare_v, "
-            "poincare_height; below=\\['max_penetration'\\] draws it",
+            "max_penetration is not a coordinate of the motion; choose from: poincare_x, "
+            "poincare_v, poincare_height; below=\\['max_penetration'\\] draws it",
         ),
         (
             {"below": ("status",)},

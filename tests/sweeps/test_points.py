@@ -185,9 +185,9 @@ def test_the_file_of_a_table_lies_beside_the_configuration_or_where_the_command_
 @pytest.mark.parametrize(
     ("points", "part"),
     [
-        ({"R": [0.5, 0.6], "omega": [2.0]}, "no lists of equal length"),
-        ({"R": 0.5}, "no lists of equal length"),
-        ({"R": {"start": 0.1, "stop": 1.0, "num": 3}}, "no lists of equal length"),
+        ({"R": [0.5, 0.6], "omega": [2.0]}, "must be lists of equal length"),
+        ({"R": 0.5}, "must be lists of equal length"),
+        ({"R": {"start": 0.1, "stop": 1.0, "num": 3}}, "must be lists of equal length"),
         ([0.5, 0.6], "no table; expected: a CSV file, or a mapping of columns"),
         ({"R": ["0.5", None]}, "row 2, column R = None is not allowed"),
     ],
@@ -232,7 +232,7 @@ def test_commands_of_a_line_or_a_plane_refuse_a_table():
     assert table in refused("info", "out.h5", "--bifurcations")
     assert "no axis to zoom into" in refused("zoom", "out.h5", "omega=2:2.05")
     assert "no rows of the table differ" in refused("attractors", "out.h5")
-    assert "no numbers omga (did you mean omega?)" in refused("plot", "out.h5", "--axis", "omga")
+    assert "or result omga (did you mean omega?)" in refused("plot", "out.h5", "--axis", "omga")
     assert "no numbers note" in refused("plot", "out.h5", "--quantity", "note")
     accepted("plot", "out.h5", "--at", "point=2")  # the motion of a row
     accepted("info", "out.h5")
