@@ -68,23 +68,23 @@ class Grid:
         """Number of parameter points."""
         return math.prod(self.shape)
 
-    def blocks(self, size: int, whole: str | None = None) -> Iterator[Block]:
+    def blocks(self, size: int, unsplit: str | None = None) -> Iterator[Block]:
         """Split the grid into boxes of at most `size` points, in C order.
 
         The boxes cover each point exactly once. All have the same shape, except those at the end of
-        the split axis. The axis `whole` is never split, even if it is longer than `size`.
+        the split axis. The axis `unsplit` is never split, even if it is longer than `size`.
         """
-        room = max(1, size // (1 if whole is None else len(self.axes[whole])))
+        room = max(1, size // (1 if unsplit is None else len(self.axes[unsplit])))
         cuts_of_axes: list[list[slice]] = []
         # Backwards from the last axis: whole axes while they fit, then one axis in parts, and every
         # axis before it value by value.
         for name, values in reversed(list(self.axes.items())):
             n = len(values)
-            parts = 1 if name == whole else math.ceil(n / room)
+            parts = 1 if name == unsplit else math.ceil(n / room)
             length = math.ceil(n / parts)
             starts = range(0, n, length)
             cuts_of_axes.append([slice(start, min(start + length, n)) for start in starts])
-            if name != whole:
+            if name != unsplit:
                 room = room // n if parts == 1 else 1
         yield from itertools.product(*reversed(cuts_of_axes))
 

@@ -87,7 +87,7 @@ def _number(title: str, value: object, bounds: Parameter) -> float:
     return number
 
 
-def whole(name: str, value: object, least: int, most: int) -> int:
+def checked_integer(name: str, value: object, least: int, most: int) -> int:
     """Return `value` as an int; ValueError if it is not an integer from `least` to `most`."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         number = int(value)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.jit import on_threads
-from vibroimpact.oscillator import Oscillator, refuse_other, whole
+from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, RELEASE, REST, time_to_release
 from vibroimpact.step.integrators import exact
@@ -97,8 +97,8 @@ def simulate(
         more than ``MOST_ROWS`` rows.
     """
     refuse_other("oscillator", oscillator, Oscillator)
-    periods = whole("periods", periods, 1, MOST_RECORDED)
-    transient = whole("transient", transient, 0, MOST_PERIODS)
+    periods = checked_integer("periods", periods, 1, MOST_RECORDED)
+    transient = checked_integer("transient", transient, 0, MOST_PERIODS)
     points, interrupt = oscillator.at(x0, v0), np.zeros(1, np.int64)
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section=True)
     arguments = points, scheme, periods, transient, 1, interrupt, MOST_ROWS

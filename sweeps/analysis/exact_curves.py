@@ -288,5 +288,5 @@ class _Search:
         )
         steps = np.ceil(4.0 * np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)).astype(int)
         along = np.concatenate([[0], np.cumsum(np.maximum(steps, 1))])
-        whole = np.arange(along[-1] + 1)
-        return cKDTree(np.stack([np.interp(whole, along, column) for column in line.T], axis=1))
+        points = np.arange(along[-1] + 1)
+        return cKDTree(np.stack([np.interp(points, along, column) for column in line.T], axis=1))

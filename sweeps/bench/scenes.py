@@ -220,9 +220,11 @@ def of_sweep(config: SweepConfig) -> Scene:
         If no point can be computed with exact impacts.
     """
     points, record = config.grid.spread(NEIGHBOURS), config.record
-    whole = record.transient + record.periods
+    total_periods = record.transient + record.periods
     try:
-        last = integrate(points, transient=whole - 1, periods=1, phase=record.phase, impacts=0)
+        last = integrate(
+            points, transient=total_periods - 1, periods=1, phase=record.phase, impacts=0
+        )
     except ValueError as error:
         raise Refused(str(error)) from error
     good = np.array([not Status(status).failed for status in last["status"]])

@@ -23,10 +23,10 @@ from pydantic import (
 
 from sweeps.config.values import (
     Group,
+    Integer,
     MisplacedError,
     Number,
     Values,
-    Whole,
     extremes,
     form,
     integer,
@@ -167,7 +167,7 @@ class MethodConfig(Group):
 class TrajectoryConfig(Group):
     """Which samples of the trajectory are recorded."""
 
-    every: Whole = integer("time steps from one sample to the next", 1, MOST_PERIODS)
+    every: Integer = integer("time steps from one sample to the next", 1, MOST_PERIODS)
 
 
 def _false(value: object) -> object:
@@ -178,17 +178,17 @@ def _false(value: object) -> object:
 class RecordConfig(Group):
     """Which results of each point are recorded."""
 
-    transient: Whole = integer(
+    transient: Integer = integer(
         "forcing periods computed before anything is kept", 0, MOST_PERIODS, 200
     )
-    periods: Whole = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
+    periods: Integer = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
     phase: Number = Field(
         0.0,
         ge=0.0,
         lt=2.0 * math.pi,
         description="forcing phase omega t of the section [rad]: a number >= 0 and < 2 pi",
     )
-    impacts: Whole = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
+    impacts: Integer = integer("how many of the last impacts are kept", 0, MOST_RECORDED, 64)
     trajectory: Annotated[
         Annotated[Literal[False], BeforeValidator(_false), Tag("<scalar>")]
         | Annotated[TrajectoryConfig, Tag("<mapping>")],
@@ -264,7 +264,7 @@ class RefineConfig(Group):
     around: Literal["changes"] = Field(
         "changes", description="where the class of the motion changes between neighbours: changes"
     )
-    levels: Whole = integer("how often the interval of a change is halved", 1, 52)
+    levels: Integer = integer("how often the interval of a change is halved", 1, 52)
 
 
 def key_list(group: type[Group]) -> str:

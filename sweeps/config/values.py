@@ -123,7 +123,7 @@ class Group(BaseModel):
 
 
 Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(plain_number)]
-Whole = Annotated[int, BeforeValidator(plain_integer)]
+Integer = Annotated[int, BeforeValidator(plain_integer)]
 
 
 class Range(Group):
@@ -131,7 +131,7 @@ class Range(Group):
 
     start: Number = Field(description="first value: a finite number")
     stop: Number = Field(description="last value, included: a finite number")
-    num: Whole = integer("number of values", 1, _MOST_VALUES)
+    num: Integer = integer("number of values", 1, _MOST_VALUES)
     spacing: Literal["linear", "log"] = Field("linear", description="spacing: linear or log")
 
     @model_validator(mode="after")

@@ -145,17 +145,17 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(config.grid.axes.get("f", "1"))
     compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if necessary
-    whole = config.record.transient + config.record.periods
-    total = 1
+    total_periods = config.record.transient + config.record.periods
+    periods = 1
     while True:
-        trial = _shortened(config, total)
+        trial = _shortened(config, periods)
         began = time.perf_counter()
         for points in calls:
             compute(trial, points, threads)
         elapsed = time.perf_counter() - began
-        if elapsed > _TRIAL or total == whole:
-            return elapsed * whole / total * size / sum(map(len, calls))
-        total = min(2 * total, whole)
+        if elapsed > _TRIAL or periods == total_periods:
+            return elapsed * total_periods / periods * size / sum(map(len, calls))
+        periods = min(2 * periods, total_periods)
 
 
 def _lanes(config: SweepConfig) -> int:

@@ -154,10 +154,10 @@ def _schema(config: SweepConfig, size: int) -> Schema:
         "numerics": numerics(config),
         **({"scaled_along": "f"} if spec.scaled else {}),
     }
-    whole = spec.followed
+    unsplit = spec.followed
     if spec.scaled and len(grid.axes.get("f", "")) in range(1, size + 1):
-        whole = "f"  # all its values share one computation
-    return Schema.of(grid, grid.blocks(size, whole), spec, attributes)
+        unsplit = "f"  # all its values share one computation
+    return Schema.of(grid, grid.blocks(size, unsplit), spec, attributes)
 
 
 @contextmanager

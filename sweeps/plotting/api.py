@@ -31,28 +31,28 @@ from sweeps.text import nearest, suggestion
 class Kind(NamedTuple):
     """A kind of picture: the function that draws it, and its options other than `at`.
 
-    The picture shows all axes in `whole`, and `axes` further ones, which it chooses if not given.
+    The picture shows all axes in `shown`, and `axes` further ones, which it chooses if not given.
     """
 
     draw: Callable[..., Figure]
     options: tuple[str, ...] = ()
     axes: int = 0
-    whole: tuple[str, ...] = ()
+    shown: tuple[str, ...] = ()
 
 
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(
-        bifurcation, ("axes", "coordinate", "exact", "below"), axes=1, whole=(DIRECTION,)
+        bifurcation, ("axes", "coordinate", "exact", "below"), axes=1, shown=(DIRECTION,)
     ),
-    "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, whole=STARTS),
-    "basins": Kind(basins, whole=("x0", "v0")),
-    "integrity": Kind(integrity, whole=("x0", "v0")),
+    "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=STARTS),
+    "basins": Kind(basins, shown=("x0", "v0")),
+    "integrity": Kind(integrity, shown=("x0", "v0")),
     "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),
     "section": Kind(section),
     "impacts": Kind(impacts),
     "trajectory": Kind(trajectory, ("periods",)),
-    "table": Kind(table_panels, ("axes", "quantity"), whole=(TABLE,)),
+    "table": Kind(table_panels, ("axes", "quantity"), shown=(TABLE,)),
 }
 
 
@@ -163,7 +163,7 @@ def silent_cuts(
     dataset: xr.Dataset, kind: str, at: Selection | None = None, axes: Sequence[str] = ()
 ) -> dict[str, float | str]:
     """Return the swept axes that a picture cuts without being asked, with their first values."""
-    fixed = {*KINDS[kind].whole, *(at or {}), *axes}
+    fixed = {*KINDS[kind].shown, *(at or {}), *axes}
     left = [str(name) for name in dataset["status"].dims if name not in fixed]
     axes_left = [name for name in left if name != DIRECTION]
     longest = sorted(axes_left, key=lambda name: -dataset.sizes[name])

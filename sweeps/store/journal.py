@@ -112,8 +112,8 @@ class Journal:
         block, dimension = self.schema.blocks[entry.number], VARIABLES[name].dimension
         if dimension is None:
             return block
-        whole = len(self.schema.records[dimension])
-        return (*block, slice(0, entry.samples if dimension == "sample" else whole))
+        width = len(self.schema.records[dimension])
+        return (*block, slice(0, entry.samples if dimension == "sample" else width))
 
     def read(self, entry: Entry, name: str) -> np.ndarray:
         """Return the results of a block, of shape (box..., record); StoreError if damaged."""

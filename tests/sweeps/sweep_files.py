@@ -1,4 +1,4 @@
-"""Configurations and files of sweeps, as tests make them: followed, refined, over starts."""
+"""Configurations and files of sweeps for tests: followed, refined, over starts."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from vibroimpact.status import Status
 
 
 def load(configuration, *overrides, path="sweep.yaml"):
-    """Write a configuration, a text or a mapping, to a file, and load it from there."""
+    """Write a configuration, given as text or mapping, to a file, and load that file."""
     if not isinstance(configuration, str):
         configuration = yaml.safe_dump(configuration, sort_keys=False)
     Path(path).write_text(configuration, encoding="utf-8")
@@ -28,16 +28,16 @@ def run_in(folder, configuration, *overrides, name="out.h5", **options):
 
 
 def data(path):
-    """Return what a file holds, without its attributes, which tell when it was written."""
+    """Return the data of a file without attributes, which include the time of writing."""
     with open_sweep(path) as dataset:
         dataset.load()
     return dataset.drop_attrs(deep=False)
 
 
 def random_results(points, widths, seed=0, scale=100.0):
-    """Return random numbers for every variable, and the status 0.
+    """Return random numbers for every variable, and status 0.
 
-    `widths` are those of the record dimensions; `scale` is the standard deviation.
+    `widths` has the width of each record dimension; `scale` is the standard deviation.
     """
     random = np.random.default_rng(seed)
     arrays = {}
@@ -50,9 +50,9 @@ def random_results(points, widths, seed=0, scale=100.0):
 
 
 def fill(path, schema, results, blocks=None, compressed=False, **options):
-    """Write so many of the pending blocks, each with `results` of it; finish where that are all.
+    """Write `results(block)` for the first pending blocks; finish the file if none is left.
 
-    Returns how many blocks were damaged.
+    Returns the number of damaged blocks.
     """
     with (
         only_writer(Path(path), **options),
@@ -67,7 +67,7 @@ def fill(path, schema, results, blocks=None, compressed=False, **options):
         return store.damaged
 
 
-# One valid configuration, and the message with which another one is refused
+# A valid configuration, and the messages for invalid ones
 
 EXAMPLE = """\
 name: frequency-bifurcation
@@ -84,7 +84,7 @@ OSCILLATOR = {"h": "0.1", "R": "0.8", "omega": "2.0", "f": "1.0"}
 
 
 def refusal(text, overrides=()):
-    """Return the message with which a text is refused."""
+    """Return the message for a configuration that must be refused."""
     with pytest.raises(ConfigError) as caught:
         load(text, *overrides)
     message = str(caught.value)
@@ -94,7 +94,7 @@ def refusal(text, overrides=()):
 
 
 def oscillator(**values):
-    """Return a configuration of one line with these values among valid ones."""
+    """Return a one-line configuration with these values; the others are valid."""
     items = ", ".join(f"{name}: {value}" for name, value in (OSCILLATOR | values).items())
     return f"oscillator: {{{items}}}\n"
 
@@ -124,8 +124,8 @@ def configured(*changes, sweep=FOLLOWED):
     return load(sweep, *changes)
 
 
-def whole(config):
-    """The block of the whole file of a sweep."""
+def full_block(config):
+    """Return the block of all points of a sweep, in both directions if it has them."""
     block = tuple(slice(0, n) for n in config.grid.shape)
     return (slice(0, 2), *block) if len(config.directions) == 2 else block
 
@@ -134,7 +134,7 @@ def ran(config, path="out.h5"):
     return data(run_sweep(config, path, overwrite=True))
 
 
-# Sweeps over starts: a configuration, and points made by hand
+# Sweeps over starts: a configuration, and artificial points
 
 OVER_STARTS = """\
 oscillator: {h: 0.0, R: 0.8, omega: 1.3, f: 1.0}
@@ -144,7 +144,7 @@ record: {transient: 400, periods: 32, impacts: 12, diagnostics: [period, lyapuno
 
 
 def hand_made(sections, periods, axes=("x0",), **changed):
-    """Return points with these last section states, shape (points..., record, 2)."""
+    """Return artificial points with these section states, shape (points..., record, 2)."""
     sections = np.asarray(sections, float)
     shape = sections.shape[: len(axes)]
     periods = np.broadcast_to(periods, shape)
@@ -165,12 +165,12 @@ def hand_made(sections, periods, axes=("x0",), **changed):
 
 
 def partition(labels):
-    """Return the sets of points with one label each, without those of none."""
+    """Return the set of points of each label; negative labels are ignored."""
     labels = np.asarray(labels).ravel()
     return {frozenset(np.flatnonzero(labels == one)) for one in np.unique(labels[labels >= 0])}
 
 
-# What is one attractor
+# The section states of a periodic motion
 
 
 def cycle(*states, turns=8):

@@ -9,7 +9,7 @@ import xarray as xr
 
 import sweeps
 from oscillators import bifurcation
-from sweep_files import FOLLOWED, configured, data, load, ran, whole
+from sweep_files import FOLLOWED, configured, data, full_block, load, ran
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import ConfigError
 from vibroimpact import Oscillator, Status, integrate, one_impact_orbit
@@ -164,7 +164,7 @@ def test_only_the_chain_that_failed_begins_anew(status):
         }
 
     counted = []
-    box = config.grid.points(whole(config)[-2:]).reshape(config.grid.shape)
+    box = config.grid.points(full_block(config)[-2:]).reshape(config.grid.shape)
     results = follow(box, 1, "omega", ["up"], run, counted.append)
     assert counted == [3] * 5
     assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])

@@ -11,7 +11,7 @@ import xarray as xr
 import yaml
 
 from commands import call
-from sweep_files import configured, data, ran, whole
+from sweep_files import configured, data, full_block, ran
 from sweeps import open_sweep, run_sweep
 from sweeps.engine import estimate as limits
 from sweeps.engine import executors
@@ -86,12 +86,12 @@ def test_points_are_counted_in_each_direction():
 def test_the_points_of_a_long_block_are_told_as_they_come():
     config = configured()
     told = []
-    results = compute_block(config, whole(config), None, told.append)
+    results = compute_block(config, full_block(config), None, told.append)
     assert told == [12] * 5 and len(results["status"]) == 60
     alone, told = configured("follow=null"), []
-    results = compute_block(alone, whole(alone), None, told.append)
+    results = compute_block(alone, full_block(alone), None, told.append)
     assert told == [30]
-    expected = compute(alone, alone.grid.points(whole(alone)), None)
+    expected = compute(alone, alone.grid.points(full_block(alone)), None)
     np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
 
 
@@ -133,10 +133,9 @@ def test_a_block_holds_whole_chains(monkeypatch):
         monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
         size = block_size(many)
         assert size % 3000 == 0
-        assert (
-            expected_cost(many, Path("out.h5"), executors.LocalComputer(), False).memory <= memory
-        )
-        for block in many.grid.blocks(size, whole="omega"):
+        cost = expected_cost(many, Path("out.h5"), executors.LocalComputer(), False)
+        assert cost.memory <= memory
+        for block in many.grid.blocks(size, unsplit="omega"):
             assert block[1] == slice(0, 3000)
     monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)
     told = r"one chain of 3,000 points, followed up and down along omega, takes about .* of memory"

@@ -233,7 +233,7 @@ def test_commands_of_a_line_or_a_plane_refuse_a_table():
     assert "no axis to zoom into" in refused("zoom", "out.h5", "omega=2:2.05")
     assert "no rows of the table differ" in refused("attractors", "out.h5")
     assert "or result omga (did you mean omega?)" in refused("plot", "out.h5", "--axis", "omga")
-    assert "no numbers note" in refused("plot", "out.h5", "--quantity", "note")
+    assert "no numeric column or result note" in refused("plot", "out.h5", "--quantity", "note")
     accepted("plot", "out.h5", "--at", "point=2")  # the motion of a row
     accepted("info", "out.h5")
 

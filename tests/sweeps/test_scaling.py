@@ -98,7 +98,7 @@ def test_the_axis_is_not_split():
         grid = Grid({name: axes[name] for name in order}, {})
         for size in (4, 7, 16, 60):
             seen = np.zeros(grid.shape, int)
-            for block in grid.blocks(size, whole="f"):
+            for block in grid.blocks(size, unsplit="f"):
                 assert block[order.index("f")] == slice(0, 4)
                 assert seen[block].size <= size
                 seen[block] += 1

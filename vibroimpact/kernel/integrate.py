@@ -7,7 +7,7 @@ import numpy as np
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.run import KernelJob, lanes_per_batch, run_batches
-from vibroimpact.oscillator import POINT, refuse_invalid, whole
+from vibroimpact.oscillator import POINT, checked_integer, refuse_invalid
 from vibroimpact.status import Status
 from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, scheme_of
 
@@ -94,10 +94,12 @@ def integrate(
     """
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
     points = np.array(points, POINT)  # contiguous and writable, as the kernel is compiled for
-    transient = whole("transient", transient, 0, MOST_PERIODS)
-    periods = whole("periods", periods, 1, MOST_RECORDED)
-    impacts = whole("impacts", impacts, 0, MOST_RECORDED)
-    threads = ALL_THREADS if threads is None else whole("threads", threads, 1, MOST_RECORDED)
+    transient = checked_integer("transient", transient, 0, MOST_PERIODS)
+    periods = checked_integer("periods", periods, 1, MOST_RECORDED)
+    impacts = checked_integer("impacts", impacts, 0, MOST_RECORDED)
+    threads = (
+        ALL_THREADS if threads is None else checked_integer("threads", threads, 1, MOST_RECORDED)
+    )
     scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section)
     rule = scheme.method[0]
     if lyapunov and rule != EXACT:

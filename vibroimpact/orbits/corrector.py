@@ -290,14 +290,14 @@ def _particular(W, rows, basis):
 def _orthonormalise(N, P, q):
     """Make null vectors orthonormal, and take the shortest solution, which keeps slow impacts."""
     for i in range(N.shape[0] + 1):
-        whole = N[i] if i < N.shape[0] else P
+        vector = N[i] if i < N.shape[0] else P
         for row in range(i):
-            product = inner(whole, N[row], q)
-            for j in range(whole.size):
-                whole[j] -= product * N[row, j]
-        length = math.sqrt(inner(whole, whole, q)) if i < N.shape[0] else 1.0
-        for j in range(whole.size):
-            whole[j] /= length
+            product = inner(vector, N[row], q)
+            for j in range(vector.size):
+                vector[j] -= product * N[row, j]
+        length = math.sqrt(inner(vector, vector, q)) if i < N.shape[0] else 1.0
+        for j in range(vector.size):
+            vector[j] /= length
 
 
 @jit
@@ -324,14 +324,14 @@ def _solution_space(system, X, P, N):
     _particular(W, rows, basis)
     weights = np.empty(1 + k)
     for i in range(1 + k):
-        whole = N[i - 1] if i else P
+        vector = N[i - 1] if i else P
         weights[0] = 0.0 if i else 1.0
         for j in range(2 + k):
             at = j if j < 2 else 2 * q + j - 2
-            whole[at] = basis[1 + i, j]
+            vector[at] = basis[1 + i, j]
         for j in range(k):
             weights[1 + j] = basis[1 + i, 2 + j]
-        _expand(kept, whole, weights, 1.0)
+        _expand(kept, vector, weights, 1.0)
     _orthonormalise(N, P, q)
     return size
 
@@ -429,12 +429,12 @@ def _room(system, X, step):
 @jit
 def _decreasing(system, X, step, share, size):
     """Return a share of a step that decreases the residual, or `share` if no halving finds one."""
-    whole = share
+    full_share = share
     for _ in range(_HALVINGS):
         if _largest(linearised(system, moved(X, share, step))[0]) < size:
             return share
         share *= 0.5
-    return whole
+    return full_share
 
 
 @jit

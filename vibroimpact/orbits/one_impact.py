@@ -43,7 +43,7 @@ import numpy as np
 
 from vibroimpact.orbits.flights import highest_turn, values_of
 from vibroimpact.orbits.orbit import determinant, dynamic_stiffness, multipliers_of
-from vibroimpact.oscillator import Oscillator, refuse_other, whole
+from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
 from vibroimpact.step.contact import pressing
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 
@@ -206,7 +206,7 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
     v^2 {[(1 + R) cot(k) / (2 p)]^2 + [(1 - R) / (2 omega)]^2} = f^2 / (p^2 - omega^2)^2.
     """
     refuse_other("osc", osc, Oscillator)
-    n = whole("n", n, 1, MOST_FLIGHT_PERIODS)
+    n = checked_integer("n", n, 1, MOST_FLIGHT_PERIODS)
     if not _radians(osc, n) <= _LONGEST_FLIGHT:
         raise ValueError(
             f"the flight between two impacts would be searched over more than "

@@ -20,7 +20,7 @@ from vibroimpact.orbits.orbit import (
     scaled,
     steady_response,
 )
-from vibroimpact.oscillator import Oscillator, checked, refuse_other, whole
+from vibroimpact.oscillator import Oscillator, checked, checked_integer, refuse_other
 from vibroimpact.status import Status
 from vibroimpact.step.contact import IMPACT, REST
 from vibroimpact.step.recorder import trace
@@ -91,7 +91,7 @@ def periodic_orbit(
         `phase` is out of range.
     """
     refuse_other("osc", osc, Oscillator)
-    m = whole("m", m, 1, MOST_ORBIT_STEPS)
+    m = checked_integer("m", m, 1, MOST_ORBIT_STEPS)
     refuse_long(osc, m, 0)
     state = checked("x0", x), checked("v0", v)
     if state[0] > osc.clearance:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import jit
-from vibroimpact.oscillator import one_of, whole
+from vibroimpact.oscillator import checked_integer, one_of
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import least_stable_steps
@@ -159,7 +159,7 @@ def scheme_of(
         raise ValueError(f"impact 'exact' needs the integrator 'exact', not {integrator!r}")
     steps = steps_per_period
     if steps is not None:
-        steps = whole("steps_per_period", steps, 1, MOST_STEPS)
+        steps = checked_integer("steps_per_period", steps, 1, MOST_STEPS)
     if steps is None or impact == "exact":
         least = default_steps(points, impact, integrator)
         steps = least if steps is None else steps
