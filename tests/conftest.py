@@ -1,6 +1,6 @@
-"""The slow implementation beside this file, for all tests, and the campaigns, which run by name.
+"""Make ``naive.py`` importable for all tests, and select campaigns only by name.
 
-Campaigns of thousands of cases run only where ``-m`` names them.
+Campaigns of thousands of cases run only if ``-m`` names them.
 """
 
 import importlib.util
@@ -8,8 +8,8 @@ import signal
 import sys
 from pathlib import Path
 
-# A shell that starts the tests behind a job ignores Ctrl-C, and would hand that on to the processes
-# that the tests interrupt.
+# In a background job of a shell, Ctrl-C is ignored. The processes that the tests interrupt would
+# inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -20,7 +20,7 @@ _spec.loader.exec_module(sys.modules["naive"])
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave the campaigns out, also where ``-m "not slow"`` asks for something else."""
+    """Deselect the campaigns unless ``-m`` names them."""
     if "campaign" not in config.getoption("markexpr"):
         campaigns = [item for item in items if item.get_closest_marker("campaign")]
         config.hook.pytest_deselected(items=campaigns)

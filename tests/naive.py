@@ -1,7 +1,7 @@
-"""The obvious implementation, slow and self-contained: it shares nothing with the package.
+"""A straightforward, slow implementation, which shares no code with the package.
 
-States are (x, v); `osc` is anything with the attributes h, R, omega, f, p and clearance. Time is
-kept as time, never as phase, and every step goes back to eq. (1).
+States are (x, v); `osc` is any object with the attributes h, R, omega, f, p and clearance. The code
+uses time, never phase, and computes every step from eq. (1).
 """
 
 import cmath
@@ -15,19 +15,19 @@ from scipy.optimize import brentq
 
 
 def oscillator(h, R, omega, f=1.0, p=1.0, clearance=0.0):
-    """The parameters of eq. (1) under their names."""
+    """Return an object with the parameters of eq. (1) as attributes."""
     return SimpleNamespace(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance)
 
 
 def acceleration(osc, t, x, v):
-    """x'' of eq. (1)."""
+    """Return x'' of eq. (1)."""
     return -2.0 * osc.h * v - osc.p**2 * x - osc.f * math.sin(osc.omega * t)
 
 
 def flow(osc, x, v, s, c, T):
-    """The flow of eq. (1) over T from (x, v), theta given by its sine and cosine, to 40 digits.
+    """Return the flow of eq. (1) over T from (x, v), theta as sine and cosine, to 40 digits.
 
-    One Taylor series over the whole step, with as many digits as its cancellation costs.
+    One Taylor series over the whole step, with as many digits as its cancellation requires.
     """
     h, p, w, f, x, v, s, c, T = (
         Decimal(float(q)) for q in (osc.h, osc.p, osc.omega, osc.f, x, v, s, c, T)
@@ -47,12 +47,12 @@ def flow(osc, x, v, s, c, T):
 
 
 def exact_step(osc, t, x, v, T):
-    """The flow, from time t."""
+    """Return the flow of eq. (1) from time t."""
     return flow(osc, x, v, math.sin(osc.omega * t), math.cos(osc.omega * t), T)
 
 
 def after_impact(osc, n, v, theta, phase):
-    """The states at omega t = `phase` in the n periods after an impact at `theta`, speed `v`."""
+    """Return the states at omega t = `phase` in n periods after an impact (`theta`, `v`)."""
     first = (phase - theta) % (2.0 * math.pi) / osc.omega
     times = first + 2.0 * math.pi / osc.omega * np.arange(n)
     s, c = math.sin(theta), math.cos(theta)
@@ -60,7 +60,7 @@ def after_impact(osc, n, v, theta, phase):
 
 
 def rk4_step(osc, t, x, v, T):
-    """The classical Runge-Kutta step on the vector (x, v)."""
+    """Take the classical Runge-Kutta step."""
 
     def rate(time, y):
         return np.array([y[1], acceleration(osc, time, *y)])
@@ -74,7 +74,7 @@ def rk4_step(osc, t, x, v, T):
 
 
 def newmark_from(osc, t, x, v, a, T):
-    """Constant average acceleration from (x, v, a): three linear equations for the three at T."""
+    """Constant average acceleration: solve three linear equations for (x, v, a) after T."""
     matrix = np.array(
         [
             [1.0, 0.0, -(T**2) / 4],
@@ -88,23 +88,23 @@ def newmark_from(osc, t, x, v, a, T):
 
 
 def newmark_step(osc, t, x, v, T):
-    """Constant average acceleration from an acceleration that obeys eq. (1)."""
+    """Constant average acceleration, starting with the acceleration of eq. (1)."""
     return newmark_from(osc, t, x, v, acceleration(osc, t, x, v), T)[:2]
 
 
 def euler_step(osc, t, x, v, T):
-    """Along the tangent at the start."""
+    """Step along the tangent at the start."""
     return x + T * v, v + T * acceleration(osc, t, x, v)
 
 
 def semi_implicit_euler_step(osc, t, x, v, T):
-    """The velocity first, then the displacement at the new velocity."""
+    """Step the velocity first, then the displacement with the new velocity."""
     v = v + T * acceleration(osc, t, x, v)
     return x + T * v, v
 
 
 def verlet_step(osc, t, x, v, T):
-    """Central differences: x_T from the start alone, v_T and a_T from two linear equations."""
+    """Central differences: x_T is explicit, v_T and a_T solve two linear equations."""
     a = acceleration(osc, t, x, v)
     x_T = x + T * v + T**2 / 2 * a
     pull = -(osc.p**2) * x_T - osc.f * math.sin(osc.omega * (t + T))
@@ -124,7 +124,7 @@ STEPS = {
 
 
 def plain(osc, step, periods, n, x=0.0, v=0.0):
-    """The rule (2)-(5) at the ends of steps: states at the grid, and (t, v) of the impacts."""
+    """Apply the rule (2)-(5) at the ends of steps; return the states, and (t, v) of impacts."""
     T = 2.0 * math.pi / osc.omega / n
     states, impacts = [], []
     for k in range(periods * n):
@@ -137,9 +137,9 @@ def plain(osc, step, periods, n, x=0.0, v=0.0):
 
 
 def on_the_chord(osc, step, t, x, v, x_T, v_T, rest):
-    """The share of the step, and the speed, at the impact of eqs (6), (7), (9).
+    """Return the fraction of the step and the speed at the impact, from eqs (6), (7), (9).
 
-    After a rebound the mean velocity (x - clearance) / time takes the place of x in eq. (7).
+    After a rebound the mean velocity (x - clearance) / time replaces x in eq. (7).
     """
     if x == osc.clearance:
         mean_0, mean_T = v, (x_T - osc.clearance) / rest
@@ -150,7 +150,7 @@ def on_the_chord(osc, step, t, x, v, x_T, v_T, rest):
 
 
 def on_the_cubic(osc, step, t, x, v, x_T, v_T, rest):
-    """The share where the Hermite interpolant meets the stop, and the speed by a step to it."""
+    """Return the fraction at which the Hermite interpolant meets the stop, and the speed there."""
     roots = CubicHermiteSpline([0.0, 1.0], [x, x_T], [rest * v, rest * v_T]).solve(
         osc.clearance, extrapolate=False
     )
@@ -159,7 +159,7 @@ def on_the_cubic(osc, step, t, x, v, x_T, v_T, rest):
 
 
 def shortened(osc, step, periods, n, x=0.0, v=0.0, locate=on_the_chord):
-    """Steps cut at their impacts, then their remainders; no chatter may come near completion."""
+    """Shorten steps to their impacts, then take the remainders; not for complete chatters."""
     T = 2.0 * math.pi / osc.omega / n
     states, impacts = [], []
     for k in range(periods * n):
@@ -182,7 +182,7 @@ def shortened(osc, step, periods, n, x=0.0, v=0.0, locate=on_the_chord):
 
 
 def literal(osc, periods, n):
-    """Eqs (6)-(10) to the letter, stop at 0: impacts (t, v), and where time stopped or None."""
+    """Eqs (6)-(10) literally, stop at 0: impacts (t, v), and the time of a standstill or None."""
     T = 2.0 * math.pi / osc.omega / n
     t = x = v = a = 0.0
     impacts = []
@@ -201,11 +201,11 @@ def literal(osc, periods, n):
     return np.array(impacts).reshape(-1, 2), None
 
 
-# --- every impact on the closed form, by dense sampling ---
+# --- every impact from the closed form, found by dense sampling ---
 
 
 class ClosedForm:
-    """The free flight from (t0, x, v) as three complex exponentials; not at h = p or resonance."""
+    """A flight from (t0, x, v) as three complex exponentials; not for h = p or resonance."""
 
     def __init__(self, osc, t0, x, v):
         self.t0 = t0
@@ -223,13 +223,13 @@ class ClosedForm:
         self.weights[2] = -1j * steady
 
     def __call__(self, t):
-        """x and x' at time t."""
+        """Return x and x' at time t."""
         waves = self.weights * np.exp(np.multiply.outer(t - self.t0, self.rates))
         return waves.sum(axis=-1).real, (waves * self.rates).sum(axis=-1).real
 
 
 def series(osc, t0, y, v, terms=40):
-    """Taylor coefficients of x - clearance about t0."""
+    """Return the Taylor coefficients of x - clearance about t0."""
     c = [y, v]
     f = osc.f * cmath.exp(1j * osc.omega * t0)
     for k in range(terms):
@@ -241,7 +241,7 @@ def series(osc, t0, y, v, terms=40):
 
 
 def first_touch(value, slope, grid):
-    """The first root of `value` on a grid that starts below; and the highest local maximum < 0."""
+    """Return the first root of `value` on a grid, and the highest local maximum below 0."""
     y, dy = value(grid), slope(grid)
     near = -math.inf
     for i in np.flatnonzero((y[1:] > 0.0) | ((dy[:-1] > 0.0) & (dy[1:] <= 0.0))):
@@ -256,7 +256,7 @@ def first_touch(value, slope, grid):
 
 
 class ExactOrbit:
-    """Every impact, rest and section from t = 0, with an estimate of the error on the way.
+    """All impacts, rests and sections from t = 0, with estimates of their errors.
 
     Attributes
     ----------
@@ -264,9 +264,9 @@ class ExactOrbit:
     impacts : list of (t, v, error)
     rests : list of [start, end]
     graze : float
-        When the orbit first came within `margin` of a graze; inf if never.
+        Time at which the orbit first came within `margin` of a graze; inf if it never did.
     reached : float
-        The end, or where there were as many impacts as asked for at `most`.
+        The final time: the end of the periods, or the time of impact number `most`.
     """
 
     def __init__(self, osc, periods, x=0.0, v=0.0, margin=1e-6, shortest=1e-13, most=10**6):
@@ -289,7 +289,7 @@ class ExactOrbit:
         self.reached = t
 
     def push(self, t):
-        """The acceleration that presses the mass at rest."""
+        """Return the acceleration that presses the resting mass onto the stop."""
         return -self.osc.f * math.sin(self.osc.omega * t) - self.osc.p**2 * self.osc.clearance
 
     def pass_sections(self, t0, t, state):
@@ -300,7 +300,7 @@ class ExactOrbit:
             self.sections.append((float(x), float(v), math.sqrt(np.trace(self.spread))))
 
     def rest(self, t):
-        """Wait until the force no longer presses."""
+        """Rest until the force no longer presses the mass onto the stop."""
         grid = t + np.linspace(0.0, self.period, 2001)
         force = np.array([self.push(q) for q in grid])
         pulls = np.flatnonzero(force[1:] <= 0.0)
@@ -313,14 +313,14 @@ class ExactOrbit:
         return release, self.osc.clearance, 0.0
 
     def fly(self, t, x, v):
-        """One flight and the impact at its end."""
+        """Follow one flight and the impact at its end."""
         osc, stop = self.osc, self.osc.clearance
         panel = 0.2 / self.rate
         c = series(osc, t, x - stop, v)
         released = bool(self.rests) and self.rests[-1][1] == t
         m = 3 if released else ((1 if v else 2) if x == stop else 0)
         c[:m] = 0.0
-        # The first panel by its series, divided by its root at the launch: for short flights.
+        # The first panel uses the series divided by its root at the launch, for short flights.
         quotient, whole = np.polynomial.Polynomial(c[m:]), np.polynomial.Polynomial(c)
         if x == stop and self.push(t) > 0.0:
             panel = min(panel, max(8 * abs(v) / self.push(t), 1e-3 * panel))
@@ -358,7 +358,7 @@ class ExactOrbit:
         return at, stop, v
 
     def long_flight(self, start, state, near):
-        """The flight after its first panel, on the closed form, window by window."""
+        """Follow a flight after its first panel with the closed form, window by window."""
         osc, stop = self.osc, self.osc.clearance
         form = ClosedForm(osc, start, *map(float, state(start)))
         # Local maxima are at least about half a period of the fastest motion apart.
@@ -376,7 +376,7 @@ class ExactOrbit:
         return self.end * (1 + 1e-12), 0.0, (highest, fastest), form, near
 
     def tangent(self, dt):
-        """The matrix of the flight between impacts."""
+        """Return the derivative of a flight of length dt with respect to its start."""
         free = SimpleNamespace(**(vars(self.osc) | {"f": 0.0}))
         columns = [ClosedForm(free, 0.0, *unit)(dt) for unit in np.eye(2)]
         return np.array(columns).T

@@ -1,4 +1,4 @@
-"""The race of every benchmark, and the table at the end."""
+"""The race of every benchmark, and the final table."""
 
 import pytest
 
@@ -13,12 +13,12 @@ def pytest_configure(config):
 
 @pytest.fixture
 def race(benchmark, request):
-    """Run the benchmark of a test interleaved with its reference, see ``limits.Race``."""
+    """Return the race of a test against its reference, see ``limits.Race``."""
     return Race(benchmark, request.config.stash[_RATIOS])
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """Print what was measured against the limits."""
+    """Print the measured ratios beside their limits."""
     ratios = config.stash[_RATIOS]
     if ratios:
         terminalreporter.section("speed")

@@ -1,8 +1,8 @@
-"""The gate on speed: the one table of limits, and the race that a benchmark runs against it.
+"""Limits on speed: the table of limits, and the race that compares a benchmark with its limit.
 
-No time is absolute. Every benchmark runs interleaved with a reference on the same machine, times
-are CPU times, which other processes disturb little, and the best round of each counts. What is
-held against the limit is the ratio of the two.
+No time is absolute. Every benchmark runs interleaved with a reference on the same machine. Times
+are CPU times, which other processes affect little, and the best round of each counts. The ratio of
+the two best rounds is compared with the limit.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ import llvmlite.binding as llvm
 import numba
 from numba import njit
 
-#: The limits with vectors of 512 and of 256 bits: two thirds above what was measured on one server
-#: processor (Sapphire Rapids; those of reduced-step: Zen 4). The best of the rounds repeats to a
-#: tenth there; the rest is for other processors. A loop that is no longer vectorised takes three
-#: times as long. Where nothing is said of the unit, it is a step of the yardstick per forcing
-#: period of one point.
+#: The limits for vectors of 512 and of 256 bits: two thirds above values measured on one server
+#: processor (Sapphire Rapids; for reduced-step: Zen 4). There the best round repeats to 10 %; the
+#: rest of the margin is for other processors. A loop that is no longer vectorized takes three times
+#: as long. Unless noted, the unit is a step of the yardstick per forcing period of one point.
 LIMITS = {
     "plain, euler": (2.25, 4.88),
     "plain, semi-implicit-euler": (2.25, 4.88),
@@ -68,9 +67,9 @@ _H, _R, _OMEGA, _PER_PERIOD = 0.1, 0.8, 2.3, 100
 
 @njit
 def yardstick():
-    """Do what a competent user writes in an afternoon: RK4 and the rule (2)-(5), one point.
+    """Run RK4 and the rule (2)-(5) for one point, as a competent user would write it.
 
-    Frozen: the limits are ratios to its time.
+    Do not change it: the limits are ratios to its time.
     """
     T = 2.0 * math.pi / _OMEGA / _PER_PERIOD
     x = v = 0.0
@@ -93,13 +92,13 @@ def yardstick():
 
 
 def cpu_features() -> frozenset[str]:
-    """Return the names of the processor's features that numba compiles for."""
+    """Return the names of the processor features that numba compiles for."""
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
     return frozenset(name[1:] for name in features.split(",") if name.startswith("+"))
 
 
 def limit(name: str) -> float:
-    """Return the limit of a benchmark on this processor; inf where it has none of these vectors."""
+    """Return the limit of a benchmark on this processor; inf if it has neither vector size."""
     features = cpu_features()
     if "avx2" not in features:
         return math.inf
@@ -107,7 +106,7 @@ def limit(name: str) -> float:
 
 
 def cpu_seconds() -> float:
-    """Return the CPU time of this process, with all its threads and the children that ended."""
+    """Return the CPU time of this process, including threads and finished child processes."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
@@ -134,10 +133,10 @@ class Race:
         self._benchmark, self._ratios = benchmark, ratios
 
     def run(self, name, ours, reference=yardstick, *, amount=1.0, of_reference=STEPS, rounds=15):
-        """Warm both up, time both in turn, and hold the ratio of the best rounds to the limit.
+        """Warm both up, time both in turn, and compare the ratio of the best rounds with the limit.
 
-        Another user of the processor can slow down vectors, and not the reference, for seconds: a
-        ratio above the limit is measured again, for a minute at the most.
+        Other work on the processor can slow down vectors for seconds but not the reference, so a
+        ratio above the limit is measured again, for at most a minute.
 
         Parameters
         ----------
@@ -145,11 +144,11 @@ class Race:
             In ``LIMITS``.
         ours, reference : callable
         amount, of_reference : float
-            What one call of each does, as forcing periods and steps.
+            The work of one call of each, in forcing periods and steps.
 
         Returns
         -------
-        What `ours` returns.
+        The result of `ours`.
         """
         spent = []
 
@@ -170,7 +169,7 @@ class Race:
         return result
 
     def hold(self, name, ratio):
-        """Note a ratio, and hold it to its limit."""
+        """Record a ratio, and compare it with its limit."""
         self._benchmark.extra_info.update(name=name, ratio=ratio, limit=limit(name))
         self._ratios.append((name, ratio, limit(name)))
         assert ratio <= limit(name), f"{name}: {ratio:.3g}, limit {limit(name):.3g}"

@@ -1,4 +1,4 @@
-"""A headless Chromium for the tests of the live picture, and what they ask of its pages."""
+"""A headless Chromium for the tests of the live picture, and access to its pages."""
 
 import base64
 import os
@@ -17,20 +17,20 @@ from sweeps.explorer.page import LivePage
 from sweeps.explorer.server import Explorer
 from sweeps.explorer.view import DIAGRAM
 
-#: Nothing is downloaded, and nothing is asked of the network.
+#: No downloads and no requests to the network.
 _OPTIONS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync"
 ).split()
-#: A time that only a hang reaches [s].
+#: A limit that is only exceeded if the page hangs [s].
 PATIENCE = 300.0
-#: Set where a missing browser is a failure, not a reason to skip.
+#: Variable that turns a missing browser into a failure instead of a skip.
 REQUIRED = "VIBROIMPACT_TEST_BROWSER"
 
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """Yield a browser; skip the test where there is none, unless ``REQUIRED`` is set."""
+    """Yield a browser; without one, skip the test, or fail if ``REQUIRED`` is set."""
     names = ("chromium", "chromium-browser", "google-chrome")
     path = next(filter(None, map(shutil.which, names)), None)
     if path is None:
@@ -53,9 +53,9 @@ class Window:
         From `chromium`.
     explorer : Explorer
     address : str, optional
-        By default that of the explorer.
+        By default the address of the explorer.
     size : (int, int), optional
-        A small one by default: every pixel is computed, painted and compared.
+        Small by default, since every pixel is computed, painted and compared.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class Window:
         self.tab.goto(address or explorer.address)
         self.page: LivePage = explorer.pages[-1]
         self.settle(lambda: self.page.diagram.kept is not None)
-        # A mouse that rests for 300 ms drags nothing, and a busy machine moves it later than that.
+        # A drag that begins with 300 ms of rest is ignored, and a busy machine may be that slow.
         self.tab.evaluate("Bokeh.require('core/ui_gestures').UIGestures.press_threshold = 1e9")
 
     def settle(self, condition: Callable[[], bool] = lambda: True) -> None:
-        """Wait until a condition holds, nothing is computed, and the browser has the picture."""
+        """Wait until a condition holds, the worker is idle, and the browser has the picture."""
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             if self.idle() and condition() and self.painted():
@@ -89,7 +89,7 @@ class Window:
         )
 
     def tiles(self, name: str) -> Tiles:
-        """Wait until a map is complete, and in the browser; return it."""
+        """Wait until a complete map is in the browser; return it."""
         picture = {"map": self.page.map, "basins": self.page.basins}[name]
         code = "{const i = m.data.image[0]; return i && [...i.shape, i.reduce((a, b) => a + b)]}"
         deadline = time.monotonic() + PATIENCE
@@ -105,7 +105,7 @@ class Window:
         raise AssertionError(f"no map: {self.page.controls.error.text}")
 
     def idle(self) -> bool:
-        """Wait until all that was asked for is computed, and the server has sent it."""
+        """Wait until all requests are computed and sent by the server."""
         sent = threading.Event()
         self.page.worker.submit(self.page.document.add_next_tick_callback, sent.set)
         return sent.wait(PATIENCE)
@@ -141,14 +141,14 @@ class Window:
         return np.frombuffer(base64.b64decode(data), np.uint8).reshape(shape)
 
     def model(self, name: str, code: str) -> Any:
-        """Run JavaScript with the model `m` of a name."""
+        """Run JavaScript in which `m` is the model with a name."""
         return self.tab.evaluate(
             f"(() => {{const m = Bokeh.documents[0]?.get_model_by_name('{name}');"
             f"if (m == null) return null; return (() => {code})()}})()"
         )
 
     def box(self, name: str = "diagram") -> dict[str, float]:
-        """Return where the frame of a figure is on the screen."""
+        """Return the position of the frame of a figure on the screen."""
         return self.tab.evaluate(
             "(name) => {const m = Bokeh.documents[0].get_model_by_name(name);"
             "const v = Bokeh.index.find_one(m); const b = v.el.getBoundingClientRect();"
@@ -158,7 +158,7 @@ class Window:
         )
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Drag the mouse between two places in the diagram, as shares of its width and height."""
+        """Drag the mouse between two points of the diagram, as fractions of its size."""
         box, mouse = self.box(), self.tab.mouse
         places = [
             (box["x"] + u * box["width"], box["y"] + v * box["height"]) for u, v in (start, end)
@@ -169,12 +169,12 @@ class Window:
         mouse.up()
 
     def click(self, u: float, v: float, name: str = "diagram") -> None:
-        """Click into a figure, at shares of its width and height."""
+        """Click into a figure, at fractions of its width and height."""
         box = self.box(name)
         self.tab.mouse.click(box["x"] + u * box["width"], box["y"] + v * box["height"])
 
     def wheel(self, delta: float, at: tuple[float, float] = (0.5, 0.5)) -> None:
-        """Turn the wheel over a place in the diagram."""
+        """Turn the wheel over a point of the diagram."""
         box = self.box()
         self.tab.mouse.move(box["x"] + at[0] * box["width"], box["y"] + at[1] * box["height"])
         self.tab.mouse.wheel(0, delta)

@@ -1,4 +1,4 @@
-"""The command line as tests call it, in this process; also on a cluster of this machine."""
+"""Calls of the command line in this process, also on a local cluster."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ from sweep_files import data, load
 from sweeps import run_sweep
 from sweeps.cli.main import app
 
-#: Ten points that are computed at once.
+#: Ten points, computed in a moment.
 SMALL = """\
 name: small
 oscillator:
@@ -26,7 +26,7 @@ record: {transient: 3, periods: 4, impacts: 2}
 
 
 def call(*arguments):
-    """Run a command and return its result; it ends as a command, not with a traceback."""
+    """Run a command and return its result; it must not end with a traceback."""
     words = [str(argument) for argument in arguments]
     with patch.object(sys, "argv", ["vibroimpact", *words]):
         result = CliRunner().invoke(app, words)
@@ -35,14 +35,14 @@ def call(*arguments):
 
 
 def accepted(*arguments):
-    """Run a command that must succeed, and return what it prints."""
+    """Run a command that must succeed, and return its output."""
     result = call(*arguments)
     assert result.exit_code == 0, result.stderr
     return result.stdout
 
 
 def refused(*arguments):
-    """Run a command that must be refused and change no file, and return the message."""
+    """Run a command that must be refused without changing a file, and return the message."""
     before = {path: path.stat().st_mtime_ns for path in Path().rglob("*")}
     result = call(*arguments)
     assert result.exit_code == 2, result.output
@@ -52,7 +52,7 @@ def refused(*arguments):
     return result.stderr
 
 
-# A configuration for a cluster of this machine, and requests that it must refuse
+# A configuration for a local cluster, and requests that must be refused
 
 CLUSTERED = """\
 oscillator: {h: 0.05, R: 0.8, omega: {start: 2.4, stop: 3.5, num: 300, spacing: log}, f: 1.0}
@@ -62,14 +62,14 @@ WORKERS = 2
 
 
 def refused_run(*arguments):
-    """Run a sweep that must be refused in one line, and return the message."""
+    """Run a sweep that must be refused with one line of text, and return it."""
     message = refused("run", "sweep.yaml", "-o", "out.h5", *arguments)
     assert message.count("\n") == 1
     return message
 
 
 def assert_same_bits(path):
-    """Compare a file with that of a run on this machine alone."""
+    """Compare a file bit for bit with a run without the cluster."""
     if not Path("here.h5").exists():
         run_sweep(load(CLUSTERED), "here.h5")
     xr.testing.assert_identical(data(path), data("here.h5"))

@@ -1,4 +1,4 @@
-"""A folder for every test, and the sweeps and the cluster that several files of tests share."""
+"""Fixtures: a folder for every test, and the sweeps and the cluster that test files share."""
 
 import logging
 import shutil
@@ -18,7 +18,7 @@ from written_files import FIXED, SAMPLES, random_numbers, spec_of
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch, request):
-    """Work in an empty folder, which holds the ``CONFIG`` of the test's file as sweep.yaml."""
+    """Change to an empty folder, with the ``CONFIG`` of the test file as sweep.yaml."""
     monkeypatch.chdir(tmp_path)
     if hasattr(request.module, "CONFIG"):
         Path("sweep.yaml").write_text(request.module.CONFIG)
@@ -27,11 +27,10 @@ def folder(tmp_path, monkeypatch, request):
 
 @pytest.fixture
 def stop_after(monkeypatch):
-    """Return a context in which a run is interrupted when it has written so many blocks."""
+    """Return a context manager that interrupts a run after `count` blocks of `size` points."""
 
     @contextmanager
     def stopping(count, size):
-        """Interrupt after `count` blocks of `size` points."""
         write, written = SweepWriter.write, []
 
         def writing(self, block, results):
@@ -50,14 +49,14 @@ def stop_after(monkeypatch):
 
 @pytest.fixture
 def random_sweep(tmp_path):
-    """Return a function that writes and opens a sweep of random numbers."""
+    """Return a function that writes a sweep of random numbers and opens it."""
     with random_sweeps(tmp_path) as make:
         yield make
 
 
 @pytest.fixture(scope="module")
 def shared_sweep(tmp_path_factory):
-    """Return the same function, for sweeps that several tests read."""
+    """Return the same function as `random_sweep`, for sweeps shared by several tests."""
     with random_sweeps(tmp_path_factory.mktemp("shared")) as make:
         yield make
 
@@ -116,7 +115,7 @@ def random_sweeps(folder):
 
 @pytest.fixture(scope="session")
 def computed_starts(tmp_path_factory):
-    """Return a function that runs a sweep over starts with overrides, and opens the file."""
+    """Return a function that runs ``OVER_STARTS`` with overrides and opens the file."""
     folder, opened = tmp_path_factory.mktemp("runs"), {}
 
     def make(*overrides):
@@ -137,13 +136,13 @@ def small_run(tmp_path_factory):
 
 @pytest.fixture
 def ran(folder, small_run):
-    """Put the file of a run of ``SMALL`` there."""
+    """Copy the file of a run of ``SMALL`` to the folder, as small.h5."""
     shutil.copy(small_run, "small.h5")
 
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Return a Dask cluster of this machine."""
+    """Return a local Dask cluster."""
     from distributed import LocalCluster
 
     options = {"n_workers": WORKERS, "threads_per_worker": 1, "dashboard_address": ":0"}

@@ -1,8 +1,8 @@
-"""Runs that a signal ends at random moments and at chosen system calls, and what each must leave.
+"""Runs ended by a signal at random moments and in chosen system calls, and checks of the files.
 
 Most runs are forks of a process that has imported everything and loaded the kernel: they start at
-once, and end as any process of Python does. Those that are interrupted while they start are
-processes of their own.
+once, and end like any Python process. Runs that are interrupted while they start are separate
+processes.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ FOLLOWED = [
     "oscillator={h: 0.05, R: {start: 0.5, stop: 0.8, num: 1200}, omega: [2.4, 3.0], f: 1}",
 ]
 TRAJECTORY = "record={transient: 50, periods: 5, impacts: 8, trajectory: {every: 10}}"
-#: What is set beside the configuration: blocks of a grid, a packed file, followed chains.
+#: Changes of the configuration: blocks of a grid, a compressed file, followed chains.
 KINDS = [[], ["compression=gzip", TRAJECTORY], FOLLOWED]
-#: When a signal is sent: within 50 ms of one of these.
+#: Events after which a signal is sent, at most ``LATEST`` later.
 MOMENTS = ("start", "creation", "block", "end")
-#: How late a signal may come [s].
+#: Longest delay of a signal [s].
 LATEST = 0.05
-#: Interrupt and termination are answered with exit code 1; a kill is not.
+#: Signals that end a run with exit code 1; a kill does not.
 ANSWERED = (signal.SIGINT, signal.SIGTERM)
-#: System calls that a run makes: on the files, for memory, and between its threads.
+#: System calls of a run, for files, memory and threads.
 CALLS = (
     "openat", "write", "read", "pread64", "ftruncate", "fsync", "rename", "unlink", "flock",
     "close", "lseek", "futex", "mmap", "munmap", "newfstatat",
 )  # fmt: skip
-#: How long a run may take to answer a signal, on a machine that does other things [s].
+#: Longest time for a run to react to a signal on a busy machine [s].
 PATIENCE = 300.0
 
 _FORKS = """
@@ -57,8 +57,8 @@ import sweeps.cli.main, sweeps.engine.reports, sweeps.engine.run
 from sweeps.cli.__main__ import main
 from vibroimpact import Oscillator, integrate
 
-integrate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at())  # so that the kernel is loaded
-gc.freeze()  # at its end, no fork searches what it shares
+integrate(Oscillator(h=0.1, R=0.8, omega=2.0, f=1.0).at())  # loads the kernel
+gc.freeze()  # forks do not search the shared objects when they end
 for line in sys.stdin:
     request = json.loads(line)
     pid = os.fork()
@@ -76,13 +76,13 @@ for line in sys.stdin:
 
 
 def environment() -> dict[str, str]:
-    """Return what a process needs to find the packages, and the code that is compiled already."""
+    """Return the environment that lets a process find the packages and the compiled code."""
     kept = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
     return {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": os.environ.get("HOME", ""), **kept}
 
 
 def hear() -> None:
-    """Let a new process hear Ctrl-C, also where this one runs in the background of a shell."""
+    """Let a new process receive Ctrl-C, even if this one runs in the background of a shell."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -95,7 +95,7 @@ def command(changes: list[str], output: str = "out.h5") -> list[str]:
 class Forks:
     """Starts commands as forks of one process, one after the other.
 
-    `folder`, where they run unless said otherwise, is below `root`, which also has what they write.
+    By default they run in `folder`, which is below `root`. Their output is in `root`.
     """
 
     def __init__(self, root: Path) -> None:
@@ -122,7 +122,7 @@ class Forks:
     def start(
         self, *arguments: str, folder: Path | None = None, stopped: bool = False, stdout: str = ""
     ) -> int:
-        """Start a command; return the number of its process."""
+        """Start a command; return its process id."""
         request = {
             "folder": str(folder or self.folder),
             "streams": [stdout or self._streams[0], self._streams[1]],
@@ -134,12 +134,12 @@ class Forks:
         return int(self._process.stdout.readline())
 
     def ended(self) -> tuple[int, str]:
-        """Wait for the end of the command; return its exit code and what it wrote to stderr."""
+        """Wait for the end of the command; return its exit code and its stderr."""
         code = int(self._process.stdout.readline())
         return code, Path(self._streams[1]).read_text()
 
     def emptied(self) -> Path:
-        """Return the folder, without what an earlier run may have left."""
+        """Return the folder after removing files of earlier runs."""
         for path in self.folder.iterdir():
             if path.name != "sweep.yaml" and not path.name.startswith("whole"):
                 path.unlink()
@@ -156,7 +156,7 @@ class Forks:
 
 
 def share_written(path: Path) -> float:
-    """Return the share of the points of a sweep that are written, 0 where it is not begun."""
+    """Return the share of written points of a sweep, 0 if it has not begun."""
     if path.exists():
         return 1.0
     done, points = kept_points(path) or (0, 1)
@@ -164,14 +164,14 @@ def share_written(path: Path) -> float:
 
 
 def _listens(pid: int) -> bool:
-    """Whether a process has installed its handlers of both signals."""
+    """Whether a process has installed its handlers for both signals."""
     match = re.search(r"SigCgt:\s*([0-9a-f]+)", Path(f"/proc/{pid}/status").read_text())
     caught = int(match[1], 16)
     return all(caught & 1 << number - 1 for number in ANSWERED)
 
 
 def _reached(moment: str, folder: Path, draw: random.Random) -> object:
-    """Return a function of the process that says whether the moment has come."""
+    """Return a function of the process that tells whether the event has happened."""
     out = folder / "out.h5"
     if moment == "start":
         return _listens
@@ -182,7 +182,7 @@ def _reached(moment: str, folder: Path, draw: random.Random) -> object:
 
 
 def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> None:
-    """Send a signal to a run at a moment, and check how the run ends and what it leaves."""
+    """Send a signal to a run at a given moment, and check its end and its files."""
     folder, changes = forks.emptied(), draw.choice(KINDS)
     process = None
     if moment == "start":
@@ -203,7 +203,7 @@ def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> No
             time.sleep(0.002)
         time.sleep(draw.uniform(0.0, LATEST))
         os.kill(pid, number)
-    except (OSError, IndexError):  # it has ended, or its file was replaced
+    except (OSError, IndexError):  # the run has ended, or its file was replaced
         pass
     if process is not None:
         _, text = process.communicate(timeout=PATIENCE)
@@ -214,7 +214,7 @@ def signalled(forks: Forks, number: int, moment: str, draw: random.Random) -> No
 
 
 def at_call(forks: Forks, number: int, draw: random.Random) -> str:
-    """Send a signal to a run in one of its system calls; return which."""
+    """Send a signal to a run in one of its system calls; return that call."""
     folder, changes = forks.emptied(), draw.choice(KINDS)
     call, which = draw.choice(CALLS), draw.choice((1, 2, 3, 5, 8, 13, 21, 34, 55, 89))
     pid = forks.start(*command(changes), stopped=True)
@@ -238,7 +238,7 @@ def at_call(forks: Forks, number: int, draw: random.Random) -> str:
 
 
 def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str]) -> None:
-    """Check the outcome of a run that was sent a signal, and go on with it to the same data."""
+    """Check the outcome of an interrupted run, resume it, and compare the data."""
     about = f"signal {number}, {changes}, exit code {code}:\n{text}"
     folder = forks.folder
     out = folder / "out.h5"

@@ -1,4 +1,4 @@
-"""What no user means: valid configurations with random damage, and environments of a command."""
+"""Odd input: valid configurations with random damage, and odd environments of a command."""
 
 from pathlib import Path
 
@@ -30,7 +30,8 @@ refine: {axis: omega, levels: 2}
 output: x.h5
 """
 SCENES = [path.read_text() for path in sorted(CONFIGS.glob("*.yaml"))]
-BASES = [FULL, REFINED, *(text for text in SCENES if "points:" not in text)]  # beside no table
+# Without the scene of a table, whose file would be missing.
+BASES = [FULL, REFINED, *(text for text in SCENES if "points:" not in text)]
 
 ODD = r"""
 1e308 -1e308 -0.0 0 5e-324 1e-300 1e999 nan .inf -.inf 1e9 1e18 99999999999999999999 true null ~ ''
@@ -46,7 +47,7 @@ NAMES = ["omga", "num", "x0", "", "a" * 99, "gap", "f", "R", "start", "<scalar>"
 
 
 def small(tree):
-    """Cut a configuration to a few points and periods, in place, so that it can be run."""
+    """Reduce a configuration in place to a few points and periods, so that it can be run."""
     for group in ("oscillator", "start"):
         for value in tree.get(group, {}).values():
             if isinstance(value, dict) and "num" in value:
@@ -69,7 +70,7 @@ def mutated(rng):
     tree = yaml.load(rng.choice(BASES), Loader=yaml.BaseLoader)
     if rng.random() < 0.7:
         small(tree)
-    gentle = rng.random() < 0.4  # only numbers for numbers, most of which are allowed
+    gentle = rng.random() < 0.4  # numbers are replaced by numbers, mostly valid ones
     odd = []
     for _ in range(rng.choice([1, 1, 2, 3])):
         *path, last = rng.choice(sorted(leaves(tree), key=str))
@@ -87,14 +88,14 @@ def mutated(rng):
 
 
 def at(tree, path):
-    """Return what is at a path."""
+    """Return the value at a path."""
     for key in path:
         tree = tree[key]
     return tree
 
 
 def change(tree, group, last, odd, rng):
-    """Change one value or key of a group in place; odd values are put into the text later."""
+    """Change one value or key of a group in place; odd values enter the text later."""
     kind = rng.choice(["odd", "odd", "odd", "odd", "lose", "rename", "swap", "nest"])
     if kind == "rename" and isinstance(group, dict):
         group[rng.choice(NAMES)] = group.pop(last)
@@ -102,7 +103,8 @@ def change(tree, group, last, odd, rng):
         del group[last]
     elif kind == "swap":
         value = at(tree, rng.choice(sorted(leaves(tree), key=str)))
-        group[last] = yaml.safe_load(yaml.safe_dump(value))  # a copy, that nothing is in itself
+        # A copy, so that no value contains itself.
+        group[last] = yaml.safe_load(yaml.safe_dump(value))
     elif kind == "nest":
         group[last] = rng.choice([[group[last]], {"start": group[last]}, [group[last]] * 40])
     else:
@@ -117,7 +119,7 @@ def number(rng):
 
 
 def damaged(text, rng):
-    """Return a text with some of its characters or lines changed, lost or doubled."""
+    """Return a text with some characters or lines changed, removed or doubled."""
     for _ in range(rng.randint(1, 4)):
         begin = rng.randrange(len(text) + 1)
         end = begin + rng.choice([0, 1, 1, 5, 40])
@@ -132,9 +134,9 @@ def damaged(text, rng):
     return text
 
 
-# Variables of every library that a command stands on
+# Variables of all libraries that a command uses
 
-#: A number, a switch, a name or a path as nobody means them.
+#: Odd numbers, switches, names and paths.
 _NONSENSE = ("abc", "-1", "0", "99999999999", "")
 _PLACES = ("/proc", "/dev/null/x", "/sys/deep/folder", "")
 
@@ -186,5 +188,5 @@ VARIABLES = {
     "COMP_WORDS": ("nonsense",),
 }
 
-#: One variable each, as a pair.
+#: Pairs of a variable and its value.
 ENVIRONMENTS = [(name, value) for name, values in VARIABLES.items() for value in values]

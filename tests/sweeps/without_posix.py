@@ -1,10 +1,10 @@
-"""Run commands of vibroimpact in a process that lacks what only POSIX has.
+"""Run commands of vibroimpact in a process without the features that only POSIX has.
 
     python without_posix.py COMMAND ARGUMENTS... [-- COMMAND ARGUMENTS...]...
 
-The libraries are imported before, since they have ways of their own on other systems. As on
-Windows, a file that is open cannot be replaced or removed, and a folder cannot be opened. What
-this simulates is no more than that: no other system is run.
+The libraries are imported first, because they have separate code for other systems. As on
+Windows, an open file cannot be replaced or removed, and a folder cannot be opened. Nothing else
+of another system is simulated.
 """
 
 import builtins
@@ -15,7 +15,7 @@ import sys
 import types
 
 LIBRARIES = "filelock h5netcdf numba pandas platformdirs.unix psutil scipy.optimize xarray"
-#: Those that only these commands and options use, and that take long to import.
+#: Libraries used only by these commands and options, which take long to import.
 MORE = {
     "plot": "matplotlib.pyplot",
     "explore": "bokeh.server.server matplotlib.pyplot",
@@ -28,7 +28,7 @@ LACKING = {
 
 
 def take_away(words):
-    """Remove what other systems lack, and refuse what they refuse."""
+    """Remove features that other systems lack, and refuse calls that they refuse."""
     more = " ".join(names for word, names in MORE.items() if word in words)
     for library in f"{LIBRARIES} {more}".split():
         importlib.import_module(library)
@@ -53,7 +53,7 @@ def no_folder(path, *arguments, **options):
 
 
 def no_descriptors(function):
-    """Return an `open` that has no names for what is open already."""
+    """Return an `open` without the paths of open descriptors, such as /dev/fd."""
 
     def open_file(file, *arguments, **options):
         if isinstance(file, str) and file.startswith(("/dev/fd", "/proc/self/fd")):
@@ -64,7 +64,7 @@ def no_descriptors(function):
 
 
 def refusing_open_files(function):
-    """Return a function of `os` that refuses files that this process has open or mapped."""
+    """Return a function of `os` that refuses files which this process has open or mapped."""
 
     def refuse(*paths, **options):
         for path in map(os.path.realpath, paths):
@@ -81,7 +81,7 @@ def open_files():
     for descriptor in os.listdir("/proc/self/fd"):
         try:
             paths.add(os.readlink(f"/proc/self/fd/{descriptor}"))
-        except FileNotFoundError:  # that of the listing
+        except FileNotFoundError:  # the descriptor of the listing itself
             continue
     with open("/proc/self/maps") as maps:
         paths.update(line.split(maxsplit=5)[-1].strip() for line in maps)
@@ -89,7 +89,7 @@ def open_files():
 
 
 def main(words):
-    """Run each command, until one does not end with 0."""
+    """Run the commands until one ends with a nonzero exit code."""
     take_away(words)
     from sweeps.cli.__main__ import main as command
 

@@ -1,4 +1,4 @@
-"""Files with results that were not computed: of blocks, or random ones to draw."""
+"""Files with random results in place of computed ones, written block by block or for pictures."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ WIDTHS = {"section": 20, "impact": 3, "sample": 6}
 
 
 def spec_of(widths=WIDTHS, diagnostics=DIAGNOSTICS):
-    """What is computed, so that the records have these widths."""
+    """Return a RunSpec whose records have these widths."""
     return RunSpec(
         integrator="exact",
         impact="exact",
@@ -53,25 +53,25 @@ def schema(
 
 
 def results(block, samples=None, widths=WIDTHS):
-    """Results of a block; its trajectories too have their own length."""
+    """Return random results of a block; the length of trajectories differs between blocks."""
     seed = [cut.start for cut in block]
     samples = 4 + 3 * sum(seed) if samples is None else samples
     return random_results(block_points(block), {**widths, "sample": samples}, seed)
 
 
 def fill_blocks(path, blocks=None, compressed=False, **options):
-    """Write that many of the pending blocks; finish the file where that are all."""
+    """Write the first pending blocks, all by default; finish the file if none is left."""
     return fill(path, schema(), results, blocks, compressed, **options)
 
 
 def whole(grid=GRID, samples=6):
-    """Results of every point, shaped like the grid."""
+    """Return the results of every point, shaped like the grid."""
     arrays = results(tuple(slice(0, n) for n in grid.shape), samples)
     return {name: array.reshape(*grid.shape, *array.shape[1:]) for name, array in arrays.items()}
 
 
 def part(arrays, block):
-    """The results of a block, out of those of every point."""
+    """Return the results of a block from the results of every point."""
     return {
         name: array[block].reshape(block_points(block), *array.shape[len(block) :])
         for name, array in arrays.items()
@@ -79,13 +79,13 @@ def part(arrays, block):
 
 
 def assert_holds(dataset, arrays, where=...):
-    """Compare what a sweep holds at some points, to the bit."""
+    """Compare the results of a sweep at some points bit for bit."""
     for name in dataset.data_vars:
         np.testing.assert_array_equal(dataset[name].values[where], arrays[name][where])
     assert set(dataset.data_vars) <= set(VARIABLES)
 
 
-# Random numbers to draw
+# Random numbers for pictures
 
 FIXED = {"h": 0.1, "R": 0.8, "omega": 2.0, "f": 1.0, "p": 1.0, "clearance": 0.25, "x0": 0, "v0": 0}
 OMEGA = np.array([0.8, 1.0, 1.5, 4.0])

@@ -15,7 +15,7 @@ TESTS = Path(__file__).parents[1]
 
 
 def pytest_generate_tests(metafunc):
-    """A test of `integrator` and `rule` is run for ``EVERY_METHOD`` unless it chooses its own."""
+    """Run a test of `integrator` and `rule` for ``EVERY_METHOD`` unless it chooses others."""
     marks = metafunc.definition.iter_markers("parametrize")
     chosen = {name for mark in marks for name in re.split(r"\W+", str(mark.args[0]))}
     if {"integrator", "rule"} <= set(metafunc.fixturenames) and not chosen & {"integrator", "rule"}:
@@ -25,7 +25,7 @@ def pytest_generate_tests(metafunc):
 
 @dataclass(frozen=True)
 class Orbit:
-    """One certified orbit: its oscillator and start, and what is known of it."""
+    """One certified orbit: its oscillator, its start and its certified values."""
 
     oscillator: Oscillator
     x0: float
@@ -53,6 +53,6 @@ def _orbit(case):
 
 @pytest.fixture(scope="session")
 def truth():
-    """The orbits of tests/truth/orbits.json, by name."""
+    """Return the orbits of tests/truth/orbits.json by name."""
     cases = json.loads((TESTS / "truth" / "orbits.json").read_text())["cases"]
     return {case["name"]: _orbit(case) for case in cases}

@@ -1,7 +1,7 @@
-"""Steps from states of every magnitude, for test_termination.py, in a process of its own.
+"""Steps from states of every magnitude, for test_termination.py, in a separate process.
 
-``fuzz_steps.py SEED STEPS`` takes that many steps with every impact rule, half of them on floats
-made of random bits, half as runs of valid points at and between the bounds of their parameters.
+``fuzz_steps.py SEED STEPS`` takes STEPS steps with every impact rule: half of them with floats made
+of random bits, half in runs of valid points at and between the bounds of their parameters.
 """
 
 import sys
@@ -39,7 +39,7 @@ LARGEST, SMALLEST_NORMAL, SMALLEST = sys.float_info.max, sys.float_info.min, 5e-
 
 @jit
 def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
-    """Take one step from each state: nothing about it is right but that its fields are floats."""
+    """Take one step from each state; the fields are floats but otherwise arbitrary."""
     most = 0
     for k in range(states.shape[0]):
         x, v, x_T, v_T, theta, s, c, step = states[k]
@@ -67,7 +67,7 @@ def take_steps(method, states, points, rows, consistent, scratch, ring, sums):
 
 
 def random_floats(rng, shape):
-    """Random bits, or ordinary numbers with special ones among them."""
+    """Return floats of random bits, or ordinary numbers mixed with special ones."""
     bits = rng.integers(0, 2**64, shape, dtype=np.uint64).view(float)
     special = np.array(
         [0.0, -0.0, 1.0, np.inf, -np.inf, np.nan, SMALLEST, SMALLEST_NORMAL, LARGEST, -LARGEST]
@@ -77,7 +77,7 @@ def random_floats(rng, shape):
 
 
 def fuzz_bits(rng, integrator, rule, scratch):
-    """Take a batch of steps on random bits."""
+    """Take a batch of steps from states of random bits."""
     points = random_floats(rng, (BATCH, len(PARAMETERS))).copy().view(POINT)[:, 0]
     most = take_steps(
         (IMPACT_RULES[rule].code, INTEGRATORS[integrator].code), random_floats(rng, (BATCH, 8)),
@@ -92,7 +92,7 @@ def fuzz_bits(rng, integrator, rule, scratch):
 
 
 def any_magnitude(rng, n):
-    """Positive numbers: of every magnitude, the bounds, and ordinary ones."""
+    """Return positive numbers: of every magnitude, the bounds, and ordinary ones."""
     bounds = rng.choice([0.0, SMALLEST, SMALLEST_NORMAL, LARGEST, 1.0], n)
     ordinary = rng.uniform(0.0, 3.0, n)
     every = 10.0 ** rng.uniform(-323.0, 308.0, n)
@@ -100,7 +100,7 @@ def any_magnitude(rng, n):
 
 
 def random_points(rng, rule):
-    """Valid points; for the rule ``exact`` such as do not need many steps."""
+    """Return valid points; for the rule ``exact``, only points that need few steps."""
     n = 8 * BATCH
     points = np.zeros(n, POINT)
     points["omega"] = np.where(rng.random(n) < 0.5, 1.0, any_magnitude(rng, n))
@@ -124,7 +124,7 @@ def random_points(rng, rule):
 
 
 def fuzz_run(rng, integrator, rule):
-    """Run a batch of valid points: finite or marked, no energy from nothing, and as if alone."""
+    """Run valid points: finite or failed, no gain of energy, the same results as alone."""
     points = random_points(rng, rule)
     method = {"integrator": integrator, "impact": rule, "periods": 1}
     method["phase"] = float(rng.choice([0.0, 1.3, 6.28]))
@@ -141,7 +141,7 @@ def fuzz_run(rng, integrator, rule):
         with np.errstate(over="ignore"):
             before, after = np.hypot(points["v0"], p * points["x0"]), np.hypot(v, p * x)
             allowed = before * (1.0 + 1e-12) + SMALLEST_NORMAL * (1.0 + p + points["omega"])
-            # The state is x - clearance, with its roundings.
+            # The state is x - clearance, with rounding errors.
             allowed += 1e-13 * p * np.abs(points["clearance"])
         assert (after <= allowed)[free].all(), points[free & ~(after <= allowed)]
     i = int(rng.integers(points.size))
@@ -157,7 +157,7 @@ def fuzz_run(rng, integrator, rule):
 
 
 def main(seed, steps):
-    """Take about that many steps with every rule."""
+    """Take at least `steps` steps with every rule."""
     scratch = new_scratch()
     for rule in IMPACT_RULES:
         integrators = [integrator for integrator, other in EVERY_METHOD if other == rule]

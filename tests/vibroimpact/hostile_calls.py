@@ -1,9 +1,9 @@
-"""Hostile calls of the public functions, for test_termination.py, in a process of its own.
+"""Hostile calls of the public functions, for test_termination.py, in a separate process.
 
-``hostile_calls.py SEED CALLS`` calls them with valid and with wrong arguments of every magnitude,
-and says how much processor time the longest call of each took. It fails where a call ends in an
-error that the package has not raised itself, or that is not documented. What a caller asks for in
-so many words, as 10^9 forcing periods, is cut to `MOST_STEPS`.
+``hostile_calls.py SEED CALLS`` calls them with valid and invalid arguments of every magnitude, and
+prints the CPU time of the longest call of each function. It fails if a call raises an error that
+the package did not raise itself, or that is not documented. Explicit requests for long work, such
+as 10^9 forcing periods, are cut to `MOST_STEPS`.
 """
 
 import math
@@ -77,7 +77,7 @@ class Caller:
         return self.rarely(WRONG, name), self.rarely(WRONG, low), self.rarely(WRONG, high)
 
     def orbit(self):
-        """Return an orbit that is one, or what is none, and the oscillator to take ranges about."""
+        """Return a valid or an invalid orbit, and the oscillator around which to take ranges."""
         omega = self.one_of([0.01, 0.8, 1.3, 2.3, 2.6, 2.8, 4.1, self.number() or 1.0])
         osc = Oscillator(self.one_of([0.0, 0.05]), self.one_of([0.5, 0.8, 1.0]), omega, 1.0)
         m, q = self.one_of([(1, 1), (3, 2), (10**5, 1), (2, 5000)])
@@ -138,7 +138,7 @@ CALLS += ["bifurcation_curve"]
 
 
 def affordable(points, method):
-    """Return a method with fewer periods where the steps that it asks for are too many."""
+    """Return a method, and fewer periods if it needs too many steps."""
     try:
         steps = method["steps_per_period"] or default_steps(points, method["impact"])
         periods = int(MOST_STEPS / (steps * points.size)) or 1
@@ -149,7 +149,7 @@ def affordable(points, method):
 
 
 def outcome(name, arguments, keywords):
-    """Make a call; return what is wrong with how it ends, if anything."""
+    """Make a call; return a description of a wrong outcome, or nothing."""
     try:
         result = getattr(vibroimpact, name)(*arguments, **keywords)
         if name in ("one_impact_orbit", "periodic_orbit"):

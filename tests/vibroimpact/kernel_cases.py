@@ -1,4 +1,4 @@
-"""Points, methods and steps for the kernel, and what its results are compared with."""
+"""Points, methods and steps for tests of the kernel, and comparisons of its results."""
 
 import math
 
@@ -10,7 +10,7 @@ from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES, default_steps
 
-#: Every integrator with every impact rule that takes it.
+#: Every integrator with every impact rule that accepts it.
 EVERY_METHOD = [
     (integrator, rule)
     for rule in IMPACT_RULES
@@ -25,18 +25,18 @@ METHODS = pytest.mark.parametrize(
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
 
-# For what a rule does with short flights: a first-order step sees none that is shorter than it.
+# For short flights: a first-order step does not see flights shorter than itself.
 SECOND_ORDER = pytest.mark.parametrize(
     "integrator", [name for name, row in INTEGRATORS.items() if row.order != 1]
 )
 
-# What a run that went well reports.
+# Status of successful runs.
 DONE = dict.fromkeys(IMPACT_RULES, Status.COMPUTED) | {"exact": Status.CERTIFIED}
 PERIOD = 2.0 * math.pi
 
 
 def random_points(n, seed=11):
-    """Points all over the valid domain, its corners among them."""
+    """Return points all over the valid domain, including its corners."""
     rng = np.random.default_rng(seed)
     points = np.zeros(n, dtype=POINT)
     points["h"] = rng.choice([0.0, 0.05, 1.0, 3.0], n) * rng.choice([1.0, rng.random()], n)
@@ -51,7 +51,7 @@ def random_points(n, seed=11):
 
 
 def wide_points(n, seed):
-    """Points at p = f = 1, omega evenly spread in its logarithm."""
+    """Return points at p = f = 1 with logarithmically spaced omega."""
     rng = np.random.default_rng(seed)
     points = np.zeros(n, dtype=POINT)
     points["h"] = rng.uniform(0.0, 2.0, n)
@@ -65,24 +65,24 @@ def wide_points(n, seed):
 
 
 def one(h=0.1, R=0.7, omega=2.3, f=1.0, clearance=0.0, x0=0.0, v0=0.0):
-    """One parameter point."""
+    """Return one parameter point."""
     return Oscillator(h=h, R=R, omega=omega, f=f, clearance=clearance).at(x0, v0)
 
 
 def taken_apart(point):
-    """The oscillator of a point, and the start."""
+    """Return the oscillator of a point, and its start."""
     given = {name: float(point[name]) for name in POINT.names}
     x0, v0 = given.pop("x0"), given.pop("v0")
     return Oscillator(**given), x0, v0
 
 
 def steps_for(points, rule, otherwise=40):
-    """Steps per period: few, but as many as the rule needs."""
+    """Return steps per period: few, but enough for the rule."""
     return default_steps(points, rule) if rule == "exact" else otherwise
 
 
 def assert_same(ours, others):
-    """Every array of two results is the same, bit for bit."""
+    """Compare every array of two results bit for bit."""
     assert ours.keys() == others.keys()
     for name in ours:
         np.testing.assert_array_equal(ours[name], others[name], err_msg=name)

@@ -1,8 +1,8 @@
-"""Oscillators by position and at random, and their orbits by other means than the package's.
+"""Oscillators, given or random, and their orbits computed independently of the package.
 
-``Dux`` is a closed form. ``SectionMap`` is eqs (1)-(5) in multiple precision, over impacts near
-given ones: every flight is its closed form, followed to its impact by Newton's method. It shares no
-code with the package, which gives only the phases where the impacts are looked for.
+``Dux`` is a closed form. ``SectionMap`` solves eqs (1)-(5) in multiple precision for impacts near
+given ones: each flight is a closed form, and Newton's method finds its impact. It shares no code
+with the package, which only provides the phases at which the search for impacts starts.
 """
 
 from dataclasses import asdict, replace
@@ -20,12 +20,12 @@ TAU = 2.0 * np.pi
 
 
 def oscillator(h, R, omega=1.0, clearance=0.0, f=1.0, p=1.0):
-    """An oscillator by position."""
+    """Return an oscillator from positional parameters."""
     return Oscillator(h=h, R=R, omega=omega, f=f, p=p, clearance=clearance)
 
 
 def random_oscillators(count, seed, clearance=1.0):
-    """Oscillators and n at random: a quarter each undamped, critical, over-damped, any."""
+    """Yield random oscillators and n: a quarter each undamped, critical, over-damped and any."""
     rng = np.random.default_rng(seed)
     for k in range(count):
         p = rng.uniform(0.5, 2.0)
@@ -42,12 +42,12 @@ def random_oscillators(count, seed, clearance=1.0):
 
 
 def one_impact(osc, n=1, slower=False):
-    """The orbit with one impact in n periods, from its closed form."""
+    """Return the orbit with one impact in n periods from its closed form."""
     closed = one_impact_orbits(osc, n)[0] if slower else one_impact_orbit(osc, n)
     return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
 
 
-#: What changes its sign where a one-impact orbit bifurcates.
+#: Functions that change sign where a one-impact orbit bifurcates.
 _SIGNS = {
     "flip": lambda orbit: np.real(np.prod(1.0 + orbit.multipliers)),
     "graze": lambda orbit: orbit.peak,
@@ -56,7 +56,7 @@ _SIGNS = {
 
 
 def bifurcation(osc, kind, parameter, low, high, n=1):
-    """The value of a parameter at which the one-impact orbit bifurcates, by bisection."""
+    """Return the parameter value at which the one-impact orbit bifurcates, by bisection."""
 
     def sign(value):
         return _SIGNS[kind](one_impact_orbit(replace(osc, **{parameter: value}), n))
@@ -65,10 +65,10 @@ def bifurcation(osc, kind, parameter, low, high, n=1):
 
 
 class Dux(NamedTuple):
-    """Random orbits of one impact in n periods, h = 0, p = f = 1, at any clearance; in closed form.
+    """Closed form of random orbits with one impact in n periods, h = 0, p = f = 1, any clearance.
 
-    Between two impacts the motion is symmetric in time. With x_p = -gamma sin(omega t) it is
-    sin(theta) = -(sigma + c V / 2) / gamma, cos(theta) = -rho V / (2 gamma) at the impact.
+    Between two impacts the motion is symmetric in time. With x_p = -gamma sin(omega t), the impact
+    has sin(theta) = -(sigma + c V / 2) / gamma and cos(theta) = -rho V / (2 gamma).
     """
 
     omega: np.ndarray
@@ -83,25 +83,25 @@ class Dux(NamedTuple):
 
     @property
     def constants(self):
-        """T, gamma, rho and c."""
+        """Return T, gamma, rho and c."""
         T = TAU * self.n / self.omega
         c = (1.0 + self.R) / np.tan(0.5 * T)  # (1 + R) sin T / (1 - cos T)
         return T, 1.0 / (1.0 - self.omega**2), (1.0 - self.R) / self.omega, c
 
     def speeds(self, sigma):
-        """Of both solutions, shape (2, count), orbits where > 0; NaN where there is none."""
+        """Return the speeds of both solutions, shape (2, count): orbits if > 0, NaN if none."""
         _, gamma, rho, c = self.constants
         with np.errstate(invalid="ignore"):
             root = np.sqrt(gamma**2 * c**2 + (gamma**2 - sigma**2) * rho**2)
         return 2.0 * np.array([-c * sigma - root, -c * sigma + root]) / (c**2 + rho**2)
 
     def fold(self):
-        """The clearance at which both solutions with V > 0 meet."""
+        """Return the clearance at which both solutions with V > 0 meet."""
         _, gamma, rho, c = self.constants
         return -np.sign(c) * np.abs(gamma) * np.hypot(1.0, c / rho)
 
     def flip(self):
-        """The clearance at which 1 + R^2 - 2 R cos T + (1 + R) (a / V) sin T = 0.
+        """Return the clearance at which 1 + R^2 - 2 R cos T + (1 + R) (a / V) sin T = 0.
 
         a = -sin(theta) - sigma = -omega^2 sigma + c V / (2 gamma), so that sigma / V is known.
         """
@@ -111,7 +111,7 @@ class Dux(NamedTuple):
         return ratio * np.abs(gamma) / np.hypot(ratio + 0.5 * c, 0.5 * rho)
 
     def state(self, t, sigma, V):
-        """x and v at the time t after the impact."""
+        """Return x and v at the time t after the impact."""
         T, gamma, rho, c = self.constants
         sine, cosine = -(sigma + 0.5 * c * V) / gamma, -0.5 * rho * V / gamma
         turn = self.omega * t
@@ -121,12 +121,12 @@ class Dux(NamedTuple):
         return x, -free * np.sin(t - 0.5 * T) - gamma * self.omega * rate
 
     def phase(self, sigma, V):
-        """omega t of the impact, in [0, 2 pi)."""
+        """Return omega t of the impact, in [0, 2 pi)."""
         _, gamma, rho, c = self.constants
         return np.arctan2(-(sigma + 0.5 * c * V) / gamma, -0.5 * rho * V / gamma) % TAU
 
     def multipliers_at_minus_one(self, sigma, V):
-        """1 + trace + det, which is positive up to the flip."""
+        """Return 1 + trace + det, which is positive up to the flip."""
         T, gamma, _, c = self.constants
         a = 0.5 * c * V / gamma - self.omega**2 * sigma
         kick = (1.0 + self.R) * (a / V) * np.sin(T)
@@ -137,15 +137,15 @@ class Dux(NamedTuple):
 
 
 def in_digits(osc):
-    """The parameters in multiple precision, by name."""
+    """Return the parameters in multiple precision, by name."""
     return {name: mp.mpf(value) for name, value in asdict(osc).items()}
 
 
 def _one_impact(parameters, n):
-    """g, k and X of the flights of n/1 orbits, from `in_digits`.
+    """Return g, k and X of the flights of n/1 orbits, from `in_digits`.
 
-    The free part u of the flight has M u = u + (0, (1 + R) v), so that x_p = sigma + g v and
-    x_p' = k omega v at the impact: (sigma + g v)^2 + (k v)^2 = |X|^2, X the complex steady motion.
+    The free part u of the flight satisfies M u = u + (0, (1 + R) v), so that x_p = sigma + g v and
+    x_p' = k omega v at the impact: (sigma + g v)^2 + (k v)^2 = |X|^2; X is the complex amplitude.
     """
     h, R, omega, p = (parameters[name] for name in ("h", "R", "omega", "p"))
     T = 2 * mp.pi * n / omega
@@ -160,7 +160,7 @@ def _one_impact(parameters, n):
 
 
 def one_impact_motions(parameters, n):
-    """Speed and phase of all n/1 motions, the slower first, from `in_digits`."""
+    """Return speed and phase of all n/1 motions, the slower first, from `in_digits`."""
     sigma, (g, k, X) = parameters["clearance"], _one_impact(parameters, n)
     a, b, c = g * g + k * k, sigma * g, sigma**2 - abs(X) ** 2
     if b * b < a * c:
@@ -170,9 +170,9 @@ def one_impact_motions(parameters, n):
 
 
 def fold_of_one_impact(parameters, n):
-    """The clearance at which both n/1 orbits meet, and their speed there, from `in_digits`.
+    """Return the clearance at which both n/1 orbits meet, and their speed, from `in_digits`.
 
-    That is a double root v > 0, where sigma = -sign(g) |X| sqrt(g^2 + k^2) / |k|.
+    There the root v > 0 is double, and sigma = -sign(g) |X| sqrt(g^2 + k^2) / |k|.
     """
     g, k, X = _one_impact(parameters, n)
     sigma = -mp.sign(g) * abs(X) * mp.hypot(g, k) / abs(k)
@@ -180,7 +180,7 @@ def fold_of_one_impact(parameters, n):
 
 
 class Flight:
-    """The motion of eq. (1) from a state at a time; not at h = p or in resonance."""
+    """The motion of eq. (1) from a state at time t; not for h = p or undamped resonance."""
 
     def __init__(self, parameters, t, x, v):
         h, p, omega = (parameters[name] for name in ("h", "p", "omega"))
@@ -192,7 +192,7 @@ class Flight:
         self.weights = (v - two * x) / (2 * root), (one * x - v) / (2 * root)
 
     def __call__(self, t):
-        """x and x'."""
+        """Return x and x'."""
         waves = [
             c * mp.exp(r * (t - self.t)) for c, r in zip(self.weights, self.rates, strict=True)
         ]
@@ -202,16 +202,16 @@ class Flight:
 
 
 def steady_response(parameters):
-    """The factor of exp(i omega t) in the steady motion without impacts."""
+    """Return the factor of exp(i omega t) in the steady motion without impacts."""
     h, omega, f, p = (parameters[name] for name in ("h", "omega", "f", "p"))
     return -f / mp.mpc(p * p - omega * omega, 2 * h * omega)
 
 
 class SectionMap:
-    """A state, to one repetition later, over impacts near those of an orbit.
+    """The map of a state to the state one repetition later, with impacts near those of an orbit.
 
-    The section is in the middle of the longest flight. At a graze, the impact of speed zero is no
-    impact but the touch of a flight.
+    The section is in the middle of the longest flight. An impact of speed zero, at a graze, is
+    treated as a flight that touches the stop.
     """
 
     def __init__(self, orbit):
@@ -238,7 +238,7 @@ class SectionMap:
         self.touches = [self.start + (phase - self.start) % turn for phase in touches]
 
     def __call__(self, state):
-        """The state at the end, and the times and speeds of the impacts."""
+        """Return the state at the end, and the times and speeds of the impacts."""
         omega, stop = self.parameters["omega"], self.parameters["clearance"]
         flight, impacts = Flight(self.parameters, self.start / omega, *state), []
         self.flights = [flight]
@@ -254,7 +254,7 @@ class SectionMap:
         return mp.matrix(flight(self.end / omega)), impacts
 
     def derivative(self):
-        """The monodromy matrix, by central differences."""
+        """Return the monodromy matrix, by central differences."""
         step, D = mp.mpf(10) ** -16, mp.matrix(2, 2)
         for j in range(2):
             beside = mp.matrix(2, 1)
@@ -264,7 +264,7 @@ class SectionMap:
         return D
 
     def polish(self):
-        """Two steps of Newton's method onto the periodic orbit; return its impacts."""
+        """Take two Newton steps onto the periodic orbit; return its impacts."""
         for _ in range(2):
             end, impacts = self(self.state)
             self.phases = [t * self.parameters["omega"] for t, _ in impacts]
@@ -274,7 +274,7 @@ class SectionMap:
         return impacts
 
     def bifurcation(self, kind, parameter):
-        """Newton's method in x, v and a parameter onto a bifurcation; return the parameter."""
+        """Solve for x, v and a parameter at a bifurcation; return the parameter."""
         unknowns, step = mp.matrix([*self.state, self.parameters[parameter]]), mp.mpf(10) ** -12
         for _ in range(4):
             value, J = self._equations(unknowns, kind, parameter), mp.matrix(3, 3)
@@ -299,7 +299,7 @@ class SectionMap:
         return mp.matrix([end[0] - self.state[0], end[1] - self.state[1], condition])
 
     def _height(self, times):
-        """How far a flight passes the stop where it touches it."""
+        """Return how far the touching flight goes beyond the stop, at its local maximum."""
         t = self.touches[0] / self.parameters["omega"]
         flight = self.flights[sum(impact < t for impact in times)]
         for _ in range(6):
