@@ -1,4 +1,4 @@
-"""Accuracy against speed: what follows from measurements, and the command."""
+"""Accuracy against speed: the evaluation of measurements, and the command."""
 
 import csv
 import math
@@ -39,7 +39,7 @@ PLAIN, REDUCED, CUBIC = (Method("rk4", rule) for rule in ("plain", "reduced-step
 
 
 def made(error, seconds, steps=100, method=PLAIN, scene="s", kind=STATE, tolerance=None):
-    """Return a measurement by hand, a row of the table."""
+    """Return an artificial measurement, a row of the table."""
     return (scene, kind, *method, steps, tolerance, error, seconds)
 
 
@@ -49,12 +49,12 @@ def in_a_table(rows):
     return pd.DataFrame(rows, columns=COLUMNS).astype(types)
 
 
-# What follows from measurements
+# The evaluation of measurements
 
 
 def test_the_efficient_frontier():
     good = [made(0.5, 1.0), made(0.1, 2.0), made(1e-9, 7.0)]
-    # As cheap but worse, dearer and no better, failed, without a right digit.
+    # Same cost but less accurate, more costly but not better, failed, no correct digit.
     bad = [made(0.2, 2.0), made(0.1, 3.0), made(math.nan, 0.1), made(2.0, 0.2), made(0.6, 1.5)]
     found = work_precision.efficient_frontier(in_a_table([*bad, *good[::-1]]))
     pd.testing.assert_frame_equal(found.reset_index(drop=True), in_a_table(good))
@@ -107,7 +107,7 @@ def test_the_reference_and_the_peers_have_no_order():
     known = table[table["impact"] != "exact"]
     assert order(known, PLAIN) == pytest.approx(np.log2(10.0))
     assert math.isnan(order(known, peer))
-    # With the reference as bad as the method, nothing is known of the latter.
+    # A reference as bad as the method says nothing about the method.
     assert math.isnan(order(table, PLAIN)) and math.isnan(order(table, EXACT))
 
 
@@ -140,7 +140,7 @@ def test_the_truth_of_a_scene(scene):
 
 
 def test_errors_of_known_size():
-    """A run that is the truth but for known shifts, its impacts in another order."""
+    """A run equal to the truth except for known shifts, with impacts in another order."""
     truth = ONE_IMPACT.truth()
     n, per_V = len(ONE_IMPACT.points), np.sqrt(np.mean(truth["impact_v"] ** -2.0))
     late = np.full((n, 3), np.nan)
@@ -214,7 +214,7 @@ def test_the_points_are_spread_over_the_grid():
 
 
 def test_a_failed_method_is_run_once(monkeypatch):
-    """It might never end."""
+    """Such a measurement might never end."""
     calls = []
     failed = {STATE: math.nan}
     monkeypatch.setattr(accuracy_speed.Scene, "errors", lambda *_: calls.append(1) or failed)
@@ -287,7 +287,7 @@ def test_the_command(monkeypatch):
 
 
 def test_the_command_on_few_measurements(monkeypatch):
-    """Some peer may not be installed, and no method need reach an error."""
+    """A peer may be missing, and a required error may be reached by no method."""
     few = in_a_table([made(1e-2, 1.0), made(1e-3, 2.0, 200), made(1e-4, 4.0, 400)])
     monkeypatch.setattr(accuracy_speed, "measure", lambda *_, **__: few)
     absent = {name: replace(peer, module="not_there") for name, peer in PEERS.items()}

@@ -1,4 +1,4 @@
-"""What is one attractor: within a point, and along the axes."""
+"""The identity of attractors, within a point and along the axes."""
 
 import itertools
 
@@ -33,7 +33,7 @@ def test_the_order_within_a_cycle_tells_two_apart():
 
 @pytest.mark.parametrize("noise", [0.0, 1e-9])
 def test_states_with_nearly_equal_x_are_not_mixed_up(noise):
-    """Cycles that begin anywhere, and whose order in x is that of rounding errors."""
+    """Cycles with any first state, whose order in x depends on rounding errors."""
     random = np.random.default_rng(0)
     states = np.array([(-0.3, 0.5), (-0.3, -0.5), (-0.3, 0.1), (-0.9, 0.0)])
     mirrored = states * [1.0, -1.0]
@@ -68,7 +68,7 @@ def test_the_motions_of_a_ball_on_a_table_are_told_apart(tmp_path):
 
 
 def test_states_on_their_way_to_one_motion_are_chained():
-    """Seven in a row, each within the tolerance of the next only."""
+    """Seven in a row, each within the tolerance of its neighbours only."""
     points = np.array([cycle((-1.0 + 0.8e-3 * k, 0.0)) for k in (3, 0, 6, 1, 5, 2, 4)])
     assert attractors(hand_made(points, 1))["attractors"].item() == 1
 
@@ -129,7 +129,7 @@ def along(sections, periods):
 
 
 def test_identities_follow_the_branches_whatever_their_share():
-    """Two branches that pass each other in x and in how many starts they have."""
+    """Two branches that cross in x and in their number of starts."""
     points = np.empty((20, 3, 16, 2))
     for i in range(20):
         down, up = cycle((-1.0 + 0.05 * i, 0.5), turns=16), cycle((-0.05 * i, -0.5), turns=16)
@@ -228,7 +228,7 @@ def test_a_branch_keeps_its_number_over_steps_of_any_size(tmp_path, num):
 
 
 def test_a_branch_keeps_its_number_through_a_flip_between_two_points(tmp_path):
-    """The two states of the orbit of two periods are then far from that of the one before it."""
+    """There both states of the orbit of two periods are far from the state of the orbit before."""
     config = {
         "oscillator": {"h": 0.05, "R": 0.8, "omega": [2.55, 2.62, 2.69, 2.715], "f": 1.0},
         "start": {"x0": [-0.3, 0.0]},

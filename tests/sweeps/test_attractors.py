@@ -31,11 +31,11 @@ def pair_by_pair(dataset, tolerance=1e-3):
     return found
 
 
-# Against numbers from elsewhere
+# Comparison with independent numbers
 
 
 def test_the_rest_position_is_the_attractor_where_there_is_no_force():
-    """The free oscillation of a force, 1/0, shrinks to it with the force."""
+    """The free oscillation, 1/0, shrinks to this state with the force."""
     record = {"transient": 50, "periods": 32, "diagnostics": ["period"]}
     oscillator = {"h": 0.1, "R": 0.8, "omega": 2.6, "f": [0.0, 0.1], "clearance": 0.3}
     config = {"oscillator": oscillator, "start": {"x0": -0.4}, "record": record}
@@ -74,7 +74,7 @@ def test_the_known_coexisting_attractors(computed_starts, h, R, single, three):
 
 @pytest.mark.parametrize("impacts", [3, 200])
 def test_speeds_are_shown_whatever_room_the_record_has(computed_starts, impacts):
-    """In 32 periods the orbits have 32 and 48 impacts; of more room the rest is padding."""
+    """In 32 periods the orbits have 32 and 48 impacts; the rest of a larger record is padding."""
     dataset = computed_starts("record.transient=1500", f"record.impacts={impacts}")
     by_class = {row.name: row.speeds for row in rows(dataset, attractors(dataset))}
     np.testing.assert_allclose(by_class["1/1"], [1.4225], atol=1e-4)
@@ -162,7 +162,7 @@ def test_chaos_that_is_a_transient_at_every_start_is_followed_to_its_end(compute
 
 @pytest.mark.slow
 def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
-    """As 400 starts over 60,000 periods show: 3/3, 1/1, two starts on 48/48, and chaos."""
+    """400 starts over 60,000 periods show 3/3, 1/1, two starts on 48/48, and chaos."""
     dataset = computed_starts(
         "oscillator={h: 0.006570030348489509, R: 0.8763616852795647, omega: 2.575959283090773, "
         "f: 1.0}",
@@ -177,7 +177,7 @@ def test_weak_chaos_is_not_the_orbit_that_it_is_near(computed_starts):
 
 @pytest.mark.slow
 def test_what_never_settles_is_unsettled_and_no_attractor(computed_starts):
-    """Without damping and impacts: a sum of two frequencies, for ever."""
+    """Without damping and impacts, the motion keeps two frequencies for ever."""
     dataset = computed_starts(
         "oscillator={h: 0.0, R: 0.8, omega: 1.4142135623730951, f: 1.0, clearance: 10.0}",
         "start={x0: [-1.0, 0.0], v0: [0.0, 0.5]}",

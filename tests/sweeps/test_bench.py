@@ -1,4 +1,4 @@
-"""The benches: each of them against what is known of its scenes, and its command."""
+"""The benches: results against known values of their scenes, and the commands."""
 
 import csv
 import math
@@ -13,7 +13,7 @@ from sweeps.bench.paper_picture import picture
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import spectral_radius
 
-# Requests to all of them
+# Requests to all benches
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ KNOWN = {
 
 @pytest.fixture(scope="module")
 def measured():
-    """What is measured on a short ladder."""
+    """Measurements with few step sizes."""
     return paper.measure(ladder=(400, 800, 1600), spread=4, stalling=(100, 10_000))
 
 

@@ -53,7 +53,7 @@ def test_flips_are_at_their_certified_values(sweep, oscillator, value):
 
 @pytest.mark.slow
 def test_a_fold_and_a_graze_are_told_apart(sweep):
-    """Up, the motion with impacts ends in a fold; down, the free one ends in a graze."""
+    """Swept up, the motion with impacts ends in a fold; swept down, the free one in a graze."""
     h, clearance = 0.05, 1.5
     common = f"h: {h}, R: 0.8, clearance: {clearance}, f: 1.0, omega: "
 

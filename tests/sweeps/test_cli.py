@@ -1,4 +1,4 @@
-"""The command line: what a run, a plot, a zoom and the list of a file print and create."""
+"""The command line: output and files of run, plot, zoom and info."""
 
 import re
 import sys
@@ -66,7 +66,7 @@ def test_the_configuration_of_a_file_runs_again(ran):
 
 @pytest.mark.slow
 def test_units_are_names_only(ran):
-    """They change every label and attribute, and no number."""
+    """Units change every label and attribute but no number."""
     units = ("--set", "units={length: mm, time: s}", "-o", "named.h5")
     assert "omega = 1.5 .. 3 [rad/s], 5 values" in accepted(
         "run", "sweep.yaml", *units, "--dry-run"
@@ -121,7 +121,7 @@ def test_zoom_computes_and_draws_a_piece(ran):
     np.testing.assert_array_equal(piece["omega"], np.linspace(2.25, 2.5, 5))
     np.testing.assert_array_equal(two["clearance"], [0.1, 0.2])
     np.testing.assert_array_equal(two["omega"], np.linspace(2.0, 3.0, 5))
-    point = {"omega": 2.25}  # which the grid of the whole has, too
+    point = {"omega": 2.25}  # also on the grid of the full sweep
     assert piece.sel(point).drop_attrs().identical(whole.sel(point).drop_attrs())
 
 

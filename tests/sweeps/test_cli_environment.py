@@ -1,4 +1,4 @@
-"""Commands in the hands of others: start-up, odd settings, names and streams."""
+"""Commands in other environments: start-up, odd settings, names and streams."""
 
 import os
 import re
@@ -20,7 +20,7 @@ ROOT = Path(sweeps.__file__).parents[1]
 
 
 def process(*arguments, **variables):
-    """Run the command line in its own process, as a user does, with variables around it."""
+    """Run the command line in a separate process with environment variables."""
     command = [sys.executable, "-m", "sweeps.cli", *arguments]
     environment = {"PYTHONPATH": str(ROOT), "PATH": "", **variables}
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
@@ -66,7 +66,7 @@ def test_a_process_exits_like_the_command(folder):
     assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
 
 
-# What other programs and people put in the way
+# Obstacles from other programs and users
 
 
 def test_what_a_file_says_reaches_the_terminal_escaped():

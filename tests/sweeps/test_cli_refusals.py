@@ -1,4 +1,4 @@
-"""Commands that are refused, interrupted or fail: one message, the exit code, and what is kept."""
+"""Commands that are refused, interrupted or fail: message, exit code, and files kept."""
 
 import os
 import re
@@ -24,7 +24,7 @@ ROOT = Path(sweeps.__file__).parents[1]
 
 
 def test_a_wrong_configuration():
-    """All that can be wrong: ``test_config_refusals.py``."""
+    """One case; ``test_config_refusals.py`` tests all others."""
     Path("wrong.yaml").write_text(CONFIG.replace("  h: 0.1", "  h: -1"))
     for dry in ([], ["--dry-run"]):
         message = refused("run", "wrong.yaml", *dry)
@@ -93,7 +93,7 @@ def test_bad_arguments(arguments):
     assert "Error: " in result.stderr and "Traceback" not in result.stderr
 
 
-# Commands that are interrupted or fail on the way: exit code 1
+# Commands that are interrupted or fail: exit code 1
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
         try:
-            writer = os.open("pipe.yaml", os.O_WRONLY)  # which waits for the command to read
+            writer = os.open("pipe.yaml", os.O_WRONLY)  # waits until the command reads
             run.send_signal(signal.SIGTERM)
             _, stderr = run.communicate(timeout=300)
         finally:
@@ -169,7 +169,7 @@ def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
 
 @pytest.fixture
 def listening(monkeypatch):
-    """What the process of a command has from its start."""
+    """The state that the process of a command has from its start."""
     monkeypatch.setattr(interrupts, "_came", False)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupts.listen()

@@ -1,4 +1,4 @@
-"""Sweeps on a Dask cluster of this machine: the same bits, whoever is lost on the way."""
+"""Sweeps on a local Dask cluster: the same bits, even if workers or schedulers are lost."""
 
 import os
 import re
@@ -34,12 +34,12 @@ ROOT = Path(sweeps.__file__).parents[1]
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    """Let a sweep have enough blocks to be stopped between two of them."""
+    """Split a sweep into enough blocks to stop it between two of them."""
     monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 20)
 
 
 def on_write(monkeypatch, number, action):
-    """Do something before the n-th block is written; return the blocks that are written."""
+    """Call a function before the n-th block is written; return the written blocks."""
     written = []
     write = SweepWriter.write
 
@@ -62,7 +62,7 @@ def on_write(monkeypatch, number, action):
     [
         ["record.diagnostics=[period, lyapunov]", "oscillator.R=[0.5, 0.8]"],
         ["record.trajectory={every: 10}", "compression=gzip"],
-        ["oscillator.f=[1, 2, 3]"],  # which scales
+        ["oscillator.f=[1, 2, 3]"],  # scaled along f
         ["oscillator.omega=2.5"],  # a single point
         ["oscillator={h: 0.05, f: 1.0}", "points={R: [0.8, 0.5, 0.7], omega: [2.4, 3.1, 2.6]}"],
         ["follow={axis: omega, direction: both}", "oscillator.R=[0.5, 0.8]"],
@@ -111,7 +111,7 @@ def test_an_interrupt_takes_the_tasks_off_the_cluster(monkeypatch, client, small
 
 
 def left_on(client):
-    """Return what every worker still computes or holds."""
+    """Return the tasks and results that every worker still holds."""
     return [*client.processing().values(), *client.has_what().values()]
 
 
@@ -122,7 +122,7 @@ def test_a_long_axis_travels_without_a_warning(client):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
 
 
-# Who is lost on the way
+# Lost workers and schedulers
 
 
 @pytest.mark.slow
@@ -278,7 +278,7 @@ def test_a_worker_without_this_package_is_refused(client):
 
 
 def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
-    """The worker is a part of this process, so that it can be watched."""
+    """The worker runs in this process, so that the test can observe it."""
     inside, most, given = 0, 0, set()
 
     def watched(task, points, threads, **options):

@@ -1,4 +1,4 @@
-"""Where the command line computes: processes of this machine, schedulers, certificates."""
+"""The command line on clusters: local processes, schedulers, certificates."""
 
 import asyncio
 import gc
@@ -38,7 +38,7 @@ ROOT = Path(sweeps.__file__).parents[1]
 
 
 def command(*arguments):
-    """Start the command line as a terminal does, in a process group of its own."""
+    """Start the command line like a terminal, in a separate process group."""
     return subprocess.Popen(
         [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "-o", "out.h5", *arguments],
         env={"PYTHONPATH": str(ROOT), "PATH": ""},
@@ -60,7 +60,7 @@ def test_processes_of_this_machine():
 
 @pytest.mark.slow
 def test_no_other_user_reaches_the_processes_of_this_machine():
-    """Every port that they listen at asks for the certificate of the run, or serves nothing."""
+    """Every listening port requires the certificate of the run, or serves nothing."""
     others = listening()
     with clients.connected("local:1") as client:
         address = client.scheduler.address
@@ -82,7 +82,7 @@ def test_no_other_user_reaches_the_processes_of_this_machine():
 
 
 def listening():
-    """Return host and port of every server of this process and those that it started."""
+    """Return host and port of every server of this process and its children."""
     me = psutil.Process()
     return {
         connection.laddr[:2]
@@ -93,7 +93,7 @@ def listening():
 
 
 def answers_tls(host, port, context):
-    """Whether a server shakes hands, and goes on once it has looked at the client's certificate."""
+    """Whether a server completes the handshake and accepts the certificate of the client."""
     try:
         with (
             socket.create_connection((host, port), timeout=2) as plain,
@@ -259,7 +259,7 @@ def test_an_interrupt_ends_the_wait_for_a_scheduler_that_is_silent(monkeypatch):
         thread = threading.Thread(target=interrupt)
         thread.start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        interrupts.listen()  # as the command does; the handler alone ends nothing
+        interrupts.listen()  # like the command; the handler alone ends nothing
         try:
             with pytest.raises(interrupts.Cancelled), clients.connected(address):
                 pass

@@ -1,4 +1,4 @@
-"""The configuration: what is read, overridden and written back, and its JSON schema."""
+"""The configuration: reading, overriding, writing, and its JSON schema."""
 
 import math
 from pathlib import Path
@@ -19,7 +19,7 @@ from vibroimpact.step.scheme import IMPACT_RULES
 from vibroimpact.step.series import LONGEST_STEP
 from vibroimpact.step.stability import least_stable_steps
 
-# What is read
+# Reading
 
 
 def test_a_mapping_is_read_as_its_yaml():

@@ -1,4 +1,4 @@
-"""Configurations that are refused: the file, the line, the key, what was given and is allowed."""
+"""Refused configurations: messages with file, line, key, given value and allowed values."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from sweeps.text import printable
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import IMPACT_RULES
 
-# What is refused: every message has the file, the line, the key, the given and the allowed
+# Every message has the file, the line, the key, the given value and the allowed values
 
 
 @pytest.mark.parametrize(

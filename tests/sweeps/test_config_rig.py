@@ -1,4 +1,4 @@
-"""A rig in SI units: the model's numbers in the file, SI units in what its user reads."""
+"""A rig in SI units: the file has the model's numbers, and its user reads SI units."""
 
 import csv
 import math
@@ -24,7 +24,7 @@ VALUES = {"mass": 2.5, "stiffness": 801.0, "damping": 1.3, "force": 10.1, "gap":
 
 
 def rig(**changes):
-    """Return a configuration of one line with a rig of these values; None leaves one out."""
+    """Return a one-line configuration with a rig of these values; None omits a value."""
     given = {**VALUES, "frequency": FREQUENCY, **changes}
     items = ", ".join(f"{name}: {value}" for name, value in given.items() if value is not None)
     return f"rig: {{{items}}}\n"
@@ -81,7 +81,7 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
     assert points_of(load(config.to_yaml())).tobytes() == points.tobytes()
 
 
-# What is refused
+# Refused configurations
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Any change of any byte of a complete file is refused, and no file, however damaged, misleads.
+"""Every change of a complete file is refused, and no damaged file gives wrong data.
 
 The cases are random and aimed, on complete files, compressed or not, and on journals. All 5,000 of
 them: ``pytest -m campaign tests/sweeps/test_damage.py``.
@@ -21,12 +21,12 @@ from vibroimpact.status import Status
 from written_files import GRID, fill_blocks
 
 CONFIG = SMALL
-#: Seconds after which a case has hung; the process then ends with a traceback.
+#: Seconds after which a case counts as hung; the process then ends with a traceback.
 PATIENCE = 300
 
 
 class Base:
-    """A good sweep, complete or not: its bytes, and where what lies in them."""
+    """An intact sweep, complete or not: its bytes and their layout."""
 
     def __init__(self, folder, blocks, compressed=False):
         fill_blocks(folder / "out.h5", blocks, compressed)
@@ -55,7 +55,7 @@ def bases(tmp_path_factory):
     return {name: Base(tmp_path_factory.mktemp(name), *case) for name, case in cases.items()}
 
 
-# The changes: each takes a random generator, a base and its bytes, and changes these.
+# The changes: each takes a random generator, a base and its bytes, and changes the bytes.
 
 
 def flip(random, base, content, span=None):
@@ -83,7 +83,7 @@ def lengthen(random, base, content):
 
 
 def lose(random, base, content):
-    """Bytes are missing in the middle, or there are some more."""
+    """Remove bytes in the middle, or insert some."""
     at = random.integers(len(content))
     if random.integers(2):
         del content[at : at + random.integers(1, 600)]
@@ -92,7 +92,7 @@ def lose(random, base, content):
 
 
 def move(random, base, content):
-    """A piece lies where another one was, as after a repair of the file system."""
+    """Copy one piece over another, as a repair of the file system may do."""
     size = int(2 ** random.uniform(3, 12))
     source, target = random.integers(0, len(content) - size, 2)
     content[target : target + size] = content[source : source + size]
@@ -107,7 +107,7 @@ CHANGES = [flip, flip, overwrite, truncate, lengthen, lose, move, aim, aim, aim]
 
 
 def judge(base, change, seed, whole):
-    """Change a file, and see that it is refused, or that what is seen of it is right."""
+    """Change a file, and check that it is refused, or that the data read from it are right."""
     random = np.random.default_rng(seed)
     content = bytearray(base.content)
     for _ in range(random.integers(1, 3)):
@@ -130,7 +130,7 @@ def judge(base, change, seed, whole):
 
 
 def judge_commands(base, seen, whole):
-    """The commands answer in words, and a resumed run ends with the right data or not at all."""
+    """Commands end with a message, and a resumed run gives the right data or is refused."""
     result = call("info", "out.h5")
     assert result.exit_code == (0 if seen else 2), result.output
     try:
@@ -188,7 +188,7 @@ def test_every_byte_of_a_complete_file_is_covered(bases, base):
         content[at] ^= 1 + at % 255
 
 
-# What is said
+# Messages
 
 
 @pytest.mark.parametrize("base", ["complete", "packed"])

@@ -86,7 +86,7 @@ def test_a_point_off_the_branch_by_so_much_is_told(exact):
 
 
 def test_a_coarse_method_is_off_by_its_error(tmp_path):
-    """Of second order: a quarter at twice the steps."""
+    """Of second order: doubling the steps divides it by four."""
     method = "method={integrator: newmark, impact: reduced-step, steps_per_period: %d}"
     worst = []
     for steps in (100, 200):
@@ -243,7 +243,7 @@ def test_the_line_is_exact_between_its_points(later):
         off[np.isinf(off)] = 0.0
         extent = float(np.ptp(np.concatenate([line.y for line in lines])))
         assert 0.0 < max(off) < 2e-4 * extent
-        assert sum(off == 0.0) < 3  # the gap at a jump is no wider than that
+        assert sum(off == 0.0) < 3  # the gap at a jump is not wider
 
 
 def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):

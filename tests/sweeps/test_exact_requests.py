@@ -1,4 +1,4 @@
-"""What users ask of exact branches and curves: files of every sort, and bad requests."""
+"""Requests for exact branches and curves: all sorts of files, and invalid requests."""
 
 import csv
 import re

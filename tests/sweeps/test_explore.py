@@ -156,7 +156,7 @@ def test_the_numbers_are_those_of_a_run(view, tmp_path):
 
 
 def test_a_change_of_size_labels_the_axes_and_keeps_the_messages(view, tmp_path):
-    """The words beside an axis change the size of a picture, so a finer picture may change it."""
+    """Axis labels change the size of a picture, so a finer picture may change it."""
     page = LivePage(Document(), view, tmp_path)
     page._refuse("no")
     for width, label in ((30, "ω"), (400, "forcing frequency ω"), (30, "ω")):
@@ -313,7 +313,7 @@ def test_only_the_newest_request_is_finished():
         worker.submit(int).result()
     finally:
         worker.shutdown()
-    assert shown == [0]  # what is shown already is not computed again
+    assert shown == [0]  # a result already shown is not computed again
     assert set(threading.enumerate()) <= others
 
 

@@ -1,4 +1,4 @@
-"""The live picture in a real browser: every gesture, and what the page then shows."""
+"""The live picture in a real browser: every gesture, and the resulting page."""
 
 import re
 import signal
@@ -51,7 +51,7 @@ def window(browser, explorer):
 
 
 def expected(page):
-    """Return the picture of the page's view, computed apart from the page."""
+    """Return the picture of the page's view, computed independently of the page."""
     view, rows = page.view, page.diagram.kept.pixels.shape[0]
     config = page.diagram.configurations(view)[-1]
     values = ordinates(config, numbers(config), view.ordinate)
@@ -126,7 +126,7 @@ def test_undo_and_redo_of_the_first_zoom(window):
     window.tool("undo")
     window.settle(lambda: page.view == home)
     np.testing.assert_array_equal(window.pixels(), expected(page))
-    # A picture of the zoom that comes late is not one that fits all points.
+    # A late picture of the zoom does not fit all points.
     page.document.add_next_tick_callback(lambda: page.diagram._paint(late, 0.0))
     window.tool("redo")
     window.settle(lambda: page.view == zoomed)
@@ -138,7 +138,7 @@ def test_a_zoom_wins_over_a_picture_that_crosses_it_on_the_way(window):
     sending, sent = threading.Event(), threading.Event()
 
     def paint():
-        """Send a picture that fits another window, while the browser's zoom is not read yet."""
+        """Send a picture that fits another window before the server has read the browser's zoom."""
         sending.set()
         sent.wait(300.0)
         page.diagram._paint(replace(page.diagram.kept, window=(-9.0, 9.0)), 0.0)
@@ -295,7 +295,7 @@ def test_a_map_of_classes_gives_its_row_or_its_column_to_the_diagram(small):
     window.tab.set_viewport_size({"width": 600, "height": 700})
     window.tab.get_by_text("map of classes").click()
     code = "{const {el} = Bokeh.index.find_one(m); return el.clientHeight - el.scrollHeight}"
-    window.settle(lambda: window.model("map legend", code) == 0)  # all of it is seen
+    window.settle(lambda: window.model("map legend", code) == 0)  # all of it is visible
 
 
 def test_basins_at_the_mark_and_a_start_out_of_them(small):
@@ -423,7 +423,7 @@ def test_a_lost_connection_and_its_end_are_said(browser, tmp_path):
         process.communicate()
 
 
-# The texts of others
+# Untrusted texts
 
 MARKUP = (
     '<img src=x onerror="window.ran = 1">',
@@ -441,7 +441,7 @@ def ask(window, query):
 
 
 def shown(window, name):
-    """Return the text that is seen in a place of messages, and the number of its elements."""
+    """Return the visible text of a message, and the number of its elements."""
     code = (
         "{const e = Bokeh.index.find_one(m).markup_el; return [e.textContent, e.children.length]}"
     )
@@ -483,7 +483,7 @@ def test_a_script_that_gets_into_the_page_is_not_run(window):
     code = "(text) => document.body.append(document.createRange().createContextualFragment(text))"
     for markup in MARKUP:
         window.tab.evaluate(code, markup)
-    # Not every version of Chromium says that it has loaded an empty picture.
+    # Some versions of Chromium do not report an empty picture as loaded.
     window.tab.evaluate("document.querySelector('body > svg').dispatchEvent(new Event('load'))")
     # An event tells of each but the frame, which has a document of its own.
     kinds = "['IMG', 'svg', 'SCRIPT'].every((name) => window.refused.includes(name))"

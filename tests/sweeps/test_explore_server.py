@@ -1,4 +1,4 @@
-"""The server of the live picture: who reaches it, and its end."""
+"""The server of the live picture: access control and shutdown."""
 
 import html
 import http.client
@@ -37,7 +37,7 @@ def explorer():
 
 @contextmanager
 def started(*options, **variables):
-    """Start the command; yield its process and the address that it shows; Ctrl-C ends it with 0."""
+    """Start the command; yield its process and address; Ctrl-C ends it with exit code 0."""
     command = [sys.executable, "-m", "sweeps.cli", "explore", *options]
     streams = {"stdout": subprocess.PIPE, "stderr": Path("stderr.txt").open("w"), "text": True}
     with subprocess.Popen(command, env={**os.environ, **variables}, **streams) as process:
@@ -104,7 +104,7 @@ def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, cap
 
 @pytest.mark.slow
 def test_a_server_without_descriptors_waits_and_goes_on():
-    """Others may take all connections; the log stays empty, and the page is there afterwards."""
+    """If others take all connections, the log stays empty, and the page works afterwards."""
     with started("--no-browser") as (process, address):
         assert address.startswith("http://127.0.0.1:")
         parts = urlsplit(address)
@@ -119,7 +119,7 @@ def test_a_server_without_descriptors_waits_and_goes_on():
     assert Path("stderr.txt").read_text() == ""
 
 
-#: Stands for a browser: it waits to be seen in the list of processes.
+#: Replaces the browser: it waits while the test reads the list of processes.
 BROWSER = """\
 import os, sys, time
 open("new", "w").write(sys.argv[1])
@@ -131,7 +131,7 @@ while os.path.exists("opened"):
 
 @pytest.mark.slow
 def test_the_list_of_processes_does_not_show_the_address():
-    """The browser is given a file of this user alone, which leads to the address and is removed."""
+    """The browser gets a private file, which redirects to the address and is then removed."""
     Path("browser.py").write_text(BROWSER)
     opened = Path("opened")
     with started(BROWSER=f"{sys.executable} browser.py %s &") as (process, address):

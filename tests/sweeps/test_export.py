@@ -1,4 +1,4 @@
-"""Tables as files: that of a sweep's points against its arrays, and whole or not at all."""
+"""Tables as files: a table of points against the arrays, written whole or not at all."""
 
 import csv
 import os
@@ -34,7 +34,7 @@ class Failing:
 
 
 def test_a_table_is_written_whole_or_not_at_all():
-    """A failure leaves what was there before, and nothing beside it."""
+    """A failure leaves the old file and no other."""
     path = Path("a.csv")
     write_csv(path, pd.DataFrame([[1, 2.5], ["x, y", ""]], columns=["a", "b"]))
     assert path.read_bytes() == b'a,b\n1,2.5\n"x, y",\n'
