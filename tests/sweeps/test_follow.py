@@ -21,7 +21,7 @@ CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 
 
 def by_hand(config, point, axis, values):
-    """Yield the results along one chain, each from a call of its own."""
+    """Yield the results along one chain, each from a separate call."""
     record, method = config.record, config.method
     common = {
         "integrator": method.integrator,
@@ -51,13 +51,13 @@ def by_hand(config, point, axis, values):
         yield value, found
 
 
-# What a chain is
+# Chains
 
 
 @pytest.mark.parametrize("phase", [0, 1.3])
 @pytest.mark.parametrize("axis", ["omega", "R", "clearance"])
 def test_a_chain_is_what_calls_by_hand_give(axis, phase):
-    """To the bit, whatever the order in the file; the other axes and the directions apart."""
+    """Bit for bit, in any order of the file; other axes and directions are independent."""
     config = configured(f"record.phase={phase}", f"follow.axis={axis}")
     dataset = ran(config)
     assert dataset["poincare_x"].dims == ("direction", "R", "omega", "clearance", "section")
@@ -149,7 +149,7 @@ def test_after_a_failure_a_chain_begins_anew():
 
 @pytest.mark.parametrize("status", [Status.UNRESOLVED, Status.NON_FINITE, Status.COMPUTED])
 def test_only_the_chain_that_failed_begins_anew(status):
-    """Seen by what the kernel is given: the state before, or the start; a NaN is no state."""
+    """The kernel receives the state before or, after a failure or NaN, the start."""
     config = configured("start.x0=-1", "follow.direction=up", "oscillator.clearance=0")
     calls = []
 
@@ -176,7 +176,7 @@ def test_only_the_chain_that_failed_begins_anew(status):
     np.testing.assert_array_equal(found, np.broadcast_to([[0.8], [0.5], [0.6]], (3, 5)))
 
 
-# What else a sweep can ask for
+# Other options of a sweep
 
 
 def test_a_followed_sweep_is_not_scaled():
@@ -189,7 +189,7 @@ def test_a_followed_sweep_is_not_scaled():
         assert "scaled_along" not in dataset.attrs
 
 
-# What is refused
+# Refused requests
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_a_single_point_cannot_be_followed(tmp_path):
 
 @pytest.fixture(scope="module")
 def hysteresis(tmp_path_factory):
-    """The scene."""
+    """Return the sweep of the scene."""
     path = tmp_path_factory.mktemp("scene") / "hysteresis.h5"
     run_sweep(load_config(CONFIGS / "hysteresis.yaml"), path)
     return data(path)
@@ -254,7 +254,7 @@ def test_the_scene_shows_hysteresis_between_grazes_and_folds(hysteresis):
     met = hysteresis["impacts_per_period"] > 0
     up, down = met.sel(direction="up").values, met.sel(direction="down").values
     step = omega[1] - omega[0]
-    # Just before it grazes, the free motion is shaken into impacts by the step along the axis.
+    # Just before its graze, the step along the axis disturbs the free motion into impacts.
     for hit, low, high in ((up, graze[0], fold[1]), (down, fold[0], graze[1])):
         inside = omega[hit]
         assert (np.flatnonzero(hit) == np.arange(hit.argmax(), hit.argmax() + hit.sum())).all()

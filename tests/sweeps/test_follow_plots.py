@@ -1,4 +1,4 @@
-"""Pictures of sweeps that were followed up and down: both branches, or the one asked for."""
+"""Pictures of sweeps followed up and down: both branches, or the chosen one."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def dataset(stored):
 
 
 def markers(panel):
-    """The points of a panel by colour, and the size of their markers."""
+    """Return the points of a panel by colour, and the size of their markers."""
     lines = [line for line in panel.lines if line.get_marker() == "o" and len(line.get_xdata())]
     points = {to_hex(line.get_color()).upper(): line.get_xydata() for line in lines}
     sizes = {to_hex(line.get_color()).upper(): line.get_markersize() for line in lines}

@@ -47,7 +47,7 @@ def test_an_interrupted_run_goes_on_to_the_same_data(stop_after):
     with open_sweep("stopped.h5") as dataset:
         missing = (dataset["status"] == Status.PENDING).values
         assert missing.sum() == 4 * 2 * 5  # chains, directions, points
-        assert (missing == missing[:1, :, :1]).all()  # no chain in part
+        assert (missing == missing[:1, :, :1]).all()  # no partial chain
     run_sweep(config, "stopped.h5", resume=True)
     xr.testing.assert_identical(data("stopped.h5"), expected)
     with pytest.raises(StoreError, match=r"follow\.direction was both and is up"):
@@ -103,7 +103,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     def computing(config, block, threads, advance):
         def told(points):
             begun.release()
-            if next(numbers) >= 6:  # until the run is left
+            if next(numbers) >= 6:  # until the run is abandoned
                 deadline = time.monotonic() + 300
                 while not thread_flag()[0] and time.monotonic() < deadline:
                     time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""From Python: the names that other programs use, and the notebook, run cell by cell."""
+"""Use from Python: public names, and the notebook, run cell by cell."""
 
 import ast
 import inspect
@@ -41,7 +41,7 @@ def test_every_name_is_there_and_documented(package, names):
 
 
 def shown_by(cell, names):
-    """Run a cell; return the value of its last line, as a notebook shows it, or else None."""
+    """Run a cell; return the value of its last line as a notebook does, or None."""
     *lines, last = ast.parse("".join(cell["source"])).body
     if not isinstance(last, ast.Expr):
         lines.append(last)
@@ -62,7 +62,7 @@ def test_the_notebook_shows_a_bar_and_every_figure_once(tmp_path, monkeypatch, c
     names, shown = {}, {}
     for cell in code:
         value = shown_by(cell, names)
-        # A figure of pyplot is shown at the end of its cell, and the value of the cell, too.
+        # A notebook shows both the pyplot figures and the value of a cell.
         shown[cell["id"]] = [*map(plt.figure, plt.get_fignums()), *[value] * (value is not None)]
         plt.close("all")
     names["sweep"].close()

@@ -1,4 +1,4 @@
-"""Whatever is given as a configuration, it is run or refused in words, and leaves no trace."""
+"""Any text given as a configuration is run or refused with a message, and leaves no files."""
 
 import faulthandler
 import os
@@ -20,7 +20,7 @@ from sweeps.store import open_sweep
 from vibroimpact.status import Status
 
 ROOT = Path(sweeps.__file__).parents[1]
-#: What YAML reads as more than text.
+#: Characters with a meaning in YAML.
 SIGNS = "{}[]:,#&*!|>-'\" \n\th1e"
 
 
@@ -37,7 +37,7 @@ def answered(text):
 
 
 def run_and_checked(text):
-    """Run a small configuration that is accepted; the file holds what was asked for, whole."""
+    """Run a small accepted configuration; the file is complete and as configured."""
     config = load_config("fuzz.yaml")
     if config.size * (config.record.transient + config.record.periods) * config.steps > 300_000:
         return False
@@ -62,7 +62,7 @@ def run_and_checked(text):
 
 
 def coordinate(dataset, config, name):
-    """Return a parameter at every point, in a shape that spreads over the grid."""
+    """Return a parameter at every point, in a shape that broadcasts over the grid."""
     if name not in dataset["status"].dims:
         return config.grid.fixed[name]
     at = dataset["status"].dims.index(name)
@@ -72,10 +72,10 @@ def coordinate(dataset, config, name):
 
 
 def answer_mutated(seed):
-    """Answer the configuration of a seed, run it where it is small, and leave nothing behind."""
+    """Check the configuration of a seed, run it if it is small, and leave no files."""
     text = mutated(random.Random(seed))
     Path("fuzz.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
-    faulthandler.dump_traceback_later(300, exit=True)  # a hang, which ends the campaign
+    faulthandler.dump_traceback_later(300, exit=True)  # a hang ends the campaign
     try:
         try:
             load_config("fuzz.yaml")
@@ -109,7 +109,7 @@ def test_ten_thousand_mutated_configurations_are_answered(start, record_property
 
 
 def commands_in(folder, **variables):
-    """Run and draw a sweep in an environment; return the exit codes, or what went wrong."""
+    """Run and draw a sweep in an environment; return the exit codes, or the problem."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "MPL", "PYTHON"))}
     environment = {**kept, "PYTHONPATH": str(ROOT), **variables}
     (folder / "é.yaml").write_text(

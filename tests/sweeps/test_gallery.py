@@ -1,4 +1,4 @@
-"""The scenes of configs/: what their comments say, on coarser grids where that is enough."""
+"""The scenes of configs/ against their comments, on coarser grids where that is enough."""
 
 import importlib.util
 import re
@@ -42,7 +42,7 @@ def values(*given):
 
 
 def classes(dataset):
-    """Return m/q, or the kind of motion, of every point."""
+    """Return the class m/q or the kind of motion of every point."""
     named = []
     for motion, m, q in zip(
         classify(dataset).ravel(), dataset["period"].values.ravel(),
@@ -84,7 +84,7 @@ def slow_speeds(osc, q, **start):
 
 
 def inner(labels):
-    """Return which points have eight neighbours with their own label."""
+    """Return a mask of the points with eight neighbours of the same label."""
     same = np.zeros(labels.shape, bool)
     same[1:-1, 1:-1] = True
     for i in (-1, 0, 1):
@@ -107,7 +107,7 @@ def test_every_scene_has_a_comment_and_is_in_the_gallery_with_its_picture():
 
 @pytest.mark.slow
 def test_joint_clearance(scene):
-    """The rig of the comment is the oscillator, and both ranges with two motions are there."""
+    """The rig of the comment gives the oscillator, and both ranges have two motions."""
     dataset = scene("joint-clearance", "oscillator.omega.num=221")
     rig = dict(mass=0.5, stiffness=8000, damping=4, force=8, gap=0.0005, R=0.7)
     osc = Oscillator.from_rig(**rig, frequency=10.0)
@@ -127,7 +127,7 @@ def test_joint_clearance(scene):
 
 @pytest.mark.slow
 def test_basins(scene):
-    """The fractions of the full grid are met on another one, and single starts by slow steps."""
+    """Another grid confirms the fractions of the full one, and slow steps single starts."""
     grid = (
         "start={x0: {start: -2.98, stop: -0.03, num: 61}, v0: {start: -2.97, stop: 2.95, num: 67}}"
     )
@@ -213,7 +213,7 @@ def test_impacts_are_added_one_by_one_down_to_rest(scene):
 
 @pytest.mark.slow
 def test_damping(scene):
-    """3/2 and 4/3 by slow steps, too."""
+    """3/2 and 4/3, also by slow steps."""
     dataset = scene("damping", f"oscillator.h={values(0.1, 0.19, 0.25, 0.35, 0.5)}")
     assert classes(dataset) == ["chaotic", "rest", "3/2", "chaotic", "4/3"]
     for place, h, q in ((2, 0.25, 2), (4, 0.5, 3)):
@@ -257,7 +257,7 @@ def test_period_map(scene):
 
 @pytest.mark.slow
 def test_integrity(scene):
-    """The disc of 2/1 is of .64 at 2.6 and shrinks to its end before 2.75, where 1/0 is alone."""
+    """The disc of 2/1 has .64 at 2.6 and shrinks until 2/1 ends; at 2.75 only 1/0 is left."""
     few = "start.x0.num=73", "start.v0.num=121"  # one start in 0.05
     dataset = scene("integrity", f"oscillator.omega={values(2.6, 2.74, 2.75)}", *few)
     found = integrity(dataset)
@@ -290,7 +290,7 @@ def test_bouncing_ball(scene):
 
 @pytest.mark.slow
 def test_inelastic_ball(scene):
-    """Of the values in its comment each is between two points here; both plateaus have a speed."""
+    """Each value of the comment lies between two points here; plateaus have known speeds."""
     f = values(0.95, 2.0, 3.29, 3.31, 3.8, 3.87, 4.55, 4.65, 6.35, 6.38)
     dataset = scene("inelastic-ball", f"oscillator.f={f}", "refine=null")
     m, q = dataset["period"].values, dataset["period_impacts"].values

@@ -1,4 +1,4 @@
-"""Integrity measures against an exhaustive search, knocks against motions followed otherwise."""
+"""Integrity measures against an exhaustive search, knocks against independent motions."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def two(tmp_path_factory):
 
 
 def outside(inside, x, v, at_stop):
-    """Return every start that is not inside, and the starts of one more row around the window."""
+    """Return every start outside the basin, and one row of starts around the window."""
     dx, dv = x[1] - x[0], v[1] - v[0]
     more_x, more_v = np.r_[x[0] - dx, x, x[-1] + dx], np.r_[v[0] - dv, v, v[-1] + dv]
     around = np.ones((len(more_x), len(more_v)), bool)
@@ -122,7 +122,7 @@ def test_the_least_knock_is_on_the_boundary_and_no_smaller_one_is_harmful(two):
 
 @pytest.mark.slow
 def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
-    """At other moments a tongue of 0.1 % of the knock comes 0.4 % nearer, and thinner ones more."""
+    """At other phases a tongue of 0.1 % of the knock is 0.4 % nearer; thinner ones more."""
     osc = Oscillator(h=0.0605, R=0.8748, omega=1.79, f=1.0, clearance=0.4613)
     file = run_in(
         tmp_path,
@@ -143,7 +143,7 @@ def test_a_thin_tongue_is_found_or_the_knock_is_called_fractal(tmp_path):
 
 
 def test_a_boundary_that_rounding_decides_is_fractal(two, monkeypatch):
-    """Beyond a change of velocity by 0.3 it is chance where the motion ends, at every trial."""
+    """Beyond a change of velocity by 0.3, every trial ends on an unpredictable attractor."""
     chance = np.random.default_rng(0)
 
     def ends(motions, phase, states):

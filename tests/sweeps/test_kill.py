@@ -1,4 +1,4 @@
-"""Runs in their own processes, killed, interrupted and started twice.
+"""Runs in separate processes that are killed, interrupted or started twice.
 
 The campaigns send 1,200 signals, and 300 at chosen system calls, kills among them:
 ``pytest -m campaign tests/sweeps/test_kill.py``.
@@ -62,7 +62,7 @@ def run(*arguments):
 
 
 def ended(process):
-    """Wait for the end of a process, and return its exit code and what it said."""
+    """Wait for the end of a process, and return its exit code and its message."""
     _, stderr = process.communicate(timeout=120)
     return process.returncode, stderr
 
@@ -183,30 +183,30 @@ def test_300_signals_at_system_calls(forks, seed):
         at_call(forks, draw.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL)), draw)
 
 
-# Interrupts where they were not heard
+# Interrupts during compilation, and ignored ones
 
 
 @pytest.mark.slow
 def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
-    """Before the next pass of numba over a function: the kernel is never complete."""
+    """It ends before numba's next pass over a function: the kernel is never complete."""
     cache = tmp_path / "compiled"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     process = run("-o", "out.h5", "--quiet")
     deadline = time.monotonic() + 300
     while not Path("out.h5.lock").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
-    time.sleep(1.0)  # it compiles for ten
+    time.sleep(1.0)  # compilation takes ten
     process.send_signal(signal.SIGTERM)
     assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
     kernel = "take_exact-*"
-    assert list(cache_folder().glob(kernel))  # where other runs have kept it
+    assert list(cache_folder().glob(kernel))  # stored by other runs
     assert not list(cache.rglob(kernel))
     assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
 
 
 @pytest.mark.slow
 def test_an_ignored_interrupt_stays_ignored():
-    """As of a run in the background of a shell, where Ctrl-C is for the foreground."""
+    """As in a background run of a shell, where Ctrl-C is meant for the foreground."""
     process = subprocess.Popen(
         [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", "--quiet"],
         env=environment(),
@@ -230,7 +230,7 @@ def test_a_full_standard_output_is_one_line(forks, arguments):
 
 
 def test_a_run_that_is_complete_is_not_interrupted_any_more(monkeypatch):
-    """A signal after the last block changes nothing for a command, and reaches Python's caller."""
+    """A signal after the last block does not affect a command, but reaches a Python caller."""
     complete = SweepWriter.finish
 
     def finish(self, *arguments, **options):

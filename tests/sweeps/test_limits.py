@@ -1,4 +1,4 @@
-"""What a sweep takes is told, or refused, before a step of it is computed."""
+"""Memory, disk and time of a sweep are printed or refused before its first step."""
 
 import time
 from functools import partial
@@ -100,7 +100,7 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
     ],
 )
 def test_the_expected_time_is_about_the_time(changes):
-    """Within a factor of ten of the kernel's own, on a machine that does other things, too."""
+    """Within a factor of ten of the time of the kernel, also on a busy machine."""
     sweep = load(CONFIG, *changes)
     expected_seconds(sweep, None)  # compiles
     expected = expected_seconds(sweep, None)

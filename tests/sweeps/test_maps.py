@@ -39,7 +39,7 @@ PLAIN = {
 
 
 def hand_made(omit=(), axes=None, **changed):
-    """Return plain points over (R, omega), some of them changed: {name: {(row, column): value}}."""
+    """Return equal points over (R, omega) with changes {name: {(row, column): value}}."""
     axes = {"R": R, "omega": OMEGA} if axes is None else axes
     shape = tuple(len(values) for values in axes.values())
     config = load_config(CONFIGURATION)
@@ -114,7 +114,7 @@ def test_every_class_has_its_colour_and_its_label():
         ],
     ]
     assert texts(figure)[2, [0, 1, 3]].tolist() == ["unbounded", "non-finite", "1/0, no impact"]
-    assert colours(figure)[2, 2] is None  # the hatched ground is seen
+    assert colours(figure)[2, 2] is None  # the hatched background is visible
     assert figure.axes[0].patch.get_hatch()
     assert "not computed yet (1 of 12)" in legend(figure)
     assert len(set(legend(figure).values())) == len(legend(figure))

@@ -1,7 +1,7 @@
-"""What determines a number of a file is named in it, and a run by other code does not go on.
+"""A file names all that determines its numbers, and other code does not resume a run.
 
-The physics names itself by its code. So it has to be true that the engine passes on what goes in
-and what comes out; and where it does more, as in a refinement, its sources are named, too.
+The physics is identified by its code. Therefore the engine must pass inputs and results on without
+a change. Where it does more, as in a refinement, its sources are included.
 """
 
 import shutil
@@ -42,14 +42,14 @@ refine: {axis: omega, levels: 3}
 """
 
 
-# The engine passes on
+# The engine passes values on
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "gzip"])
 @pytest.mark.parametrize("name", SWEEPS)
 def test_the_file_holds_what_the_physics_was_given_and_returned(monkeypatch, name, compression):
-    """To the bit; and what was given is in the file, which compares it when it is resumed."""
+    """Bit for bit; the inputs are in the file, which compares them when it is resumed."""
     calls = []
 
     def recorded(computation, axes, fixed, *rest):
@@ -142,7 +142,7 @@ def copy_packages(folder):
 
 
 def resumed(folder, *names):
-    """Go on with complete files by the code in a folder, in a process of its own."""
+    """Resume complete files with the code of a folder, in a separate process."""
     script = (
         "import sweeps, sys\n"
         "from sweeps import load_config\n"
@@ -191,7 +191,7 @@ def test_other_code_does_not_go_on_with_a_file(tmp_path, sweep, source, old, new
 
 
 def test_a_computation_that_differs_is_named():
-    """Though the configuration is the same: the engine then has passed on something else."""
+    """The configuration is the same, but the engine has passed other values on."""
     config = load(SWEEPS["plain"])
     run_sweep(config, "out.h5")
     vars(config)["spec"] = replace(config.spec, transient=8)

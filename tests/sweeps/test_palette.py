@@ -1,7 +1,7 @@
-"""Colours are told apart with normal colour vision, deuteranopia and protanopia.
+"""Colours can be distinguished with normal vision, deuteranopia and protanopia.
 
 Dichromacy is simulated by the matrices of Machado, Oliveira and Fernandes (2009,
-doi 10.1109/TVCG.2009.113) at full severity; the difference is that of CIE L*a*b* (1976).
+doi 10.1109/TVCG.2009.113) at full severity; colour differences are distances in CIE L*a*b* (1976).
 """
 
 from itertools import combinations
@@ -32,7 +32,7 @@ SRGB_TO_XYZ = np.array(
 
 
 def seen(colours, vision):
-    """Return the L*a*b* coordinates of sRGB colours, as they are seen."""
+    """Return the L*a*b* coordinates of sRGB colours as seen with a colour vision."""
     rgb = np.array([to_rgb(colour) for colour in colours])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     xyz = np.clip(linear @ np.transpose(vision), 0.0, 1.0) @ SRGB_TO_XYZ.T / SRGB_TO_XYZ.sum(axis=1)
@@ -41,7 +41,7 @@ def seen(colours, vision):
 
 
 def named_colours():
-    """Return every colour of the palette by the first name that it has there."""
+    """Return every colour of the palette by its first name."""
     names = {}
     for name, value in vars(style).items():
         if not name.isupper() or name in ("STYLE", "LEAST_SHARE", "_NAMED"):

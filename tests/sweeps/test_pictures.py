@@ -1,4 +1,4 @@
-"""Pictures on paper, below a diagram, of one point, and in the hands of a caller of Python."""
+"""Pictures for print, panels below a diagram, pictures of one point, and use from Python."""
 
 import shutil
 from itertools import combinations
@@ -61,7 +61,7 @@ def draw(files):
 
 
 def visible_texts(figure):
-    """Return the texts that are seen, and their boxes [pt]."""
+    """Return the visible texts and their boxes [pt]."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     hidden = hidden_ticks(figure)
@@ -74,7 +74,7 @@ def visible_texts(figure):
 
 
 def hidden_ticks(figure):
-    """Return the labels of ticks that are not within the limits of their axes."""
+    """Return the labels of ticks outside the limits of their axes."""
     labels = set()
     for panel in figure.axes:
         for axis, limits in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):

@@ -1,4 +1,4 @@
-"""Pictures as files, the default picture, and requests that do not fit."""
+"""Pictures as files, the default picture, and invalid requests."""
 
 from pathlib import Path
 

@@ -28,7 +28,7 @@ def drawn(panel, marker="o"):
 
 
 def plain(text):
-    """Return a text with plain spaces for those at which no line is broken."""
+    """Return a text with plain spaces in place of non-breaking ones."""
     return text.replace("\N{NO-BREAK SPACE}", " ").replace("\t", " ").replace("~", r"\ ")
 
 
@@ -52,7 +52,7 @@ def test_a_bifurcation_shows_every_value_over_its_axis(random_sweep, coordinate)
 
 
 def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkeypatch):
-    """Drawn as points, and read in parts as for a density; clearance is the second axis."""
+    """Drawn as points, and read in parts as for a density; the second axis is clearance."""
     clearance = np.array([-0.5, 0.25, 2.0])
     dataset = random_sweep({"omega": OMEGA, "clearance": clearance}, fixed=FIXED | {"x0": -1.0})
     height = clearance[:, None] - dataset["poincare_x"].values[1]
@@ -151,7 +151,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, values):
 
 @pytest.mark.slow
 def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(random_sweep, monkeypatch):
-    """Against NumPy's histogram, with a point that failed and impacts that there were not."""
+    """Against NumPy's histogram, with a failed point and missing impacts."""
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
     monkeypatch.setattr(diagram, "_PART_SIZE", 50)
     values = np.linspace(1.0, 2.0, 3000)

@@ -27,7 +27,7 @@ GRIDS = {
 
 
 def shuffled(axes):
-    """Return the points of a grid in another order, and where each is in the grid."""
+    """Return the points of a grid in another order, and their positions in the grid."""
     columns = np.array(list(itertools.product(*axes.values()))).T
     order = np.random.default_rng(1).permutation(columns.shape[1])
     return dict(zip(axes, columns[:, order], strict=True)), order
@@ -65,13 +65,13 @@ def test_a_table_of_a_grid_has_its_bits_in_any_order(name):
             assert_array_equal(table[variable].values.reshape(len(order), -1), flat[order])
         attributes = grid["omega"].attrs
         assert table["omega"].attrs.items() >= {"units": attributes["units"]}.items()
-    plain = xr.open_dataset("table.h5", engine="h5netcdf")  # as another program reads it
+    plain = xr.open_dataset("table.h5", engine="h5netcdf")  # as in another program
     assert {*columns, "label", "serial"} <= {*plain.coords}
     plain.close()
 
 
 def test_a_table_goes_on_where_it_was_stopped(stop_after):
-    """To the same bits, and not with another table, or the same in another order."""
+    """To the same bits; not with another table, or with the same table in another order."""
     columns, _ = shuffled(GRIDS["plain"])
     write_csv(columns)
     run_sweep("sweep.yaml", "whole.h5")
@@ -107,7 +107,7 @@ def test_every_form_of_a_table_is_the_same_sweep():
         assert_array_equal(given.points, table)
     accepted("run", "sweep.yaml", "-o", "out.h5", "--quiet")
     Path("again.yaml").write_text(accepted("info", "out.h5", "--config"))
-    Path("table.csv").unlink()  # the file of a sweep has its table
+    Path("table.csv").unlink()  # the sweep file includes the table
     for source in ("again.yaml", "out.h5"):
         accepted("run", source, "-o", f"{source}.h5", "--quiet")
         with open_sweep("out.h5") as out, open_sweep(f"{source}.h5") as again:

@@ -1,6 +1,6 @@
 """Published numbers of this oscillator in one table, each with its tolerance and source.
 
-``pytest -rP tests/sweeps/test_published.py`` shows every row with the difference that was found.
+``pytest -rP tests/sweeps/test_published.py`` shows every row with its difference.
 """
 
 import math
@@ -28,7 +28,7 @@ EPS = 2.0**-52
 
 
 class Row(NamedTuple):
-    """A number as published, how far what is found may be off and why, what finds it, and where."""
+    """A published number, its tolerance and the reason, a function that computes it, the source."""
 
     name: str
     published: float
@@ -107,7 +107,7 @@ def dux_bifurcation(kind, count=200):
 
 
 def bifurcates(kind, osc, n, sigma):
-    """A number that changes its sign at a flip of the faster orbit, or where all orbits vanish."""
+    """Return a number that changes sign at a flip of the faster orbit, or where orbits vanish."""
     orbits = one_impact_orbits(replace(osc, clearance=sigma), n)
     if kind == "fold":
         return 1.0 if orbits else -1.0
@@ -121,7 +121,7 @@ def ball(R, gamma=2.0, p=1e-6):
 
 @cache
 def inelastic_brackets():
-    """The middles of the brackets in the scene `inelastic-ball`, from a coarser grid."""
+    """Return the middles of the brackets in the scene `inelastic-ball`, on a coarser grid."""
     scene = Path(sweeps.__file__).parents[1] / "configs" / "inelastic-ball.yaml"
     coarse = ["oscillator.f={start: 0.9, stop: 7.1, num: 63}", "refine.levels=20"]
     with TemporaryDirectory() as folder:
@@ -134,7 +134,7 @@ def inelastic_brackets():
 
 
 def bracket_near(value):
-    """The middle of the bracket nearest to a value."""
+    """Return the middle of the bracket nearest to a value."""
     middles = inelastic_brackets()
     return middles[np.argmin(np.abs(middles - value))]
 
@@ -174,7 +174,7 @@ def paper_motion(h, R):
 
 
 def paper_difference(h, R, steady):
-    """The largest difference of phases and speeds of the steady impacts of a case of the paper."""
+    """Return the largest difference of steady phases and speeds of a case of the paper."""
     motion = paper_motion(h, R)
     phases, speeds = np.array(steady).T
     assert np.all(np.abs(motion.impact_v[-4 * len(speeds) :] - np.tile(speeds, 4)) < 1e-9)
@@ -183,7 +183,7 @@ def paper_difference(h, R, steady):
 
 
 def dux_rows():
-    """Yield those of one impact in n periods, h = 0, at any clearance."""
+    """Yield the rows of orbits with one impact in n periods, h = 0, any clearance."""
     dux = "F. Dux, thesis 1992, and github.com/FelixDux/imposcg"
     why = "1e4 roundings: that of T, over its distance from a multiple of 2 pi"
     for what in ("number", "existence", "stability"):
@@ -207,7 +207,7 @@ def dux_rows():
 
 
 def ball_rows():
-    """Yield those of the ball on a vibrating table."""
+    """Yield the rows of the ball on a vibrating table."""
     luck = "Luck and Mehta, Phys. Rev. E 48 (1993) 3988"
     why = "p^2 times twice the height of a free flight of n periods: what the spring yields"
     for R, n in ((0.5, 1), (0.5, 2), (0.5, 3), (0.8, 1), (0.8, 2), (0.8, 3)):
@@ -235,7 +235,7 @@ def ball_rows():
 
 
 def curve_rows():
-    """Yield those of a stop with clearance: grazes, and bifurcations beside them."""
+    """Yield the rows of a stop with clearance: grazes, and bifurcations beside them."""
     printed = "the digits printed"
     coco = "COCO, impact oscillator: Dankowicz and Schilder 2013, example 15.2"
     osc = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.0)
@@ -278,7 +278,7 @@ PAPER = {
 
 
 def paper_rows():
-    """Yield those of the paper's cases."""
+    """Yield the rows of the paper's cases."""
     paper, why = "the paper's cases, in ball arithmetic", "the roundings of 300 periods"
     for (h, R), steady in PAPER.items():
         find = partial(paper_difference, h, R, steady)

@@ -61,7 +61,7 @@ def cascade(tmp_path_factory):
 
 
 def on_section(osc):
-    """The state of the orbit of one impact per period at the phase 0."""
+    """Return the state of the orbit with one impact per period at the phase 0."""
     orbit = one_impact_orbit(osc)
     return naive.after_impact(osc, 1, orbit.v, orbit.phase, 0.0)
 
@@ -92,7 +92,7 @@ def test_a_bracket_holds_the_flip_however_narrow_and_at_any_phase(tmp_path, axis
 
 @pytest.mark.slow
 def test_a_point_of_the_grid_that_has_not_left_yet_gets_the_attractor(tmp_path):
-    """The start is the unstable orbit just beyond the flip: it seems to repeat after one period."""
+    """The start is the unstable orbit just beyond the flip, which seems to have period one."""
     omega = flip(1, 2.6, 2.7) + 1e-7
     osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
     ((x0, v0),) = on_section(osc).tolist()
@@ -112,7 +112,7 @@ def test_a_point_of_the_grid_that_has_not_left_yet_gets_the_attractor(tmp_path):
     [("up", [1.2, 1.4, 1.6, 1.8]), ("down", [*np.linspace(1.27, 1.4, 27).tolist(), 1.6, 1.8])],
 )
 def test_new_points_start_from_the_neighbour_before_them(tmp_path, direction, axis):
-    """Down, the free motion ends where its amplitude is the clearance; up, that with impacts does.
+    """Down, the free motion ends where its amplitude is the clearance; up, the one with impacts.
 
     Between, both exist: 1.2861 and 1.6504. Down, the grid's last step, of 0.005, may kick the free
     motion out of its basin before the graze: the bracket is then that of the kick.
@@ -139,7 +139,7 @@ BESIDE_ANOTHER = (
 
 @pytest.mark.slow
 def test_a_motion_that_passes_a_coexisting_orbit_is_not_taken_for_it(tmp_path):
-    """Where a new point is said to be periodic, a long run from the same start ends there."""
+    """If a new point is called periodic, a long run from the same start ends on that motion."""
     path = refined(tmp_path, *BESIDE_ANOTHER, "refine.levels=3")
     with open_sweep(path) as dataset:
         periodic = dataset.isel(omega=np.flatnonzero(dataset["period"] > 0))
@@ -159,7 +159,7 @@ def test_without_a_transient_motions_are_followed_longer_too():
 
 @pytest.mark.slow
 def test_no_point_is_put_beside_one_of_the_grid(tmp_path):
-    """Where the class is not known between two values, their middle is on the grid."""
+    """If the class is unknown between two values, their middle is on the grid."""
     axis = "{start: 0.6740400525929372, stop: 0.830268176902766, num: 36}"
     path = refined(tmp_path, *BESIDE_ANOTHER, f"oscillator.omega={axis}", "refine.levels=1")
     plain = refined(
@@ -177,7 +177,7 @@ def test_no_point_is_put_beside_one_of_the_grid(tmp_path):
 
 
 def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it():
-    """As the points of the grid do, see test_follow.py; in chaos the start is not forgotten."""
+    """Like the points of the grid, see test_follow.py; chaos does not forget its start."""
     text = CONFIG.replace("{start: 2.6, stop: 2.7, num: 21}", "2.8")
     config = load(text, "refine.axis=clearance", "oscillator.clearance=[0.0, 0.1]")
     starts = np.array([[0.04, -1.0], [0.0, -1.0], [-0.01, -1.0]])
@@ -188,7 +188,7 @@ def test_where_the_stop_has_moved_past_the_neighbour_a_new_point_starts_on_it():
 
 
 def test_a_point_that_starts_at_the_section_is_not_scaled():
-    """One f stands for the others only from rest."""
+    """One f represents the others only for starts at rest."""
     text = CONFIG.replace("f: 1.0", "f: [1.0, 3.0]").replace(
         "{start: 2.6, stop: 2.7, num: 21}", "2.8"
     )
@@ -222,7 +222,7 @@ def test_what_shooting_finds_is_told_where_the_record_is_too_short_to_show_it():
 def test_the_edges_of_the_windows_are_found_from_a_followed_sweep(
     tmp_path, n, axis, direction, near
 ):
-    """From the zero start another motion is found near the lower edges."""
+    """The zero start leads to another motion near the lower edges."""
     path = refined(
         tmp_path,
         f"oscillator.omega={axis}",
@@ -239,7 +239,7 @@ def test_the_edges_of_the_windows_are_found_from_a_followed_sweep(
 
 @pytest.mark.slow
 def test_further_flips_of_a_cascade(cascade):
-    """Their distances shrink by a ratio on its way to Feigenbaum's 4.669."""
+    """Their distances shrink by ratios that approach Feigenbaum's 4.669."""
     (run,) = cascades(found(cascade))
     assert [str(one.before) for one in run][:3] == ["1/1", "2/2", "4/4"]
     assert all(one.high - one.low < 1e-6 for one in run[:3])
@@ -291,7 +291,7 @@ def test_of_too_many_changes_the_lowest_are_followed_and_the_others_counted(tmp_
     assert 2.65 < refinement.intervals[0][0].value < 2.66
 
 
-# What is refused
+# Refused requests
 
 
 @pytest.mark.parametrize(
@@ -352,7 +352,7 @@ def test_a_new_point_records_the_attractor(around):
 
 @pytest.mark.slow
 def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
-    """Also where the run was left between the grid and its refinement."""
+    """Also if the run was interrupted between the grid and its refinement."""
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -362,7 +362,7 @@ def test_resume_ends_with_the_same_data(around, tmp_path, monkeypatch):
         refined(tmp_path)
     with open_sweep(tmp_path / "out.h5") as dataset:
         assert dataset.sizes["omega"] == 21 and (dataset["status"] != -1).all()
-    for _ in range(2):  # the second has nothing to do
+    for _ in range(2):  # the second run has nothing to do
         path = refined(tmp_path, resume=True, threads=1)
         with open_sweep(path) as again, open_sweep(around) as first:
             assert again.drop_attrs().identical(first.drop_attrs())
@@ -397,7 +397,7 @@ def test_points_before_and_behind_all_others_are_added_too(tmp_path):
             np.testing.assert_array_equal(dataset[name].values, expected)
 
 
-# What is told
+# Messages
 
 
 @pytest.mark.slow

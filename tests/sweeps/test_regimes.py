@@ -31,7 +31,7 @@ def hand_made(status, period, rest=0.0, growth=None):
 
 
 def test_the_status_decides_first():
-    """Even where what is left of the numbers would say something else."""
+    """Even if the remaining numbers suggest another regime."""
     dataset = hand_made(list(Status), period=1, rest=0.5)
     assert classify(dataset).tolist() == [
         Regime.PENDING,

@@ -1,4 +1,4 @@
-"""Files are replaced whole or not at all, and nothing else than a file is."""
+"""Files are replaced whole or not at all, and only files are replaced."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ def written(path, text="new"):
 
 
 def test_a_planted_draft_is_not_followed(monkeypatch):
-    """Not even where its random name was guessed."""
+    """Not even if its random name was guessed."""
     monkeypatch.setattr(module.secrets, "token_hex", lambda count: "0" * 2 * count)
     Path("victim").write_text("precious")
     Path(f".a.{os.getpid()}-00000000.new").symlink_to("victim")
@@ -98,7 +98,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next():
     assert left.startswith(".a.") and left.endswith(".new")
     written("b")
     assert left in os.listdir()
-    with replacing(Path("a")):  # its draft is that of a process that lives
+    with replacing(Path("a")):  # its draft belongs to a living process
         written("a")
         assert left not in os.listdir() and len(os.listdir()) == 3
     # The same number of a process that ended before this one began, as in a container.

@@ -1,4 +1,4 @@
-"""A sweep along f: one computation and a scaling, where the motion is proportional to f."""
+"""A sweep along f is computed once and scaled if the motion is proportional to f."""
 
 import math
 
@@ -32,7 +32,7 @@ def configured(*changes):
 
 @pytest.fixture
 def counted(monkeypatch):
-    """Count the points that the kernel is given."""
+    """Count the points passed to the kernel."""
     given = []
     kernel = kernel_calls.integrate
 
@@ -45,7 +45,7 @@ def counted(monkeypatch):
 
 
 def lone(f, method):
-    """Return the results at one f, which is computed as it is."""
+    """Return the results at one f, computed without scaling."""
     config = configured(f"oscillator.f={f}", *method)
     assert not config.spec.scaled
     return compute(config, config.grid.points((slice(0, 3),)), None)
@@ -57,7 +57,7 @@ def lone(f, method):
     [(), ("method={integrator: rk4, impact: reduced-step}", "record.diagnostics=[period]")],
 )
 def test_the_scaled_results_are_the_computed_ones(counted, method):
-    """To the bit for powers of two, to rounding otherwise; every f of a point from one run."""
+    """Bit for bit for powers of two, to rounding otherwise; one run for every f of a point."""
     config = configured(*method)
     assert config.spec.scaled
     run_sweep(config, "scaled.h5")

@@ -1,4 +1,4 @@
-"""What is written to a file comes back, to this package and to xarray, complete or not."""
+"""Written data can be read back by this package and xarray, from complete and partial files."""
 
 import itertools
 
@@ -175,7 +175,7 @@ def test_trajectories_are_as_wide_as_the_widest_and_padded(tmp_path, order):
             np.testing.assert_array_equal(row, given)
 
 
-# A sweep that is not complete
+# Incomplete sweeps
 
 
 def test_a_partial_sweep_says_what_is_pending(tmp_path):

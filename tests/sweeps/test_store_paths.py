@@ -1,4 +1,4 @@
-"""Paths that a sweep is not written to or read from, and the lock of the one writer."""
+"""Paths that are refused for writing or reading, and the lock of the single writer."""
 
 import os
 import re
@@ -32,7 +32,7 @@ def run(*options):
     return call("run", "sweep.yaml", "--quiet", *options)
 
 
-# What is not replaced
+# Paths that are not replaced
 
 
 @pytest.mark.parametrize("blocks", [2, None])
@@ -50,7 +50,7 @@ def test_an_existing_sweep_is_kept_unless_told(blocks):
 
 @pytest.mark.parametrize("name", ["out.h5", "out.h5.part"])
 def test_what_is_no_regular_file_is_refused_and_stays(name):
-    """Without waiting for a writer; of other kinds of file: ``test_replacing.py``."""
+    """Without waiting for a writer; for other kinds of files see ``test_replacing.py``."""
     os.mkfifo(name)
     before = os.stat(name).st_mode
     for option in ("--overwrite", "--resume"):
@@ -113,7 +113,7 @@ def test_outputs_that_are_refused(tmp_path):
     with pytest.raises(StoreError, match=r"the folder missing of the output new\.h5 does not"):
         check_output("missing/new.h5", overwrite=True)
     check_output(f"{'x' * 247}.h5")
-    with pytest.raises(StoreError, match="File name too long"):  # for that of its journal
+    with pytest.raises(StoreError, match="File name too long"):  # the name of its journal
         check_output(f"{'x' * 248}.h5")
     Path("link.h5").symlink_to("missing/new.h5")
     said = r"the folder .*missing of the output link\.h5, a link to .*new\.h5, does not exist"
@@ -127,7 +127,7 @@ def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: types.SimpleNamespace(free=100_000))
     with pytest.raises(StoreError, match=r"takes about 50 MB .* only 100 kB left; record less, or"):
         check_room(Path("out.h5"), 50_000_000)
-    # What is there makes no room, but a journal that is resumed has a part of it.
+    # An existing file frees no space, but a resumed journal already has part of the data.
     with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
         check_room(Path("old.h5"), 100_001)
     check_room(Path("old.h5"), 100_000)
@@ -136,7 +136,7 @@ def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
         check_room(Path("old.h5"), 100_001 + part, resume=True)
 
 
-# What is not read
+# Paths that are not read
 
 
 def test_files_that_are_not_ours_are_refused(tmp_path):

@@ -26,7 +26,7 @@ pytestmark = [
 
 @contextmanager
 def process(*words):
-    """Start commands, and kill what is left of them at the end."""
+    """Start commands, and kill the remaining ones at the end."""
     command = [sys.executable, str(SCRIPT), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=hear) as started:
         try:

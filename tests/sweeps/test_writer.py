@@ -1,4 +1,4 @@
-"""A sweep is kept through all that can happen to a run, and a resumed one ends with the same data.
+"""A sweep survives kills and full disks, and a resumed run ends with the same data.
 
 A full disk at 400 sizes: ``pytest -m campaign tests/sweeps/test_writer.py``.
 """
@@ -36,14 +36,14 @@ SECTOR = 512
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """Return the data of a file that was written in one go."""
+    """Return the data of a file written without interruption."""
     path = tmp_path_factory.mktemp("whole") / "whole.h5"
     fill_blocks(path)
     return data(path)
 
 
 def done_of(path, whole):
-    """Return how many points of an incomplete sweep are there; they are as they are to be."""
+    """Return the number of computed points of an incomplete sweep; check their values."""
     with open_sweep(path) as dataset:
         done = dataset["status"].values != Status.PENDING
         for name in ("poincare_x", "chatters", "lyapunov", "impact_v"):
@@ -52,7 +52,7 @@ def done_of(path, whole):
 
 
 def resumed(whole, **options):
-    """Go on to the end, and compare the data."""
+    """Resume to the end, and compare the data."""
     fill_blocks("out.h5", resume=True, **options)
     xr.testing.assert_identical(data("out.h5"), whole)
     assert {path.name for path in Path().iterdir()} <= {"out.h5", "sweep.yaml"}
@@ -68,7 +68,7 @@ def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
     assert done_of("out.h5", whole) == 6
     resumed(whole, compressed=compressed)
     before = Path("out.h5").read_bytes()
-    resumed(whole)  # with nothing to do
+    resumed(whole)  # nothing is left to do
     assert Path("out.h5").read_bytes() == before
 
 
@@ -127,7 +127,7 @@ def test_another_name_is_no_other_sweep():
 
 
 def test_a_journal_that_is_cut_off_anywhere_has_the_blocks_before(whole):
-    """As a kill leaves it, and the file system after a loss of power."""
+    """As a kill or a loss of power may leave it."""
     fill_blocks("out.h5", 0)
     header = PART.stat().st_size
     fill_blocks("out.h5", 3, resume=True)
@@ -147,7 +147,7 @@ def test_a_journal_that_is_cut_off_anywhere_has_the_blocks_before(whole):
 @pytest.mark.slow
 @pytest.mark.parametrize("old", [b"\0", None])
 def test_of_the_last_block_any_sectors_may_be_lost(whole, old):
-    """Whatever is there instead: zeros, or what the disk held before."""
+    """They hold zeros or old data of the disk instead."""
     fill_blocks("out.h5", 2)
     start = PART.stat().st_size
     fill_blocks("out.h5", 1, resume=True)
@@ -163,7 +163,7 @@ def test_of_the_last_block_any_sectors_may_be_lost(whole, old):
             damaged[cut] = old * size if old else random.bytes(size)
         PART.write_bytes(damaged)
         if case % 2:
-            fill_blocks("out.h5", 0, resume=True)  # which cuts off what was lost
+            fill_blocks("out.h5", 0, resume=True)  # cuts off the lost part
         assert done_of("out.h5", whole) == (6 if damaged == content else 4)
     resumed(whole)
 
@@ -207,7 +207,7 @@ def test_each_block_is_on_the_disk_before_the_next_and_the_file_before_the_journ
 
 @contextmanager
 def small_disk(size):
-    """Limit the size of files, but of none that the tests themselves write."""
+    """Limit the size of files, except those that the tests write."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), hard))
     try:
@@ -237,7 +237,7 @@ def test_a_disk_that_fills_up_keeps_every_block_before(whole):
 )
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
-    """Wherever in the complete file: HDF5 alone would end the process."""
+    """Anywhere in the complete file: HDF5 alone would end the process."""
     fill_blocks("size.h5", compressed=compressed)
     full = Path("size.h5").stat().st_size
     Path("size.h5").unlink()
@@ -253,7 +253,7 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
     resumed(whole, compressed=compressed)
 
 
-# A file that is lost or comes in the middle of a run
+# A file that disappears or appears during a run
 
 
 @pytest.fixture
@@ -271,7 +271,7 @@ def truncate():
 
 
 def empty_and_restore():
-    """As ``cp`` does it: the size is as before, and the content is not."""
+    """Like ``cp``: the size is the same, the content is not."""
     size = PART.stat().st_size
     os.truncate(PART, 0)
     os.truncate(PART, size)
@@ -310,7 +310,7 @@ def test_a_lost_journal_is_a_failure_that_says_so(monkeypatch, small_blocks, los
     assert result.stderr.startswith("vibroimpact: error: the run failed: ")
     assert re.search(LOSSES[lose], result.stderr)
     assert not Path("out.h5").exists() and not list(Path().glob(".out*"))
-    if lose is replace:  # what is kept is said
+    if lose is replace:  # the message names the kept blocks
         assert f"{10 * at} of 40 points kept in out.h5.part; to go on: " in result.stderr
 
 
@@ -392,7 +392,7 @@ def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, sm
 
 
 def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
-    """And `run` takes its configuration and goes on."""
+    """And `run` uses its configuration and resumes it."""
     with stop_after(1, size=10):
         assert call("run", "sweep.yaml", "--quiet").exit_code == 1
     assert "40 points, of which 30 PENDING" in call("info", "out.h5").stdout
@@ -413,7 +413,7 @@ def turn_the_link():
 
 @pytest.mark.parametrize("change", [turn_the_link, lambda: os.chdir("folder")])
 def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
-    """A link may be turned to another file, and a program may change its folder."""
+    """A link may be redirected to another file, and a program may change its folder."""
     Path("folder").mkdir()
     Path("link.h5").symlink_to("real.h5")
     write = SweepWriter.write
