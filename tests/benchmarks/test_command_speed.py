@@ -46,7 +46,7 @@ def run(path):
 
 
 def kernel(path):
-    """Compute what a configuration describes, and keep nothing."""
+    """Compute a configuration without storing results."""
     config = load_config(path)
     return integrate(
         config.grid.points(tuple(slice(0, n) for n in config.grid.shape)),
@@ -85,7 +85,7 @@ def test_whole_command(race, sweep):
     check(path)
 
 
-#: Points and forcing periods of a sweep so cheap that its time is the store's.
+#: Points and forcing periods of a sweep so cheap that the store takes most of the time.
 CHEAP = {"points": 32768, "periods": 100}
 NUMBERS = 2.0 * CHEAP["points"] * CHEAP["periods"]
 
@@ -110,7 +110,7 @@ def python(*arguments, cwd=ROOT):
 
 
 def test_help(race):
-    """That it imports neither numba nor matplotlib is tested with the command line."""
+    """The tests of the command line check that it imports neither numba nor matplotlib."""
     shown = race.run(
         "--help / the bare interpreter",
         lambda: python("-m", "sweeps.cli", "--help"),

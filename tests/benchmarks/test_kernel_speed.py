@@ -1,4 +1,4 @@
-"""The kernel: every method, chatter, Lyapunov exponents, threads. Each answers before it counts."""
+"""The kernel: every method, chatter, Lyapunov exponents, threads. Results are checked first."""
 
 import math
 import time
@@ -32,7 +32,7 @@ PERIODS = 100
 
 @pytest.mark.parametrize(("integrator", "rule"), EVERY_METHOD)
 def test_methods(race, rule, integrator):
-    """Every method gives what ``simulate`` gives, and the exact one the closed form."""
+    """Every method agrees with ``simulate``, and the exact one with the closed form."""
     steps = 32 if rule == "exact" else 100
 
     def ours():
@@ -80,7 +80,7 @@ def test_chatter(race):
 
     found = race.run("chatter", ours, amount=points.size * 21)
     assert (found["status"] == Status.CERTIFIED).all()
-    for i in (20, 30, 40):  # at omega = 0.2 it lands without speed, and the time of that is vague
+    for i in (20, 30, 40):  # at omega = 0.2 it lands without speed, at an ill-defined time
         began, ended = simulate(oscillators[i], 3).rests[1]
         share = (ended - began) * points["omega"][i] / (2.0 * math.pi)
         assert found["rest_fraction"][i] == pytest.approx(share, rel=1e-9)
@@ -89,7 +89,7 @@ def test_chatter(race):
 
 def test_lyapunov(race):
     """Their sum is -2h + 2 ln R times the impacts per unit time."""
-    points = POINTS[::4]  # short rounds: more of them are undisturbed
+    points = POINTS[::4]  # short rounds are disturbed less often
 
     def run(lyapunov):
         return integrate(points, transient=0, periods=PERIODS, lyapunov=lyapunov, threads=1)

@@ -40,7 +40,7 @@ def packed(loop, arguments):
     anew = numba.njit(loop.py_func, pipeline_class=WholeCompiler, **options)
     anew.compile(tuple(map(numba.typeof, arguments)))
     code = "\n".join(anew.inspect_asm().values())
-    assert ".weak" not in code  # what only compiled code calls is internal
+    assert ".weak" not in code  # functions called only by compiled code are internal
     return len(re.findall(packed_instructions(), code))
 
 
@@ -51,7 +51,7 @@ def test_the_hot_loops_are_packed_and_fused():
     """Of plain stepping, of the strides of the other rules, and of a step with exact impacts."""
     lanes, added, table = WORKSPACE.lanes, WORKSPACE.added[0], one_period(0.0, 100).table
     stride = lanes, LANES, table, 0, STRIDE
-    assert packed(time_stepping.plain_lanes, (*stride, False)) >= 2 * FUSED  # and while recording
+    assert packed(time_stepping.plain_lanes, (*stride, False)) >= 2 * FUSED  # also while recording
     assert packed(time_stepping.step_lanes, stride) >= FUSED
     assert packed(exact.propagate_lanes, (lanes, 64, added, 0.1, 0)) >= 8
     assert packed(exact.force_lanes, (lanes, added, 0.0, 1.0)) >= 4

@@ -51,7 +51,7 @@ def test_a_branch_is_stable_between_its_known_flips(h, R, n, flips):
     inside = (located[-2] < found.values) & (found.values < located[-1])
     assert found.stable[inside].all()
     assert not found.stable[~inside & (found.values > 0.99 * located[-2])].any()
-    if h == 0.0:  # every flip, also a further one at a lower frequency, is on the exact curve
+    if h == 0.0:  # every flip is on the exact curve, also another one at a lower frequency
         rate, k = np.array(located), math.pi * n / np.array(located)
         curve = np.cos(k) ** 2 * (rate**2 - ((1.0 - R) / (1.0 + R)) ** 2)
         np.testing.assert_allclose(curve, 1.0, rtol=0, atol=1e-13 * 7**3)
@@ -141,7 +141,7 @@ def test_a_branch_without_an_end_is_lost():
 
 
 def test_orbits_between_a_fold_and_a_flip_of_one_step_are_stable():
-    """The window is 1e-6 wide; points added for a picture have the stability of their own."""
+    """The window is 1e-6 wide; points added for a picture have their own stability."""
     osc = Oscillator(h=0.565873495924132, R=0.5, omega=4.5, f=1.0, clearance=-0.5)
     inside = periodic_orbit(osc, -0.502280357078872, -0.03054864829772489, 4)
     assert (inside.m, inside.q) == (4, 11) and inside.stable
@@ -174,7 +174,7 @@ def test_a_branch_without_a_stop_in_the_way_ends_where_there_is_no_force():
 
 
 def test_a_branch_of_too_much_work_is_lost(monkeypatch):
-    """All its points are orbits; it has as many as the work allows."""
+    """All its points are orbits; the limit of work decides their number."""
     whole = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
     monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 1000)
     found = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
@@ -186,7 +186,7 @@ def test_a_branch_of_too_much_work_is_lost(monkeypatch):
 
 
 def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
-    """The last value is not the edge less a rounding, beside which `at` would find nothing."""
+    """The last value is the edge itself; beside it, `at` would find no orbit."""
     start = one_impact(LIGHT)
     for high in np.linspace(2.1, 2.6, 41).tolist():
         found = branch(start, "omega", 1.9, high)
@@ -274,7 +274,7 @@ def test_bad_ranges_are_refused(arguments, said):
 
 
 def beside(osc, n, clearances):
-    """The branch of n/1 over the clearance, from the first value where there is such an orbit."""
+    """Return the branch of n/1 over the clearance, from the first value with such an orbit."""
     for clearance in clearances.tolist():
         try:
             start = one_impact(replace(osc, clearance=clearance), n)
@@ -313,7 +313,7 @@ EPS = 2.0**-52
 
 
 def condition(parameters, n):
-    """By how many roundings the fold moves when each of its data moves by one; h by one of p."""
+    """Return the shift of the fold, in roundings, if each datum changes by one (h by one of p)."""
     step, (sigma, _) = mp.mpf(10) ** -18, fold_of_one_impact(parameters, n)
     total = mp.mpf(0)
     for name in ("h", "R", "omega", "f", "p"):

@@ -1,4 +1,4 @@
-"""The cache of compiled code: never needed, never trusted where another user could write."""
+"""The cache of compiled code: never required, never trusted if another user could write."""
 
 import os
 import pickle
@@ -40,7 +40,7 @@ def folder(tmp_path):
 
 
 def test_a_moved_function_is_not_compiled_anew(tmp_path):
-    """What it computes is looked at: not its place, the comments or the docstring."""
+    """Only the computation counts, not the position, comments or docstring."""
     functions = []  # while one lives, numba knows the module that the file lacks
 
     def result(text):
@@ -88,14 +88,14 @@ def pipe(path, _):
      (pipe, 0)],
 )  # fmt: skip
 def test_a_damaged_file_is_compiled_anew(folder, damage, at):
-    """A byte is changed, the file is cut, or a pipe is in its place, which is not waited for."""
+    """A changed byte, a cut file, or a pipe in its place, for which nothing waits."""
     (path,) = folder.iterdir()
     damage(path, at)
     assert [call(folder), call(folder)] == [False, True]
 
 
 class Planted:
-    """Tells by a file that its pickle was read."""
+    """Creates a file when its pickle is read."""
 
     def __init__(self, path):
         self.path = path
@@ -105,7 +105,7 @@ class Planted:
 
 
 def plant(folder, trace):
-    """Put a file there that is executed if it is read, in the form of those of the cache."""
+    """Write a file in the format of the cache that executes code if it is read."""
     (path,) = folder.iterdir()
     data = pickle.dumps(Planted(trace))
     path.write_bytes(cache.hashlib.sha256(data).digest() + data)
@@ -113,7 +113,7 @@ def plant(folder, trace):
 
 
 def test_a_planted_file_would_be_executed_in_a_private_folder(folder, tmp_path):
-    """What the tests below would see."""
+    """The effect that the tests below would see."""
     plant(folder, tmp_path / "trace")
     with pytest.warns(CacheWarning, match=r"cannot be read in .* \(TypeError: "):
         assert not call(folder)

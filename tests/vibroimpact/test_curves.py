@@ -36,7 +36,7 @@ MEETING = 4.0 * math.sqrt(1.0 - 0.02**2) / 5.0
 
 
 def free_graze(omega):
-    """The force at which the free oscillation reaches the stop."""
+    """Return the force at which the free oscillation reaches the stop."""
     return math.hypot(1.0 - omega**2, 0.04 * omega)
 
 
@@ -47,7 +47,7 @@ def free_graze(omega):
 def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
     kind, omega, f, beside, slower
 ):
-    """The slope at which a curve leaves that of the grazes, extrapolated to where they meet.
+    """The slope at which a curve leaves the curve of grazes, extrapolated to their meeting.
 
     The curve is analytic there, so that a polynomial through its seven slopes to the meeting, each
     half as far from it as the one before, leaves rounding over the least distance: 4e-12.
@@ -76,7 +76,7 @@ def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
     ],
 )
 def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega, f, away):
-    """All speeds vanish there, and the multipliers change the faster the nearer it is."""
+    """All speeds vanish there, and the multipliers change faster and faster towards it."""
     osc = replace(SCENE, omega=omega, f=f)
     run = simulate(osc, 600)
     start = periodic_orbit(osc, run.section_x[-1], run.section_v[-1], m)

@@ -1,4 +1,4 @@
-"""What is recorded of a motion: impulse and energy at impacts, and the period class."""
+"""Diagnostics of a motion: impulse and energy at impacts, and the period class."""
 
 import math
 from dataclasses import replace
@@ -110,7 +110,7 @@ def test_time_stepping_sums_them_too(given, impulse, energy):
 
 
 def cycle(m, periods, seed=0):
-    """Sections of a motion of period m."""
+    """Return sections of a motion of period m."""
     values = np.random.default_rng(seed).normal(size=(2, m))
     return np.array([[np.resize(q, periods)] for q in values])
 
@@ -150,7 +150,7 @@ def test_the_tolerance_is_a_share_of_the_greatest():
 @pytest.mark.parametrize("x0", [0.3, 0.0, -0.4])
 @pytest.mark.parametrize(("h", "omega", "p"), [(0.05, 0.7, 1.0), (0.3, 2.0, 0.2), (4.0, 1.1, 2.0)])
 def test_without_a_force_the_mass_ends_at_its_rest_position(h, omega, p, x0):
-    """What its sections show then is rounding of the clearance, and no motion."""
+    """Its sections then show only rounding of the clearance."""
     points = Oscillator(h=h, R=0.5, omega=omega, f=0.0, p=p, clearance=0.3).at(x0, 0.0)
     out = integrate(points, transient=400, periods=32)
     assert np.abs([out["poincare_x"], out["poincare_v"]]).max() < 1e-14
@@ -187,14 +187,14 @@ def test_a_spiral_that_shrinks_is_not_a_cycle_of_its_turns(turns):
 
 
 def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
-    """Period class, and the last four impact speeds."""
+    """Return the period class and the last four impact speeds."""
     out = integrate(osc.at(x0, v0), transient=transient, periods=periods, impacts=4)
     m, q = period_class(out["poincare_x"], out["poincare_v"], out["impacts_per_period"])
     return int(m[0]), int(q[0]), np.sort(out["impact_v"][0])
 
 
 def on_the_orbit(osc, n, aside=0.0):
-    """The state at phase 0 of the closed-form orbit with one impact in n periods."""
+    """Return the state at phase 0 of the closed-form orbit with one impact in n periods."""
     orbit = one_impact_orbit(osc, n)
     x, v = naive.after_impact(osc, n, orbit.v, orbit.phase, 0.0)[0]
     return x, v + aside

@@ -19,13 +19,13 @@ PLAIN_CASES = [
 
 
 def run(orbit, periods=20, n=None):
-    """The orbit of a certified case, by the exact rule."""
+    """Return the orbit of a certified case, by the exact rule."""
     periods = min(periods, len(orbit.sections))
     return simulate(orbit.oscillator, periods, steps_per_period=n, x0=orbit.x0, v0=orbit.v0)
 
 
 def errors(tr, orbit):
-    """Errors of sections, impacts (by nearest time) and rests, relative to max(1, |value|)."""
+    """Return errors of sections, impacts (by nearest time) and rests over max(1, |value|)."""
 
     def relative(ours, true):
         return np.abs(ours - true) / np.maximum(1.0, np.abs(true))
@@ -39,7 +39,7 @@ def errors(tr, orbit):
     rests = orbit.rests[orbit.rests[:, 0] < end]
     t, v = orbit.impact_t[known], orbit.impact_v[known]
     if len(rests):
-        # What is below the cut-off of the tail is not followed.
+        # Impacts below the cut-off of the tail are not followed.
         t, v = t[v > 1e-4], v[v > 1e-4]
     if not len(t):
         return sections, np.zeros(0), np.zeros(0)
@@ -73,7 +73,7 @@ def test_certified_orbits_to_rounding(truth, case, more):
 @pytest.mark.parametrize("n", [None, 64, 301])
 @pytest.mark.parametrize("case", GRAZES)
 def test_at_a_graze_the_error_is_the_root_of_a_rounding(truth, case, n):
-    """To the touch 1e-12; after it what a rounding of the height makes of the speed there.
+    """1e-12 up to the touch; then the effect of a rounding of the height on the speed there.
 
     The speed of a touch of depth d is sqrt(2 a d): an error e of the height is one of a e / v, or
     of sqrt(2 a e) where v itself is smaller. The impact passes on 1 + R of it, and the motion
@@ -225,7 +225,7 @@ def test_bounded_motion_without_loss_is_not_called_unbounded():
 
 
 def test_a_forcing_too_slow_for_exact_impacts_is_refused():
-    """The steps per period would be without number."""
+    """The number of steps per period would be unlimited."""
     for omega in (1e-12, 1e-310):
         with pytest.raises(ValueError, match="omega is too small"):
             simulate(Oscillator(0.1, 0.8, omega, 1.0))

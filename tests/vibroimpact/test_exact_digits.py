@@ -22,7 +22,7 @@ from vibroimpact.step.propagator import coefficients_of
 
 
 def after_one_period(osc, x, v, most=12):
-    """The state one forcing period after (x, v) at t = 0; None where impacts come too fast."""
+    """Return the state one forcing period after (x, v) at t = 0; None if impacts are too fast."""
     parameters, end, t = in_digits(osc), 2 * mp.pi / mp.mpf(osc.omega), mp.mpf(0)
     for _ in range(most):
         flight = Flight(parameters, t, x, v)

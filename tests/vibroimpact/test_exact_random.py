@@ -1,4 +1,4 @@
-"""The exact rule at random points, at grazes that are built, and where a motion grows."""
+"""The exact rule at random points, at constructed grazes, and for growing motions."""
 
 import math
 
@@ -16,7 +16,7 @@ from vibroimpact.step.scheme import default_steps
 
 @pytest.mark.slow
 def test_random_points_end_decided():
-    """2000 points, 50 periods: no NaN, nothing beyond the stop, a status that says what it is."""
+    """2000 points, 50 periods: no NaN, nothing beyond the stop, a matching status."""
     points = wide_points(2000, 17)
     for part in np.array_split(points, 10):
         out = integrate(part, transient=0, periods=50, lyapunov=True)
@@ -72,7 +72,7 @@ def test_random_points_are_those_of_the_slow_solver(every):
     assert sections > 5 * len(points) and impacts > 10 * len(points) and rested > len(points)
 
 
-# --- grazes that are built ---
+# --- constructed grazes ---
 
 
 def graze(rng):
@@ -124,7 +124,7 @@ def test_a_touch_is_seen_and_a_miss_is_none(count):
         steps = share * default_steps(points, "exact")
         out = integrate(points, steps_per_period=steps, transient=0, periods=1, impacts=500)
         assert (out["impacts_per_period"] < 500).all()
-        with np.errstate(invalid="ignore"):  # no number where there was no impact
+        with np.errstate(invalid="ignore"):  # NaN without an impact
             early = out["impact_phase"][:, 0] < phase + 0.01 * points["omega"]
         np.testing.assert_array_equal(early, touches)
         time = out["impact_phase"][touches, 0] / points["omega"][touches]

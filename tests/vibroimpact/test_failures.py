@@ -1,4 +1,4 @@
-"""The failures of time stepping and of the paper's literal procedure, by their size.
+"""The size of failures of time stepping and of the paper's literal procedure.
 
 False rests are in test_trajectory_rest.py, lost energy and lost impacts in test_trajectory.py,
 growth in test_stability.py; orders and stalls of the procedure in the tests of its bench.
@@ -20,7 +20,7 @@ PAPER = {"paper_A": (0.5, 1.0), "paper_B": (0.0, 0.5), "paper_C": (0.5, 0.5)}
 
 
 def paper_case(name):
-    """The oscillator of one of the paper's three cases."""
+    """Return the oscillator of one of the paper's three cases."""
     h, R = PAPER[name]
     return Oscillator(h=h, R=R, omega=1.0, f=1.0)
 
@@ -50,7 +50,7 @@ def test_the_plain_rule_penetrates_by_the_speed_times_the_rest_of_the_step(truth
 
 @pytest.mark.parametrize(("n", "impacts"), [(100, 39), (1000, 401)])
 def test_the_plain_rule_hammers_on_a_mass_that_rests(truth, n, impacts):
-    """One impact in every second or third step of the rest, the more the finer the step."""
+    """One impact in every second or third step of the rest; more for finer steps."""
     orbit = truth["stick_R03_w03"]
     (begin, end) = orbit.rests[0]
     tr = simulate(orbit.oscillator, 1, "newmark", "plain", n)
@@ -168,7 +168,7 @@ def test_runge_kutta_with_the_reduced_step_misses_what_lies_between_grid_points(
     ],
 )
 def test_the_procedure_is_equations_6_to_10(h, R, omega, n, stalls):
-    """Every impact is that of the slow implementation, which solves Newmark as linear equations."""
+    """Every impact equals the slow implementation, which solves Newmark as linear equations."""
     run = paper_procedure(Oscillator(h=h, R=R, omega=omega, f=1.0), 4, n)
     impacts, stalled = naive.literal(naive.oscillator(h, R, omega), 4, n)
     assert (run.stalled_at is not None) == (stalled is not None) == stalls
@@ -204,7 +204,7 @@ def test_both_sides_of_an_impact_are_recorded(procedure):
 
 
 def test_the_procedure_never_passes_the_accumulation(truth):
-    """At no step count; and the kernel, on the same oscillator, always does."""
+    """It does so at no step count; the kernel always does for the same oscillator."""
     orbit = truth["stick_R03_w03"]
     for n in (10, 20, 37, 50, 100, 200, 400, 1000, 3000):
         stalled = paper_procedure(orbit.oscillator, 2, n).stalled_at

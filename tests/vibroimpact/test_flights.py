@@ -1,4 +1,4 @@
-"""A flight as a polynomial: its first root, and what is proved of a step with one impact."""
+"""A flight as a polynomial: its first root, and proofs for a step with one impact."""
 
 import math
 
@@ -27,19 +27,19 @@ NONE = -1.0
 
 
 def padded(c):
-    """Coefficients from the constant term on, filled up with zeros."""
+    """Return coefficients from the constant term on, padded with zeros."""
     out = np.zeros(TERMS)
     out[: len(c)] = c
     return out
 
 
 def crossing(c, m=0, end=1.0):
-    """Where the polynomial first crosses, and its highest turning point."""
+    """Return the first crossing of the polynomial, and its highest turning point."""
     return first_crossing(padded(c), m, end)
 
 
 def from_roots(roots, lead=1.0):
-    """Coefficients of lead (u - r_1) (u - r_2) ..., rounded once."""
+    """Return the coefficients of lead (u - r_1) (u - r_2) ..., rounded once."""
     with mp.workdps(50):
         c = [mp.mpf(lead)]
         for r in roots:
@@ -49,7 +49,7 @@ def from_roots(roots, lead=1.0):
 
 
 def first_root(c, m, end):
-    """The first root in (0, end] at which the rounded polynomial rises, by mpmath; and its slope.
+    """Return the first rising root of the rounded polynomial in (0, end], by mpmath; and its slope.
 
     None without one.
     """
@@ -75,7 +75,7 @@ def test_random_roots():
         end = rng.choice([1.0, rng.uniform(0.1, 1.0)])
         roots = rng.uniform(-2.0, 3.0, count)
         inner = from_roots(roots)
-        inner *= -np.sign(inner[0])  # below the stop at the launch
+        inner *= -np.sign(inner[0])  # starts below the stop
         c = padded(np.concatenate([np.zeros(m), inner]))
         true = first_root(c, m, end)
         u, _ = first_crossing(c, m, end)
@@ -143,7 +143,7 @@ def test_inflections():
 
 
 def random_step(rng):
-    """A point with a step, a state near the stop, and the polynomial of the flight."""
+    """Return a point with a step, a state near the stop, and the polynomial of the flight."""
     h, omega = rng.choice([0.0, rng.uniform(0, 2)]), 0.05 * 400.0 ** rng.random()
     osc = Oscillator(
         h=h, R=rng.random(), omega=omega, f=rng.uniform(0, 3), p=rng.uniform(0.3, 3),
@@ -216,7 +216,7 @@ def test_what_is_proved_of_a_single_impact_holds():
         noise = 4e-15 * scale + 4 * (bent * step + slope) * late
         assert y_1 == pytest.approx(y_T, abs=4 * noise)
         assert w_1 == pytest.approx(slope_T / step, abs=4 * noise / step)
-    assert only > 360 and crossings > 2 * only  # the others are no ordinary steps
+    assert only > 360 and crossings > 2 * only  # the others are not ordinary steps
     assert first >= only
 
 

@@ -1,4 +1,4 @@
-"""What becomes of one step that meets the stop, and of a mass that rests on it."""
+"""One step that meets the stop, and a mass that rests on the stop."""
 
 import math
 
@@ -27,23 +27,23 @@ from vibroimpact.step.time_stepping import (
 from vibroimpact.step.trigonometry import sin_cos
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
-# Those that are exact under a constant push, which a rebound within one step needs.
+# Integrators that are exact under a constant push, as a rebound within one step requires.
 PARABOLIC = [name for name, row in INTEGRATORS.items() if row.order != 1]
 SECOND_ORDER = pytest.mark.parametrize("integrator", PARABOLIC)
 # The rules that shorten a step.
 SHORTENING = pytest.mark.parametrize("rule", [REDUCED_STEP, CUBIC], ids=["reduced-step", "cubic"])
-# Nearly constant acceleration: the force stands at its crest, and nothing else acts.
+# Nearly constant acceleration: the force is at its maximum, and nothing else acts.
 PUSH = {"h": 0.0, "omega": 1e-9, "f": 1.0, "p": 1e-9}
 CREST = 1.5 * math.pi
 
 
 def point(x0=0.0, v0=0.0, **parameters):
-    """A parameter point."""
+    """Return a parameter point."""
     return Oscillator(**{"h": 0.1, "R": 0.5, "omega": 1.0, "f": 1.0} | parameters).at(x0, v0)[0]
 
 
 def preload(level, f=1.0, p=1.0, omega=1.0):
-    """A mass pressed against the stop by `level` of the force, p^2 clearance = -level f."""
+    """Return a mass pressed onto the stop by `level` of the force, p^2 clearance = -level f."""
     clearance = -level * f / p**2
     return Oscillator(h=0.1, R=0.5, omega=omega, f=f, p=p, clearance=clearance)
 
@@ -67,7 +67,7 @@ def flight(rule, integrator, x, v, theta, span, pt):
 
 
 def to_rest(v, theta, left, T, pt):
-    """Time until the chatter is complete."""
+    """Return the time until the chatter is complete."""
     return time_to_rest(v, theta, math.sin(theta), left, T, pt)
 
 
@@ -140,7 +140,7 @@ def test_a_chatter_needs_a_push_and_time():
 @SHORTENING
 @pytest.mark.parametrize("preloads", [0.9, 0.0])
 def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrator):
-    """The force at a release is zero to rounding, of either sign: the mass leaves all the same.
+    """The force at a release is zero to rounding, with either sign; the mass leaves anyway.
 
     A first-order step sees no other force, and leaves it on the stop, at no speed, until the next
     step; so does the central difference method, but with its speed.
@@ -170,7 +170,7 @@ def test_no_rounding_of_the_force_holds_a_released_mass(preloads, rule, integrat
 
 
 def test_many_preloads_released_on_a_grid_point():
-    """At a grid point that is the release to rounding the wait is none, or rounding."""
+    """At a grid point equal to the release to rounding, the wait is zero or rounding."""
     rng = np.random.default_rng(3)
     late = 0
     for _ in range(20000):

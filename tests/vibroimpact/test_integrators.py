@@ -21,24 +21,24 @@ ALL = pytest.mark.parametrize("name", INTEGRATORS)
 
 
 def point(h=0.1, omega=1.3, p=1.0, f=1.0):
-    """A parameter point."""
+    """Return a parameter point."""
     return Oscillator(h=h, R=0.5, omega=omega, f=f, p=p).at()[0]
 
 
 def exact_map(pt, T):
-    """The matrix (x, v, sin, cos) -> (x_T, v_T) of the flow, by the package."""
+    """Return the matrix (x, v, sin, cos) -> (x_T, v_T) of the flow from the package."""
     return np.array(affine_map(INTEGRATORS["exact"].code, T, pt)).reshape(2, 4)
 
 
 def true_map(pt, T):
-    """The same by the slow implementation."""
+    """Return the same matrix from the slow implementation."""
     osc = naive.oscillator(pt["h"], 0.5, pt["omega"], pt["f"], pt["p"])
     return np.array([naive.flow(osc, *unit, T) for unit in np.eye(4)]).T
 
 
 @ALL
 def test_the_docstring_of_an_integrator_names_its_source(name):
-    """Authors and the year in parentheses."""
+    """Return the authors and the year in parentheses."""
     assert re.search(r"[A-Z][a-z]+ \((1[7-9]|20)\d\d\),\s", INTEGRATORS[name].step.__doc__)
 
 
@@ -123,7 +123,7 @@ def test_both_are_right_to_rounding():
 
 
 def test_what_is_no_angle_is_no_number():
-    """A run that overflowed must not come back to life."""
+    """A run that overflowed must not become finite again."""
     for angle in (np.nan, np.inf, -np.inf):
         assert np.isnan(sin_cos(angle)).all()
 
@@ -133,31 +133,31 @@ def test_what_is_no_angle_is_no_number():
 PERIODS = 20
 # The steps at which a method is in its asymptotic range.
 LADDER = {1: (400, 800, 1600, 3200), 2: (100, 200, 400, 800), 4: (100, 200, 400, 800)}
-# At fewer steps a first-order integrator finds another number of impacts in the third case.
+# With fewer steps a first-order integrator finds another number of impacts in the third case.
 LADDER_OF_THE_FIRST_ORDER = (1600, 3200, 6400, 12800)
-# What a fitted order may be, and what is left of the error on the last rung of the ladder.
+# Allowed fitted orders, and the remaining error at the finest step.
 FITTED = {1: (0.8, 1.3), 2: (1.7, 2.4), 4: (3.6, 4.6)}
 LEFT = {1: 2e-3, 2: 3e-5, 4: 3e-9}
 
 
 def orders(integrator, rule):
-    """The orders of the two parts of a method, those that are exact to rounding left out."""
+    """Return the orders of the two parts of a method, without parts exact to rounding."""
     parts = INTEGRATORS[integrator].order, IMPACT_RULES[rule].order
     return [order for order in parts if order is not None]
 
 
 def spread(n, count=8):
-    """Step counts from n to 1.6 n."""
+    """Return step counts from n to 1.6 n."""
     return np.round(n * np.linspace(1.0, 1.6, count)).astype(int)
 
 
 def rms(errors):
-    """Root of the mean square."""
+    """Return the root mean square."""
     return np.sqrt(np.mean(np.square(errors)))
 
 
 def slope(steps, errors):
-    """The fitted order."""
+    """Return the fitted order."""
     return -np.polyfit(np.log(steps), np.log(errors), 1)[0]
 
 

@@ -32,7 +32,8 @@ def run(folder):
     """Run the program on the copy of the package in `folder`: its file, time, hits, misses."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "PYTHON"))}
     environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    environment["NUMBA_CACHE_DIR"] = str(folder / "cache")  # that of the original has it, too
+    # A separate folder: the cache of the original package already holds the function.
+    environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
     out = subprocess.run(
         [sys.executable, "-c", PROGRAM],
         env=environment,
@@ -63,7 +64,7 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
 
 @pytest.mark.slow
 def test_two_processes_that_start_at_once_on_an_empty_cache(tmp_path):
-    """Both wait until the other is ready to compile; both are right, and so is what they leave.
+    """Both wait until the other is ready to compile; their results and their cache are right.
 
     It runs without all that numba can compile, of which SciPy is most; and a function that is not
     in the cache yet is compiled all the same.

@@ -1,4 +1,4 @@
-"""Many points at once: every lane is the single orbit, and what is recorded."""
+"""Many points at once: every lane equals the single orbit, and the records."""
 
 import math
 
@@ -24,7 +24,7 @@ from vibroimpact.step.scheme import default_steps, scheme_of
 
 
 def assert_as_alone(points, integrator, rule, n):
-    """What six periods record of each point is what `simulate` finds; how many met, and rested."""
+    """Six periods record what `simulate` finds; return how many points had impacts and rests."""
     periods, met, rested = 6, 0, 0
     out = integrate(
         points,
@@ -40,11 +40,11 @@ def assert_as_alone(points, integrator, rule, n):
         tr = simulate(osc, periods, integrator, rule, n, x0, v0)
         np.testing.assert_array_equal(out["poincare_x"][i], tr.section_x)
         np.testing.assert_array_equal(out["poincare_v"][i], tr.section_v)
-        # A single orbit is not asked whether it grows.
+        # `simulate` does not detect growth.
         unbounded = out["status"][i] == Status.UNBOUNDED and osc.R == 1.0 and osc.h == 0.0
         assert unbounded or out["status"][i] == tr.status
         assert tr.status in ((DONE[rule], Status.SETTLED) if rule == "exact" else (DONE[rule],))
-        # The record counts the impacts of its steps, and the start belongs to none.
+        # The record counts impacts during steps; the start belongs to no step.
         later = tr.impact_t > 0.0
         speeds = np.full(12, np.nan)
         speeds[: min(12, later.sum())] = tr.impact_v[later][-12:]
@@ -78,7 +78,7 @@ def test_a_rest_after_the_first_impact_of_a_stride_is_the_single_orbits(integrat
 
 @pytest.mark.parametrize("n", [64, 65])
 def test_lanes_whose_forces_are_kept_or_computed_step_by_step(n):
-    """The most steps a period whose forces are kept, and one more: each lane is a single orbit."""
+    """The most steps per period with a stored force, and one more: lanes equal single orbits."""
     points = random_points(30, seed=3)
     points["omega"] += 1.0
     arguments = {"steps_per_period": n, "phase": 1.0}
@@ -229,7 +229,7 @@ def test_the_impact_phase_does_not_depend_on_the_phase_of_the_section():
 @METHODS
 @pytest.mark.parametrize("phase", [0.0, 1.3, 4.0])
 def test_a_run_that_starts_at_the_section_of_another_continues_it(rule, integrator, phase):
-    """To the bit, in chatter and rest, too; the log of one point as the lanes."""
+    """Bit for bit, also in chatter and rest, and for the log of one point."""
     points = random_points(3 * LANES)
     points[0] = one(h=0.0, R=0.3, omega=0.3)[0]  # at rest at some sections
     n_steps = default_steps(points, rule, integrator)
@@ -258,7 +258,7 @@ def test_an_approach_on_the_stop_is_an_impact_where_a_run_starts_at_a_section():
 
 
 def test_the_workspace_begins_with_zeros():
-    """What memory held before is computed with, and takes ten times as long where subnormal."""
+    """The kernel computes with its initial contents, ten times as slowly if subnormal."""
     for _ in range(8):
-        np.full(5007, 5e-324)  # its memory is free again, and likely to be taken next
+        np.full(5007, 5e-324)  # its memory is freed, and likely to be reused next
         assert not aligned(5000).any()

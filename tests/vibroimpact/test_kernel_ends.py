@@ -56,7 +56,7 @@ def test_the_impacts_before_an_overflow_are_kept_in_time_order():
 
 
 def test_an_overflow_in_the_transient_is_seen():
-    """The record of a lane that was lost before it began is NaN throughout."""
+    """The record of a lane that failed before its record began is NaN throughout."""
     for rule in ("plain", "reduced-step", "cubic"):
         out = integrate(
             one(1.9, 0.85, 0.06, clearance=0.42, x0=-0.7, v0=0.8),
@@ -74,7 +74,7 @@ def test_an_overflow_in_the_transient_is_seen():
 @pytest.mark.parametrize("integrator", ["newmark", "exact"])
 @pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
 def test_nothing_hangs_anywhere(rule, integrator):
-    """2000 points all over the domain, coarse steps: each computed, none beyond the stop."""
+    """2000 points all over the domain, coarse steps: all computed, none beyond the stop."""
     points = wide_points(2000, 5)
     out = integrate(
         points,
@@ -119,7 +119,7 @@ def test_what_is_at_rest_before_the_first_section_is_not_counted():
 
 
 def test_lanes_without_a_point_have_no_tangent_vectors():
-    """They would shrink until they are subnormal, and slow."""
+    """They would shrink until they are subnormal and slow."""
     lanes = new_workspace(0).lanes
     set_start(lanes, random_points(5), EXACT, 0.0)
     rows = lanes[TANGENTS : TANGENTS + 8 * ROW].reshape(8, ROW)
@@ -191,7 +191,7 @@ def test_a_result_that_overflows_is_no_certified_one(R, v0):
 
 
 def test_what_the_exact_rule_needs_is_said():
-    """Its own integrator, and enough steps for the point that needs the most of them."""
+    """It has its own integrator, and enough steps for the most demanding point."""
     with pytest.raises(ValueError, match="impact 'exact' needs the integrator 'exact', not 'rk4'"):
         integrate(one(), integrator="rk4")
     points = np.concatenate([one(omega=2.3), one(omega=0.3), one(h=0.0, omega=5.0)])

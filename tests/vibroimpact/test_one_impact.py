@@ -80,7 +80,7 @@ def test_resonance_and_the_neighbourhood_of_special_points():
 
 
 def closing_error(osc, orbit):
-    """Distance from the stop and from its speed after a flight, by series in 40 digits."""
+    """Return the larger error of position and speed after a flight, by series in 40 digits."""
     T = orbit.n * osc.forcing_period
     s, c = math.sin(orbit.phase), math.cos(orbit.phase)
     x, v = naive.flow(osc, osc.clearance, -osc.R * orbit.v, s, c, T)
@@ -122,7 +122,7 @@ def test_the_printed_grazes(h, R, omega):
 
 
 def flight_of(osc, orbit, count=20001):
-    """x - clearance on samples of the flight between two impacts; not at h = p."""
+    """Return x - clearance on samples of the flight between two impacts; not for h = p."""
     flight = naive.ClosedForm(osc, orbit.phase / osc.omega, osc.clearance, -osc.R * orbit.v)
     x, _ = flight(flight.t0 + np.linspace(0.0, orbit.n * osc.forcing_period, count))
     return x - osc.clearance
@@ -149,7 +149,7 @@ def test_existence_and_the_peak_by_brute_force():
 
 @pytest.mark.parametrize("depth", [1e-4, 1e-7, 1e-11, 1e-13])
 def test_a_touch_of_any_depth_decides_existence(depth):
-    """Moved off the graze so that the maximum passes or misses the stop by a given depth."""
+    """Moved from the graze so that the maximum passes or misses the stop by a given depth."""
     osc = oscillator(0.05, 0.8, 2.0)
     graze = bifurcation(osc, "graze", "omega", 1.0, 1.05)
     slope = (one_impact_orbit(oscillator(0.05, 0.8, graze + 1e-6)).peak) / 1e-6
