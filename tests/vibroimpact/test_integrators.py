@@ -38,7 +38,7 @@ def true_map(pt, T):
 
 @ALL
 def test_the_docstring_of_an_integrator_names_its_source(name):
-    """Return the authors and the year in parentheses."""
+    """Authors and the year in parentheses."""
     assert re.search(r"[A-Z][a-z]+ \((1[7-9]|20)\d\d\),\s", INTEGRATORS[name].step.__doc__)
 
 
