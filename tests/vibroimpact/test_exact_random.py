@@ -1,5 +1,6 @@
 """The exact rule at random points, at constructed grazes, and for growing motions."""
 
+import cmath
 import math
 
 import naive
@@ -132,6 +133,30 @@ def test_a_touch_is_seen_and_a_miss_is_none(count):
         np.testing.assert_allclose(top[touches] - time, half, rtol=0.05)
         speed = out["impact_v"][touches, 0]
         np.testing.assert_allclose(speed, half * np.abs(a[touches]), rtol=0.05)
+
+
+@pytest.mark.parametrize("share", [1e-9, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0 - 1e-9])
+@pytest.mark.parametrize("h", [0.0, 0.1, 0.7])
+def test_every_near_graze_of_the_free_oscillation_is_counted(h, share):
+    """One per period if it turns within 1e-9 of its extent below the stop, else none.
+
+    It turns after this share of a step. The extent is the sum of the absolute Taylor coefficients
+    of x - clearance over that step.
+    """
+    for omega, n in ((0.6, 27), (1.7, 20), (2.0, 34)):
+        X, step = -1.0 / complex(1.0 - omega**2, 2.0 * h * omega), PERIOD / n
+        begin = 0.5 * math.pi - cmath.phase(X) - share * step
+        turned = [X * cmath.exp(1j * begin) * (1j * step) ** k for k in range(22)]
+        terms = [abs(z.imag) / math.factorial(k) for k, z in enumerate(turned)]
+        extent = abs(X) - turned[0].imag + sum(terms[1:])
+        for depth, per_period in ((0.5e-9, 1), (0.98e-9, 1), (1.02e-9, 0), (5e-9, 0)):
+            osc = Oscillator(h, 0.8, omega, 1.0, clearance=abs(X) + depth * extent)
+            start = osc.at(X.imag, omega * X.real)
+            out = integrate(
+                start, steps_per_period=n, transient=0, periods=10, phase=begin % PERIOD
+            )
+            assert out["near_grazes"] == 10 * per_period
+            assert out["impacts_per_period"] == 0.0
 
 
 # --- growth ---

@@ -55,7 +55,8 @@ from vibroimpact.step.series import (
 from vibroimpact.step.trigonometry import sin_cos
 
 #: A turning point closer to the stop than this share of the flight's scale is a near graze. The
-#: scale is the sum of the absolute Taylor coefficients of the flight.
+#: scale is the sum of the absolute Taylor coefficients of the flight. Where rounding decides in
+#: which of two steps a turning point lies, it may be counted in both or in neither.
 NEAR_GRAZE = 1e-9
 # Improvements of the guess for an impact that is not found to rounding after one.
 _POLISH = 4
@@ -72,18 +73,22 @@ def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
 def is_below(flight, end, bound, pieces):
     """Whether a flight that starts on or below the stop is proved to stay below, in equal pieces.
 
-    See ``propagator.py`` for the proof. A slack in the bound excludes near grazes.
+    See ``propagator.py`` for the proof. A slack excludes near grazes, also at the ends of the
+    pieces: the undamped free oscillation turns there.
     """
     width, scale = end / pieces, 0.0
     for k in range(TERMS):
         scale += abs(flight[k])
-    bound = bound * width**4 + 10.0 * NEAR_GRAZE * scale
+    slack = 10.0 * NEAR_GRAZE * scale
+    bound = bound * width**4 + slack
+    if -slack < flight[0] < 0.0:
+        return False
     y_0, w_0 = flight[0], flight[1] * width
     for j in range(pieces):
         y_1, w_1 = value_and_slope(flight, 0, end if j + 1 == pieces else width * (j + 1))
         w_1 *= width
         middle = y_0 + y_1 + (w_0 - w_1) * (1.0 / 3.0) + bound
-        if not max(max(4.0 * y_0 + w_0, 4.0 * y_1 - w_1), max(middle, y_1 + 1e-8 * bound)) < 0.0:
+        if not max(max(4.0 * y_0 + w_0, 4.0 * y_1 - w_1), max(middle, y_1 + slack)) < 0.0:
             return False
         y_0, w_0 = y_1, w_1
     return True
