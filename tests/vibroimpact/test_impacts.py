@@ -108,6 +108,21 @@ def test_a_rebound_within_the_step_divides_the_launch_out(integrator):
 
 @SECOND_ORDER
 @SHORTENING
+def test_a_step_much_longer_than_the_flight_is_cut_to_it(rule, integrator):
+    """Without force the flight ends where tan(p t / 2) = v / (p |clearance|), at the same speed.
+
+    Its acceleration falls to nothing over this step of a quarter of the eigenperiod.
+    """
+    pt, T = point(-0.5, h=0.0, f=0.0, clearance=-0.5), 0.5 * math.pi
+    for v in (0.02, 0.002, 0.0002):
+        t, x, arrival, hit = flight(rule, integrator, -0.5, -v, 0.0, T, pt)
+        assert hit and x == -0.5
+        assert t == pytest.approx(2.0 * math.atan(v / 0.5), rel=2.0 * v)
+        assert arrival == pytest.approx(v, rel=2.0 * v)
+
+
+@SHORTENING
+@SECOND_ORDER
 def test_several_impacts_in_one_step_follow_one_another(rule, integrator):
     """Under a constant push every flight is R times as long and as fast as the one before."""
     pt = point(R=0.8, **PUSH)
