@@ -7,6 +7,7 @@ from itertools import islice
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.optimize import bisect
 
 from oscillators import (
     SectionMap,
@@ -14,6 +15,7 @@ from oscillators import (
     fold_of_one_impact,
     in_digits,
     one_impact,
+    one_impact_motions,
     random_oscillators,
 )
 from vibroimpact.orbits.branch_set import BranchSet
@@ -96,6 +98,22 @@ def test_no_flip_or_fold_is_where_a_branch_begins_at_a_graze(p):
     found = grazing_branch(graze.orbit, "p", 0.7, p)
     assert [point.kind for point in found.special] == ["edge"]
     assert np.abs(found.orbit(2).multipliers).max() < 0.8
+
+
+def test_without_restitution_a_branch_ends_where_the_mass_cannot_leave_the_stop():
+    """There the acceleration after the impact, f sin(phase) + p^2 clearance, changes its sign."""
+    osc = Oscillator(h=0.1, R=0.0, omega=4.7, f=1.1, p=1.7)
+
+    def pull(clearance):
+        parameters = in_digits(replace(osc, clearance=clearance))
+        _, phase = one_impact_motions(parameters, 1)[-1]
+        return float(osc.f * mp.sin(phase) + osc.p**2 * clearance)
+
+    with mp.workdps(30):
+        expected = bisect(pull, -0.06, 0.0, xtol=1e-16)
+    found = branch(one_impact(osc), "clearance", -0.5, 0.0)
+    assert special(found, "rest") == pytest.approx([expected], abs=1e-14)
+    assert found.values.min() == special(found, "rest")[0]
 
 
 def test_the_free_oscillation_is_a_branch_to_its_graze():

@@ -92,9 +92,9 @@ def _heading(step: PathStep, X: np.ndarray) -> np.ndarray:
 def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     """Return how a path that is not closed ends, its last point, and the orbit there.
 
-    It ends at an ``edge``, in a ``graze``, in ``rest`` if the force presses at the graze, in
-    ``penetration``, or is ``lost``. At the graze of a branch the orbit has the impact of speed
-    zero.
+    It ends at an ``edge``, in a ``graze``, in ``rest`` if the mass cannot leave the stop, as at
+    R = 0, in ``penetration``, or is ``lost``. At the graze of a branch the orbit has the impact of
+    speed zero.
     """
     family, X, violation = step.family, step.end.X, step.violation
     if violation is None and family.leaves(step.end):  # as at R = 0, where two impacts may meet
@@ -141,10 +141,8 @@ def _graze(
     Z = grazing.bifurcation(Y, "graze", index)
     if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
         return None
-    osc = grazing.oscillator(Z)
-    pulls = -osc.f * math.sin(Z[2 * index]) - osc.p**2 * osc.clearance < 0.0
     last = Z if grazing is family else np.delete(Z, [2 * index, 2 * index + 1])
-    return "graze" if pulls else "rest", last, grazing.orbit(Z)
+    return "graze", last, grazing.orbit(Z)
 
 
 def _with_touch(
