@@ -71,6 +71,30 @@ def test_an_overflow_in_the_transient_is_seen():
         assert np.isnan(out["impacts_per_period"]).all()
 
 
+def test_a_displacement_that_overflows_before_an_impact_without_rebound_spoils_only_its_depth():
+    """At R = 0 the rule leaves the mass on the stop at rest, however fast and deep it came.
+
+    So the record is the same after a slower impact, and has no result only if it has that depth.
+    """
+    slow = {"h": 0.0, "omega": 1e-160, "f": 0.0, "p": 1e-165}  # a step takes 1.6e160
+
+    def out(R, v0, transient):
+        return integrate(
+            Oscillator(R=R, **slow).at(-1.0, v0),
+            integrator="euler",
+            impact="plain",
+            steps_per_period=4,
+            transient=transient,
+            periods=2,
+        )
+
+    recorded, before = out(0.0, 1e150, 0), out(0.0, 1e150, 1)
+    assert recorded["status"] == Status.NON_FINITE and np.isnan(recorded["max_penetration"])
+    assert before["status"] == Status.COMPUTED
+    assert_same(before, out(0.0, 1e100, 1))
+    assert out(0.5, 1e150, 1)["status"] == Status.NON_FINITE
+
+
 @pytest.mark.parametrize("integrator", ["newmark", "exact"])
 @pytest.mark.parametrize("rule", ["plain", "reduced-step", "cubic"])
 def test_nothing_hangs_anywhere(rule, integrator):
