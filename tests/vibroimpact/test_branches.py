@@ -75,6 +75,19 @@ def test_a_branch_ends_in_its_known_graze(h, R, graze):
     assert np.isinf(point.orbit.multipliers[0])
 
 
+def test_a_flight_that_passes_the_stop_only_within_a_step_ends_the_branch():
+    """By at most 6e-6, over a window of 1.3e-3 of omega; a step there is far longer unless halved.
+
+    The orbits on both sides of the window exist.
+    """
+    osc = Oscillator(h=0.1, R=0.7777, omega=2.1, f=1.0, clearance=0.4)
+    peaks = [one_impact_orbit(replace(osc, omega=w), 2).peak for w in (2.144, 2.1453, 2.147)]
+    assert peaks[0] < 0.0 < peaks[1] < 6e-6 and peaks[2] < 0.0
+    found = branch(one_impact(osc, 2), "omega", 1.8, 2.6)
+    expected = bifurcation(osc, "graze", "omega", 2.144, 2.1453, n=2)
+    assert special(found, "graze") == pytest.approx([expected], abs=1e-12)
+
+
 def test_a_branch_with_a_clearance_has_a_fold_and_ends_without_impact():
     """v = 0 where f / sqrt(D) = clearance: (1 - omega^2)^2 + 0.04 omega^2 = 1 at omega^2 = 1.96."""
     found = branch(one_impact(replace(AHEAD, omega=1.3)), "omega", 1.2, 2.0)
