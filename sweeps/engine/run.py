@@ -98,8 +98,9 @@ def run_sweep(
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles; later runs reuse the result)"):
             cost = expected_cost(config, path, computer, resume)
+        schema = _schema(config, cost.block)
         console.print(printable(plan(config, path, cost)))
-        with sweep_writer(path, _schema(config, cost.block), resume=resume) as writer:
+        with sweep_writer(path, schema, resume=resume) as writer:
             if writer is None:  # the file is complete
                 return path
             if writer.damaged:
