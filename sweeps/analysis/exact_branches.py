@@ -74,7 +74,7 @@ class PeriodicPoints:
             points[start] = cut[name].isel(section=-1).values
         if "period" not in cut:
             x, v = (cut[name].values for name in ("poincare_x", "poincare_v"))
-            m, q = period_class(x, v, cut["impacts_per_period"].values, points=points)
+            m, q = period_class(points, x, v, cut["impacts_per_period"].values)
             dims = cut["status"].dims
             cut = cut.assign(period=(dims, m), period_impacts=(dims, q))
         periodic = classify(cut) == Regime.PERIODIC

@@ -154,7 +154,7 @@ class Outcomes:
         share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
         x, v = np.moveaxis(sections, 2, 0)
         points = self._points.oscillators[self._points.parameter[at]]
-        period, impacts = period_class(x, v, results["impacts_per_period"], points=points)
+        period, impacts = period_class(points, x, v, results["impacts_per_period"])
         results = growth | results | {"period": period, "rest_fraction": share}
         regime = regimes_of(results, points["omega"], grown)
         self.followed[at] = True

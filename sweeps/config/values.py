@@ -47,7 +47,7 @@ def plain_number(value: object) -> object:
     if isinstance(value, bool) or "_" in text or not text.isascii():
         raise ValueError("is not a number")
     if re.fullmatch(r"[+-]?\d*,\d+", text):
-        raise ValueError("is not a number, which has a decimal point, no comma")
+        raise ValueError("has a decimal comma; a number has a decimal point, no comma")
     return value
 
 

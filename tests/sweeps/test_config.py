@@ -269,7 +269,7 @@ def test_overrides_replace_and_add_in_order():
         ("oscillator.h=[1,", ["not valid YAML"]),
         ("oscillator.h", ["expected key=value"]),
         ("oscillator.h=", ["oscillator.h = (nothing) is not a number"]),
-        ("oscillator.h=0,1", ["oscillator.h = 0,1 is not a number", "decimal point, no comma"]),
+        ("oscillator.h=0,1", ["oscillator.h = 0,1 has a decimal comma", "decimal point, no comma"]),
         ("oscillator={h: 0,1, R: 1}", ["unknown key oscillator.1 (", "decimal point, no comma"]),
         (
             "record.trajectory={ever: 2}",

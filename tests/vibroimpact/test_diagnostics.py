@@ -109,6 +109,10 @@ def test_time_stepping_sums_them_too(given, impulse, energy):
 # --- period class ---
 
 
+#: A point whose stop is at the rest position: only the sections decide.
+FREE = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()
+
+
 def cycle(m, periods, seed=0):
     """Return sections of a motion of period m."""
     values = np.random.default_rng(seed).normal(size=(2, m))
@@ -119,21 +123,21 @@ def cycle(m, periods, seed=0):
 def test_made_up_cycles(m):
     """The least period, and the impacts in it."""
     x, v = cycle(m, 2 * m + 3)
-    found = period_class(x, v, np.array([3.0 / m]))
+    found = period_class(FREE, x, v, np.array([3.0 / m]))
     assert (found[0][0], found[1][0]) == (m, 3)
 
 
 def test_what_is_no_cycle():
     """Noise, NaN, a period longer than half the record or than the bound."""
     noise = np.random.default_rng(0).normal(size=(2, 1, 200))
-    assert period_class(*noise, np.array([1.0])) == (0, 0)
+    assert period_class(FREE, *noise, np.array([1.0])) == (0, 0)
     lost = np.full((2, 1, 50), np.nan)
-    assert period_class(*lost, np.array([np.nan])) == (0, 0)
+    assert period_class(FREE, *lost, np.array([np.nan])) == (0, 0)
     x, v = cycle(10, 19)
-    assert period_class(x, v, np.array([1.0]))[0] == 0
+    assert period_class(FREE, x, v, np.array([1.0]))[0] == 0
     x, v = cycle(LONGEST_PERIOD + 1, 4 * LONGEST_PERIOD)
-    assert period_class(x, v, np.array([1.0]))[0] == 0
-    assert period_class(np.zeros((1, 0)), np.zeros((1, 0)), np.array([0.0]))[0] == 0
+    assert period_class(FREE, x, v, np.array([1.0]))[0] == 0
+    assert period_class(FREE, np.zeros((1, 0)), np.zeros((1, 0)), np.array([0.0]))[0] == 0
 
 
 def test_the_tolerance_is_a_share_of_the_greatest():
@@ -141,10 +145,10 @@ def test_the_tolerance_is_a_share_of_the_greatest():
     for scale in (1e-9, 1.0, 1e9):
         for factor, m in ((0.5, 1), (2.0, 2)):
             x = scale * np.array([[1.0, 1.0 + factor * TOLERANCE] * 10])
-            assert period_class(x, np.ones((1, 20)), np.array([1.0]))[0] == m
-            assert period_class(np.ones((1, 20)), x, np.array([1.0]))[0] == m
+            assert period_class(FREE, x, np.ones((1, 20)), np.array([1.0]))[0] == m
+            assert period_class(FREE, np.ones((1, 20)), x, np.array([1.0]))[0] == m
     zero = np.zeros((1, 20))
-    assert period_class(zero, zero, np.array([0.0])) == (1, 0)
+    assert period_class(FREE, zero, zero, np.array([0.0])) == (1, 0)
 
 
 @pytest.mark.parametrize("x0", [0.3, 0.0, -0.4])
@@ -155,7 +159,7 @@ def test_without_a_force_the_mass_ends_at_its_rest_position(h, omega, p, x0):
     out = integrate(points, transient=400, periods=32)
     assert np.abs([out["poincare_x"], out["poincare_v"]]).max() < 1e-14
     sections = out["poincare_x"], out["poincare_v"], out["impacts_per_period"]
-    assert period_class(*sections, points=points) == (1, 0)
+    assert period_class(points, *sections) == (1, 0)
 
 
 def test_a_small_motion_under_a_large_clearance_is_no_rounding():
@@ -163,9 +167,9 @@ def test_a_small_motion_under_a_large_clearance_is_no_rounding():
     points = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=2.0).at()
     x, v = cycle(3, 30)
     ones = np.ones(1)
-    assert period_class(2e-8 * x, 2e-8 * v, ones, points=points) == (3, 3)
+    assert period_class(points, 2e-8 * x, 2e-8 * v, ones) == (3, 3)
     noise = 2e-9 * np.random.default_rng(0).normal(size=(2, 1, 100))
-    assert period_class(*noise, ones, points=points) == (0, 0)
+    assert period_class(points, *noise, ones) == (0, 0)
 
 
 @pytest.mark.parametrize("multiplier", [-0.9999, 0.9999, -1.0001])
@@ -174,7 +178,7 @@ def test_a_motion_that_still_settles_repeats_nothing(multiplier):
     n = np.arange(100)
     x = (1.0 + 1e-3 * multiplier**n)[None]
     assert np.abs(x[:, 2:] - x[:, :-2]).max() < TOLERANCE
-    assert period_class(x, np.ones((1, 100)), np.array([1.0]))[0] == 0
+    assert period_class(FREE, x, np.ones((1, 100)), np.array([1.0]))[0] == 0
 
 
 @pytest.mark.parametrize("turns", [2, 3])
@@ -183,13 +187,14 @@ def test_a_spiral_that_shrinks_is_not_a_cycle_of_its_turns(turns):
     n = np.arange(100)
     x = 1.0 + 0.75 * TOLERANCE * 0.97**n * np.cos(2.0 * np.pi * n / turns)
     assert np.abs(x - np.resize(x[:turns], 100)).max() < TOLERANCE < np.ptp(x)
-    assert period_class(x[None], np.ones((1, 100)), np.array([1.0]))[0] == 0
+    assert period_class(FREE, x[None], np.ones((1, 100)), np.array([1.0]))[0] == 0
 
 
 def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
     """Return the period class and the last four impact speeds."""
     out = integrate(osc.at(x0, v0), transient=transient, periods=periods, impacts=4)
-    m, q = period_class(out["poincare_x"], out["poincare_v"], out["impacts_per_period"])
+    sections = out["poincare_x"], out["poincare_v"], out["impacts_per_period"]
+    m, q = period_class(osc.at(), *sections)
     return int(m[0]), int(q[0]), np.sort(out["impact_v"][0])
 
 
@@ -251,7 +256,8 @@ def test_the_flip_is_where_the_period_doubles(h, R, n, low, high):
         points = np.concatenate([one.at(*on_the_orbit(one, n, 5e-8)) for one in oscillators])
         transient = min(400_000, int(8.0 / (omegas[1] - low)))
         out = integrate(points, transient=transient, periods=8 * n)
-        m, _ = period_class(out["poincare_x"], out["poincare_v"], out["impacts_per_period"])
+        sections = out["poincare_x"], out["poincare_v"], out["impacts_per_period"]
+        m, _ = period_class(points, *sections)
         first = int(np.argmax(m != n))
         assert first > 0 and (m[first:] != n).all()
         low, high = omegas[first - 1], omegas[first]

@@ -72,10 +72,8 @@ def _classified(
 ) -> dict[str, np.ndarray]:
     """Add the period class if `spec` asks for it."""
     if spec.period:
-        x, v, impacts = (
-            results[name] for name in ("poincare_x", "poincare_v", "impacts_per_period")
-        )
-        classes = period_class(x, v, impacts, points=points)
+        names = ("poincare_x", "poincare_v", "impacts_per_period")
+        classes = period_class(points, *(results[name] for name in names))
         results |= dict(zip(("period", "period_impacts"), classes, strict=True))
     return results
 

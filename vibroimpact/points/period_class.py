@@ -16,16 +16,15 @@ LONGEST_PERIOD = 64
 
 
 def period_class(
+    points: np.ndarray,
     poincare_x: np.ndarray,
     poincare_v: np.ndarray,
     impacts_per_period: np.ndarray,
-    tolerance: float = TOLERANCE,
-    points: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the least number of forcing periods after which the sections repeat.
 
     A motion has period m if the whole record repeats its first m sections, in x and in v, to within
-    `tolerance` times the greatest |x| and |v| of the record. m is at most ``LONGEST_PERIOD`` and
+    ``TOLERANCE`` times the greatest |x| and |v| of the record. m is at most ``LONGEST_PERIOD`` and
     half the record. (It is not enough that each section equals the one m periods before. Near a
     flip a motion of period m settles from alternating sides, so slowly that it would seem to have
     period 2 m.)
@@ -35,27 +34,26 @@ def period_class(
     tolerance. So the deviations from period m must be less than a hundredth of those from every
     divisor of m.
 
-    Without a force a motion ends at its rest position, and its sections are rounding. So if the
-    `points` are given, of dtype POINT and shape (n,), the greatest |x| and |v| count as at least
-    1e-7 of clearance and p clearance.
+    Without a force a motion ends at its rest position, and its sections are rounding. So the
+    greatest |x| and |v| count as at least 1e-7 of clearance and p clearance.
 
-    The sections have the shape (n, periods); the impacts per period are over the same record.
-    Returns the forcing periods and the impacts per repetition: int64, shape (n,), 0 where no period
-    was found. Of a complete chatter, only the impacts that were followed count.
+    The points have the dtype POINT and the shape (n,), the sections the shape (n, periods); the
+    impacts per period are over the same record. Returns the forcing periods and the impacts per
+    repetition: int64, shape (n,), 0 where no period was found. Of a complete chatter, only the
+    impacts that were followed count.
     """
     n, periods = poincare_x.shape
     sections = np.stack([poincare_x, poincare_v])
     size = np.abs(sections).max(axis=2, keepdims=True, initial=0.0)
-    if points is not None:
-        least = _LEAST_SIZE * np.abs(points["clearance"])
-        size = np.maximum(size, np.stack([least, points["p"] * least])[:, :, None])
+    least = _LEAST_SIZE * np.abs(points["clearance"])
+    size = np.maximum(size, np.stack([least, points["p"] * least])[:, :, None])
     sections /= np.where(size == 0.0, 1.0, size)
     period = np.zeros(n, dtype=np.int64)
     for m in range(1, min(LONGEST_PERIOD, periods // 2) + 1):
-        once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= tolerance).all(axis=0)
+        once = (np.abs(sections[:, :, m] - sections[:, :, 0]) <= TOLERANCE).all(axis=0)
         rows = np.flatnonzero((period == 0) & once)
         off = _deviation(sections[:, rows], m)
-        repeats = off <= tolerance
+        repeats = off <= TOLERANCE
         for divisor in (d for d in range(1, m) if m % d == 0):
             repeats &= off <= _LESS_THAN_DIVISORS * _deviation(sections[:, rows], divisor)
         period[rows[repeats]] = m
