@@ -6,35 +6,43 @@ from scipy import stats
 
 from sweeps import open_sweep
 
-N, MASS = 512, 0.5  # joints in each block of the table; kg
+MASS = 0.5  # kg
 PARTS = ["gap", "restitution", "stiffness", "force"]
 
 
+def independent(sweep):
+    """Return whether each joint has independent parts, as in the matrices A and B."""
+    return np.isin(sweep["matrix"], ["A", "B"])
+
+
 def classes(sweep):
-    """Return the number of each class m/q, and all, among the joints of the first two blocks."""
-    first = sweep.isel(point=slice(2 * N))
-    pairs = np.stack([first.period, first.period_impacts], axis=1)
+    """Return the number of each class m/q among the joints with independent parts."""
+    drawn = sweep.isel(point=independent(sweep))
+    pairs = np.stack([drawn.period, drawn.period_impacts], axis=1)
     names, counts = np.unique(pairs, axis=0, return_counts=True)
     return {
         f"{m}/{q}" if m else "undecided": int(k) for (m, q), k in zip(names, counts, strict=True)
     }
 
 
-def indices(values):
-    """Return the Sobol indices of a result of every row, of first order and total, (4,) each."""
-    f_a, f_b, *f_ab = (values - values.mean()).reshape(-1, 1, N)  # the blocks of the table
-    found = stats.sobol_indices(func={"f_A": f_a, "f_B": f_b, "f_AB": np.array(f_ab)}, n=N)
+def indices(result):
+    """Return the Sobol indices of a result of every joint, of first order and total, (4,) each."""
+    result = result - result.mean()
+    of = {name: [result.values[result.matrix == name]] for name in ("A", "B", *PARTS)}
+    func = {"f_A": of["A"], "f_B": of["B"], "f_AB": [of[part] for part in PARTS]}
+    func = {name: np.array(values) for name, values in func.items()}
+    found = stats.sobol_indices(func=func, n=func["f_A"].size)
     return np.ravel(found.first_order), np.ravel(found.total_order)
 
 
 def draw(sweep):
     """Return the figure."""
-    impulse = 1e3 * MASS * sweep.impulse.values
+    impulse, drawn = 1e3 * MASS * sweep.impulse, independent(sweep)
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(9, 3), layout="constrained")
-    left.hist(impulse[: 2 * N], bins=50, color="#0072B2")
-    left.set(xlabel="impulse on the stop in a period [mN s]", ylabel="joints of 1,024")
+    left.hist(impulse.values[drawn], bins=50, color="#0072B2")
+    left.set(xlabel="impulse on the stop in a period [mN s]", ylabel=f"joints of {drawn.sum():,}")
     for i, count in enumerate(classes(sweep).values()):
-        share = stats.binomtest(count, 2 * N)
+        share = stats.binomtest(count, int(drawn.sum()))
         low, high = share.proportion_ci(0.95, method="wilson")
         middle.vlines(i, low, high, color="#0072B2")
         middle.plot(i, share.statistic, "o", color="#0072B2")

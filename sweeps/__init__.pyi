@@ -1,4 +1,5 @@
 from .analysis.attractors import attractors as attractors
+from .analysis.bifurcations import bifurcations as bifurcations
 from .analysis.exact_branches import branches as branches
 from .analysis.exact_curves import curves as curves
 from .analysis.integrity import integrity as integrity

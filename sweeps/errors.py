@@ -14,8 +14,27 @@ class Failed(SweepError):  # noqa: N818 - the counterpart of Refused
 
 
 class ConfigError(Refused, ValueError):
-    """A configuration is not valid."""
+    """A configuration is not valid.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> try:
+    ...     sweeps.load_config({"oscillator": {"h": 0.1, "R": 0.8, "omega": "2.3 Hz", "f": 1}})
+    ... except sweeps.ConfigError as error:
+    ...     print(str(error).partition(";")[0])
+    """
 
 
 class StoreError(Refused):
-    """A file is not a sweep file, or cannot be used as requested."""
+    """A file is not a sweep file, or cannot be used as requested.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> try:
+    ...     sweeps.open_sweep("missing.h5")
+    ... except sweeps.StoreError as error:
+    ...     print(error)
+    missing.h5 does not exist
+    """

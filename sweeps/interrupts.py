@@ -7,8 +7,7 @@ exception. Therefore, while a sweep runs, the handlers of Ctrl-C and SIGTERM onl
 and while waiting for a result. Work in another thread has a flag of its own, which the kernel reads
 as well.
 
-This file imports no slow modules, because the command line installs the signal handlers before it
-imports anything else.
+The command line notes signals even before it imports this file, and `listen` takes them over.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -59,11 +58,16 @@ def set_thread_flag(flag: np.ndarray | None) -> None:
     _this_thread.flag = flag
 
 
-def listen() -> None:
-    """Make the signals set the flag, except those that are ignored, for example by ``nohup``."""
+def listen(came: Sequence[int] = ()) -> None:
+    """Make the signals set the flag, except those that are ignored, for example by ``nohup``.
+
+    Signals in `came` were received before; the list is read after the handlers are changed.
+    """
     for number in _SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _set)
+    if came:
+        _set()
 
 
 def ignore() -> None:

@@ -2,7 +2,6 @@ from .kernel.integrate import integrate as integrate
 from .orbits.branches import Branch as Branch
 from .orbits.branches import branch as branch
 from .orbits.curves import bifurcation_curve as bifurcation_curve
-from .orbits.one_impact import OneImpactOrbit as OneImpactOrbit
 from .orbits.one_impact import one_impact_orbit as one_impact_orbit
 from .orbits.one_impact import one_impact_orbits as one_impact_orbits
 from .orbits.periodic import OrbitError as OrbitError
@@ -13,6 +12,8 @@ from .oscillator import Oscillator as Oscillator
 from .paper import PaperRun as PaperRun
 from .paper import paper_procedure as paper_procedure
 from .status import Status as Status
+from .step.integrators import INTEGRATORS as INTEGRATORS
+from .step.scheme import IMPACT_RULES as IMPACT_RULES
 from .trajectory import Trajectory as Trajectory
 from .trajectory import simulate as simulate
 

@@ -138,6 +138,12 @@ class Oscillator:
     ------
     TypeError, ValueError
         If a parameter is not a number or not in its valid range.
+
+    Examples
+    --------
+    >>> osc = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0)
+    >>> osc.clearance, round(osc.forcing_period, 6)
+    (0.0, 2.73182)
     """
 
     h: float
@@ -194,6 +200,13 @@ class Oscillator:
         See Also
         --------
         to_rig : the way back.
+
+        Examples
+        --------
+        >>> rig = dict(mass=2.0, stiffness=800.0, damping=1.2, force=10.0, frequency=4.0)
+        >>> osc = Oscillator.from_rig(**rig, gap=5e-4, R=0.7)
+        >>> osc.h, osc.p, osc.f
+        (0.3, 20.0, 5.0)
         """
         # Each quantity has the valid range of the parameter that is computed from it.
         mass = _number("mass [kg]", mass, PARAMETERS["p"])
@@ -225,6 +238,11 @@ class Oscillator:
         ------
         TypeError, ValueError
             If `mass` is not a number > 0.
+
+        Examples
+        --------
+        >>> Oscillator(h=0.3, R=0.7, omega=25.0, f=5.0, p=20.0).to_rig(mass=2.0)["stiffness"]
+        800.0
         """
         mass = _number("mass [kg]", mass, PARAMETERS["p"])
         return {
@@ -253,6 +271,11 @@ class Oscillator:
         ------
         TypeError, ValueError
             If the start is not a number, not finite, or beyond the stop.
+
+        Examples
+        --------
+        >>> Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0).at(x0=-0.5)["x0"]
+        array([-0.5])
         """
         x0, v0 = checked("x0", x0), checked("v0", v0)
         if x0 > self.clearance:

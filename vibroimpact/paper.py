@@ -30,6 +30,12 @@ class PaperRun:
         Time of each impact, and speed before it.
     stalled_at : float or None
         Time at which the procedure stopped advancing (T_r = 0), or None if it reached the end.
+
+    Examples
+    --------
+    >>> run = paper_procedure(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0), periods=5)
+    >>> len(run.impact_t), run.stalled_at
+    (4, None)
     """
 
     t: np.ndarray
@@ -73,6 +79,13 @@ def paper_procedure(
     ------
     ValueError
         If the clearance is not 0, or if `periods` or `steps_per_period` is less than 1.
+
+    Examples
+    --------
+    >>> osc = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0)
+    >>> with_procedure, without = paper_procedure(osc), paper_procedure(osc, procedure=False)
+    >>> with_procedure.max_penetration < without.max_penetration
+    True
     """
     if min(periods, steps_per_period) < 1:
         raise ValueError(f"periods = {periods}, steps_per_period = {steps_per_period}: not >= 1")

@@ -1,4 +1,4 @@
-"""The outcome of a parameter point."""
+"""The outcome of a parameter point, and the evidence for the class of its motion."""
 
 from enum import IntEnum
 
@@ -7,12 +7,19 @@ class Status(IntEnum):
     """The outcome at one parameter point, as stored in ``status``.
 
     ``UNRESOLVED`` and ``NON_FINITE`` are failures: the numbers of the point are NaN from then on.
+
+    Examples
+    --------
+    >>> Status(1).name, Status.CERTIFIED.meaning
+    ('CERTIFIED', 'computed to the end, with every impact found and none missed')
+    >>> Status.NON_FINITE.failed
+    True
     """
 
     PENDING = -1
     COMPUTED = 0
     CERTIFIED = 1
-    SETTLED = 2
+    CUT_SHORT = 2
     UNBOUNDED = 3
     UNRESOLVED = 4
     NON_FINITE = 5
@@ -25,15 +32,48 @@ class Status(IntEnum):
     @property
     def failed(self) -> bool:
         """Whether there is no result: the point failed, or is not computed yet."""
-        return self not in (Status.COMPUTED, Status.CERTIFIED, Status.SETTLED, Status.UNBOUNDED)
+        return self not in (Status.COMPUTED, Status.CERTIFIED, Status.CUT_SHORT, Status.UNBOUNDED)
 
 
 _MEANING = {
     Status.PENDING: "not computed yet",
     Status.COMPUTED: "computed to the end",
     Status.CERTIFIED: "computed to the end, with every impact found and none missed",
-    Status.SETTLED: "bounces too short to follow were taken for rest",
+    Status.CUT_SHORT: "bounces too short to follow were taken for rest",
     Status.UNBOUNDED: "the motion grew throughout the record (R = 1, h = 0: no dissipation)",
     Status.UNRESOLVED: "more impacts within one step than the impact rule can resolve",
     Status.NON_FINITE: "a number overflowed: the step is unstable, or the motion too large",
+}
+
+
+class Evidence(IntEnum):
+    """What shows to which periodic orbit a motion goes, as stored in ``class_evidence``.
+
+    Up to ``UNREACHED`` the motion has no class.
+    """
+
+    PENDING = -1
+    NONE = 0
+    UNSTABLE = 1
+    UNREACHED = 2
+    REPEATS = 3
+    FREE = 4
+    CAPTURED = 5
+    FALLING = 6
+
+    @property
+    def meaning(self) -> str:
+        """The evidence, in words."""
+        return _EVIDENCE[self]
+
+
+_EVIDENCE = {
+    Evidence.PENDING: "not computed yet",
+    Evidence.NONE: "near no periodic orbit (chaos, or still in transit)",
+    Evidence.UNSTABLE: "near unstable orbits only",
+    Evidence.UNREACHED: "near a stable orbit that they were not shown to reach",
+    Evidence.REPEATS: "the record repeats",
+    Evidence.FREE: "it has no impact any more, which is a proof",
+    Evidence.CAPTURED: "an ellipse of motions around the orbit, and through this one, shrinks",
+    Evidence.FALLING: "its distance from the orbit falls as the multipliers say",
 }

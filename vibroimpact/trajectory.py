@@ -10,7 +10,7 @@ import numpy as np
 from vibroimpact.jit import on_threads
 from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
 from vibroimpact.status import Status
-from vibroimpact.step.contact import IMPACT, RELEASE, REST, time_to_release
+from vibroimpact.step.contact import IMPACT, RELEASE, REST, impulse_and_loss, time_to_release
 from vibroimpact.step.integrators import exact
 from vibroimpact.step.recorder import SECTION, trace
 from vibroimpact.step.scheme import MOST_PERIODS, MOST_RECORDED, scheme_of
@@ -37,7 +37,15 @@ class Trajectory:
     max_penetration : float
         Largest x - clearance among the rows, at least 0.
     status : Status
-        The outcome. After a failure the rows are NaN.
+        The outcome. After a failure the rows are NaN. If only the impulse or the energy lost at the
+        impacts overflows, the status is ``NON_FINITE``, as for `integrate`, and the rows are valid.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator
+    >>> tr = simulate(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0), periods=50)
+    >>> len(tr.impact_t), tr.rests.shape, tr.max_penetration
+    (49, (0, 2), 0.0)
     """
 
     t: np.ndarray
@@ -71,11 +79,11 @@ def simulate(
     ----------
     oscillator : Oscillator
     periods : int
-        Forcing periods, from 1 to ``MOST_RECORDED``.
+        Forcing periods, from 1 to 1,000,000.
     integrator, impact : str
-        Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
+        Keys of `vibroimpact.INTEGRATORS` and `vibroimpact.IMPACT_RULES`.
     steps_per_period : int, optional
-        Steps of length T = 2 pi / (omega steps_per_period), from 1 to ``MOST_STEPS``, stable or
+        Steps of length T = 2 pi / (omega steps_per_period), from 1 to 1,000,000, stable or
         not. The default is 100, or more if stability needs them; for the impact rule ``exact`` it
         is the least number that the rule allows.
     x0, v0 : float
@@ -84,7 +92,7 @@ def simulate(
         omega t at the start, in [0, 2 pi) [rad]: the motion starts at t = phase / omega. Given a
         state at a section and the phase of that section, the motion continues from there.
     transient : int
-        Forcing periods left out at the start, from 0 to ``MOST_PERIODS``.
+        Forcing periods left out at the start, from 0 to 1,000,000,000.
 
     Returns
     -------
@@ -94,7 +102,14 @@ def simulate(
     ------
     TypeError, ValueError
         If an argument has the wrong type or is out of its valid range, or if the trajectory has
-        more than ``MOST_ROWS`` rows.
+        more than 10,000,000 rows.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator
+    >>> tr = simulate(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0), periods=50)
+    >>> tr.status.name, tr.impact_v[-1:].round(6)
+    ('CERTIFIED', array([1.09758]))
     """
     refuse_other("oscillator", oscillator, Oscillator)
     periods = checked_integer("periods", periods, 1, MOST_RECORDED)
@@ -109,6 +124,11 @@ def simulate(
         )
     kind, t, x, v = log.T.copy()
     hit, section = kind == IMPACT, kind == SECTION
+    speeds = v[1:][hit[1:]]  # an impact at the start belongs to no step
+    with np.errstate(over="ignore"):
+        sums = np.sum(speeds), np.sum(speeds * speeds)
+    if not status.failed and np.isinf(impulse_and_loss(points["R"], *sums)).any():
+        status = Status.NON_FINITE
     depth = x[np.isfinite(x)] - oscillator.clearance
     return Trajectory(
         t=t,
@@ -140,12 +160,14 @@ def exact_samples(
     """Insert states of the exact flow between the rows of a trajectory of the integrator ``exact``.
 
     The rows must include every event; they are not changed. Each forcing period gets at least
-    `per_period` states. Between two rows at rest on the stop, the mass stays there.
+    `per_period` states, and none are inserted beside a row of NaN. Between two rows at rest on the
+    stop, the mass stays there.
     """
     omega, pt = oscillator.omega, oscillator.at(oscillator.clearance)[0]
     step = np.diff(t)
     # The margin prevents rounding from halving steps that are already short enough.
-    parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9).astype(np.int64)
+    parts = np.ceil(step * (omega * per_period / (2.0 * math.pi)) - 1e-9)
+    parts = np.nan_to_num(parts).astype(np.int64)  # NaN beside rows that are left out
     row = np.repeat(np.arange(len(step)), np.maximum(parts - 1, 0))
     first = np.searchsorted(row, np.arange(len(step)))
     s = step[row] * (1 + np.arange(len(row)) - first[row]) / parts[row]

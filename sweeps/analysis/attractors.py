@@ -30,7 +30,7 @@ import xarray as xr
 from sweeps.analysis.grouping import SETS, GridIndex, Groups
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
-from sweeps.analysis.selection import config_of
+from sweeps.analysis.selection import config_of, diagnostics_with
 from sweeps.analysis.settle import EXTENSIONS, Outcomes
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.errors import Refused
@@ -69,15 +69,15 @@ def attractors(
 
         At every parameter point:
 
-        - ``attractors``: how many attractors, of the regimes ``COUNTED``, were found; a lower
-          bound.
+        - ``attractors``: how many attractors, periodic, with rest or chaotic, were found; a
+          lower bound.
 
         For each attractor of a parameter point, along the dimension ``coexisting`` with the most
         frequent first, and -1 or NaN where there are no more:
 
         - ``number``: the number of the attractor.
         - ``fraction``: its share of the starts with a result.
-        - ``motion``: its `sweeps.analysis.regimes.Regime`.
+        - ``motion``: its kind, named by the attribute ``flag_meanings``.
         - ``m``, ``q``: forcing periods and impacts per repetition; 0 if it is not periodic.
         - ``section_x``, ``section_v``: a state on it.
         - ``representative``: the start that leads to this state, as its index in C order over the
@@ -88,16 +88,28 @@ def attractors(
     ------
     Refused
         If the file has no period or section.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> found = sweeps.attractors(ds)
+    >>> found["attractors"].item(), found["fraction"].values.round(3)
+    (2, array([0.806, 0.194]))
     """
     for name in ("period", "poincare_x", "poincare_v"):
         if name not in dataset:
             raise Refused(
                 f"the file has no {name}, by which attractors are told apart: run the sweep again "
-                "with record.diagnostics: [period]"
+                f"with {diagnostics_with(dataset, 'period')}"
             )
     points = GridIndex.of(dataset)
     groups, ends = Groups(points, tolerance), Outcomes(dataset, points)
-    groups.add_records(dataset, ends.m)
+    groups.add_records(dataset, ends.repetition)
     ends.follow_on(groups.last, extensions)
     groups.add_cycles(ends.cycles)
     periodic = groups.join()
@@ -114,12 +126,13 @@ def attractors(
     number[others] = first + np.unique(regime[others], return_inverse=True)[1]
     shown = _settled_members(of_point, heads, ends)
     x, v = groups.last[shown].T
+    q = ends.q[shown] * m // np.maximum(ends.m[shown], 1)
     columns: dict[str, tuple[np.ndarray, str]] = {
         "number": (number, "number of the attractor"),
         "fraction": (fraction, "fraction of the starts"),
         "motion": (regime, "kind of motion"),
         "m": (m, "forcing periods per repetition, 0: not periodic"),
-        "q": (_impacts(of_point, m, ends), "impacts per repetition, 0: not periodic"),
+        "q": (q, "impacts per repetition, 0: not periodic"),
         "settled": (~ends.followed[shown], "whether its record shows it"),
         "section_x": (x, "displacement at the section"),
         "section_v": (v, "velocity at the section"),
@@ -194,16 +207,3 @@ def _numbers(
     _, chain = np.unique(track(shape, periodic, links), return_inverse=True)
     shares = np.bincount(chain, fraction)
     return np.argsort(np.argsort(-shares, kind="stable"))[chain]
-
-
-def _impacts(of_point: np.ndarray, m: np.ndarray, ends: Outcomes) -> np.ndarray:
-    """Return the most frequent number of impacts per repetition on each attractor."""
-    on = np.flatnonzero(of_point >= 0)
-    attractor = of_point[on]
-    counted = np.rint(ends.q[on] * m[attractor] / np.maximum(ends.m[on], 1))
-    base = int(counted.max(initial=0.0)) + 1
-    pairs, times = np.unique(attractor * base + counted.astype(np.int64), return_counts=True)
-    most = np.zeros(len(m), np.int64)
-    pairs = pairs[np.argsort(times, kind="stable")]
-    most[pairs // base] = pairs % base  # the last assignment counts, the most frequent one
-    return most

@@ -49,39 +49,67 @@ _MEANINGS = {
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
 
 
-def find_bifurcations(
+def bifurcations(
     dataset: xr.Dataset, axis: str | None = None, at: Selection | None = None
-) -> tuple[str, pd.DataFrame]:
-    """Find the bifurcations along an axis, by default the longest, on every line of the grid.
+) -> pd.DataFrame:
+    """Find where the class of the motion changes along an axis, on every line of the grid, and why.
 
-    `at` fixes the values of other axes; the remaining axes are taken with all their values.
+    Parameters
+    ----------
+    dataset : Dataset
+        From `sweeps.open_sweep`, with ``period``.
+    axis : str, optional
+        The swept parameter along which to look, by default the one with most values.
+    at : mapping of str to float, optional
+        Values of other swept axes; those that are left out are taken with all their values.
 
     Returns
     -------
-    axis : str
-        The axis.
-    found : DataFrame
+    DataFrame
         A row for each change of class between two neighbouring values of the axis, in the order of
         the grid, and with increasing values of the axis on each line. The columns are:
 
         - the values of the other axes;
-        - ``low``, ``high``, ``before``, ``after`` and ``between`` of the `Change`;
         - ``kind``: ``flip``, ``fold`` or ``graze`` if a branch of periodic orbits ends or loses its
           stability in this way; ``rest``, ``chaos`` or ``unbounded`` if such a regime begins or
           ends; ``basin`` if the attractor before the change exists on both sides and is stable;
           ``unknown`` otherwise;
-        - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known.
+        - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
+        - ``low`` and ``high``: the nearest values of the axis with known classes;
+        - ``before`` and ``after``: the classes there, for example ``1/1``, ``rest`` or ``chaos``;
+        - ``between``: the number of points of unknown class between them.
 
-        Its attribute ``unclassified`` is the number of points whose class is not known.
+        Its attributes are ``axis``, and ``unclassified``, the number of points of unknown class.
 
     Raises
     ------
     Refused
         If there is no such axis or value, or the classes were not recorded.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> found = sweeps.bifurcations(ds)
+    >>> found[["kind", "value", "before", "after"]].round(6).values.tolist()
+    [['flip', 2.663945, '1/1', '2/2']]
     """
+    along, found = find_bifurcations(dataset, axis, at)
+    named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
+    named = named[[*_others(found), "kind", "value", "low", "high", "before", "after", "between"]]
+    named.attrs |= {"axis": along, "unclassified": found.attrs["unclassified"]}
+    return named
+
+
+def find_bifurcations(
+    dataset: xr.Dataset, axis: str | None = None, at: Selection | None = None
+) -> tuple[str, pd.DataFrame]:
+    """Return the axis, and the table of `bifurcations` with a `Label` for each class."""
     import pandas as pd
 
-    (along,) = chosen_axes(dataset, [axis] if axis else [], 1, "list of bifurcations")
+    (along,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "list of bifurcations")
     check_diagnostic(dataset, "period")
     free = [str(name) for name in dataset["status"].dims if name not in (at or {})]
     data = select(dataset, at, free=[along, *free])

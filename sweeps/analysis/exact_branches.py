@@ -17,7 +17,6 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import STARTS, points_of
-from sweeps.analysis.nearby_orbit import orbit_at
 from sweeps.analysis.regimes import Regime, classify
 from sweeps.analysis.selection import (
     COORDINATES,
@@ -25,6 +24,7 @@ from sweeps.analysis.selection import (
     chosen_axes,
     config_of,
     listed,
+    orbit_at,
     orbit_coordinates,
     select,
     split_directions,
@@ -36,7 +36,7 @@ from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import Branch
 from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
-from vibroimpact.points.period_class import period_class
+from vibroimpact.points.destinations import RECORD, classified
 
 #: Most forcing periods of an orbit that is followed, and most branches that are followed.
 LONGEST_ORBIT, MOST_BRANCHES = 8, 60
@@ -54,7 +54,7 @@ class PeriodicPoints:
     Attributes
     ----------
     points : ndarray of dtype POINT, in the shape of the cut
-        The parameters, with the state at the last section as the start.
+        The parameters, with the state of the orbit at the last section as the start.
     m, q : ndarray of int, in the same shape
         Forcing periods and impacts per repetition; 0 if the motion is not periodic.
     phase : float
@@ -68,15 +68,10 @@ class PeriodicPoints:
 
     @classmethod
     def of(cls, cut: xr.Dataset) -> Self:
-        """Read the points of a cut; a period that was not recorded is found from the section."""
+        """Read the points of a cut; classes that were not recorded are found from the section."""
+        cut = with_classes(cut)
         points = points_of(cut).reshape(cut["status"].shape)
-        for start, name in (("x0", "poincare_x"), ("v0", "poincare_v")):
-            points[start] = cut[name].isel(section=-1).values
-        if "period" not in cut:
-            x, v = (cut[name].values for name in ("poincare_x", "poincare_v"))
-            m, q = period_class(points, x, v, cut["impacts_per_period"].values)
-            dims = cut["status"].dims
-            cut = cut.assign(period=(dims, m), period_impacts=(dims, q))
+        points["x0"], points["v0"] = cut["orbit_x"].values, cut["orbit_v"].values
         periodic = classify(cut) == Regime.PERIODIC
         m, q = (np.where(periodic, cut[name].values, 0) for name in ("period", "period_impacts"))
         return cls(points, m, q, config_of(cut).record.phase)
@@ -84,6 +79,19 @@ class PeriodicPoints:
     def orbit(self, *index: int) -> PeriodicOrbit:
         """Return the orbit of a periodic point; raise OrbitError if none is found."""
         return orbit_at(self.points[index], int(self.m[index]), self.phase)
+
+
+def with_classes(cut: xr.Dataset) -> xr.Dataset:
+    """Return a cut through a sweep with the classes of its motions, if it has none."""
+    if "period" in cut:
+        return cut
+    points, dims, shape = points_of(cut), cut["status"].dims, cut["status"].shape
+    columns = {name: cut[name].transpose(*dims, ...).values for name in RECORD}
+    results = {name: a.reshape(len(points), *a.shape[len(shape) :]) for name, a in columns.items()}
+    classes = classified(config_of(cut).spec, points, results, None, None)
+    return cut.assign(
+        {name: (dims, a.reshape(shape)) for name, a in classes.items() if name not in RECORD}
+    )
 
 
 def branches(
@@ -111,9 +119,10 @@ def branches(
     check : callable, optional
         Called before each branch; an exception that it raises ends the work.
     classes : collection of (int, int), optional
-        m and q of the motions to follow, by default all of at most ``LONGEST_ORBIT`` periods.
+        m and q of the branches to return, by default all of at most 8 periods. Those of other
+        classes are followed, too, because branches of these classes may begin there.
     most : int, optional
-        Most branches to follow.
+        Most branches to follow; with `classes`, of these and as many of all others.
 
     Returns
     -------
@@ -139,29 +148,37 @@ def branches(
     ------
     Refused
         If there is no such axis, or the orbits do not depend on it.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> found = sweeps.branches(ds, "omega")
+    >>> found["special_value"].values[found["kind"].values == "flip"].round(6)
+    array([2.663945, 2.663945])
     """
-    (axis,) = chosen_axes(dataset, [axis] if axis else [], 1, "branch")
+    (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
     lines = [PeriodicPoints.of(line) for line in lines_of(dataset, axis, at)]
     low = min(float(line.points[axis][0]) for line in lines)
     high = max(float(line.points[axis][-1]) for line in lines)
-    longest = max((m for m, _ in classes), default=LONGEST_ORBIT)
-    found = BranchSet(axis, low, high, most, longest, classes, check)
+    found = BranchSet(axis, low, high, most, LONGEST_ORBIT, classes, check)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for line, i, length in _seeds(lines):
         mq = int(line.m[i]), int(line.q[i])
         reason = ""
-        if classes and mq not in classes:
-            continue
-        if mq[0] > longest:
-            reason = f"of more than {longest} periods"
+        if mq[0] > LONGEST_ORBIT and mq not in classes:
+            reason = f"of more than {LONGEST_ORBIT} periods"
         else:
             try:
                 reason = "" if found.add(line.orbit(i)) else f"beyond the first {most} branches"
             except OrbitError as error:
                 reason = f"of which {error}"
-        if reason:
+        if reason and found.is_chosen(*mq):
             left_out.setdefault(reason, Counter())[mq] += length
     found.grow()
+    found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
     return _as_dataset(found, lines[0].phase, left_out)
 
 

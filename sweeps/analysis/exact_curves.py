@@ -1,16 +1,17 @@
 """The exact curves of flips, folds and grazes over a map: the borders of its tongues.
 
-From the middle of each large tongue its orbit is followed along both axes until it flips, folds or
-grazes, and these bifurcations are followed in both parameters (`vibroimpact.orbits.curves`). Then
-every change between two periodic classes, from one cell of the map to the next, is a seed: the
-orbit on one side is followed to the other side. A change counts as explained if a curve of one of
-its classes passes within one cell. For every other change a reason is given.
+From the middle of each large region of a class its orbit is followed along both axes until it
+flips, folds or grazes, and these bifurcations are followed in both parameters
+(`vibroimpact.orbits.curves`). Then every change between two periodic classes is a seed: the orbit
+on one side is followed to the other side. Beside a flip motions settle slowly, so a few cells
+without a class may lie between the two. A change counts as explained if a curve of one of its
+classes passes within one cell of it. For every other change a reason is given.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -18,8 +19,18 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, numbered_dataset
-from sweeps.analysis.selection import Selection, check_diagnostic, chosen_axes, listed, select
+from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
+from sweeps.analysis.regimes import classify
+from sweeps.analysis.selection import (
+    Selection,
+    check_diagnostic,
+    choice_of,
+    chosen_axes,
+    listed,
+    select,
+)
 from sweeps.errors import Refused
+from sweeps.text import nearest, suggestion
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
 from vibroimpact.orbits.continuation import lost_text
 from vibroimpact.orbits.curves import KINDS, bifurcation_curve
@@ -28,8 +39,8 @@ from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-#: Most curves that are followed, and least share of the map that a large tongue covers.
-MOST_CURVES, LARGE = 400, 0.01
+#: Most curves that are followed.
+MOST_CURVES = 400
 #: Distances in cells: how far beyond a change its bifurcation is sought, and how near to a curve of
 #: its kind a bifurcation counts as on the curve.
 _CELLS, _ON = 0.5, 0.2
@@ -38,7 +49,12 @@ _EXAMPLES = 3
 
 
 def curves(
-    dataset: xr.Dataset, axes: Sequence[str] = (), at: Selection | None = None
+    dataset: xr.Dataset,
+    axes: Sequence[str] = (),
+    at: Selection | None = None,
+    *,
+    classes: Collection[tuple[int, int]] = (),
+    kinds: Collection[str] = (),
 ) -> xr.Dataset:
     """Follow the bifurcations between the periodic motions of a map.
 
@@ -50,6 +66,10 @@ def curves(
         Abscissa and ordinate, by default those of a map.
     at : mapping of str to float, optional
         Values of the other swept axes; by default the first.
+    classes : collection of (int, int), optional
+        m and q of the curves to return, by default all that are found.
+    kinds : collection of str, optional
+        ``flip``, ``fold`` or ``graze``: the kinds of the curves to return, by default all.
 
     Returns
     -------
@@ -57,39 +77,66 @@ def curves(
         Along ``point``, curve after curve: the two axes and ``curve`` (the number of the curve).
         Along ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``, for the
         special points of the curves: ``special_kind``, ``special_curve`` and ``special_values``
-        (``special``, 2). The attribute ``changes`` counts the changes between periodic classes, and
-        ``explained`` those with a curve within one cell; ``summary`` says why the others have none.
+        (``special``, 2). The attribute ``changes`` counts the changes between periodic classes, of
+        which one is among `classes`, if given; ``explained`` counts those with a curve of any class
+        within one cell; ``summary`` says why the others have none.
 
     Raises
     ------
     Refused
-        If the sweep does not have two such axes, or the orbits do not depend on one of them.
+        If the sweep does not have two such axes, the orbits do not depend on one of them, or a
+        kind is unknown.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> R = {"start": 0.6, "stop": 0.9, "num": 12}
+    >>> omega = {"start": 2.5, "stop": 2.8, "num": 12}
+    >>> scene = {"oscillator": {"h": 0.1, "R": R, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "map.h5", overwrite=True))
+    >>> found = sweeps.curves(ds)
+    >>> list(zip(found["kind"].values.tolist(), found["m"].values.tolist()))[:1]
+    [('flip', 1)]
     """
+    for kind in kinds:
+        if kind not in KINDS:
+            meant = suggestion(nearest(kind, KINDS))
+            raise Refused(f"there is no curve of kind {kind!r}{meant}; {choice_of(KINDS)}")
     chosen = [axes] if isinstance(axes, str) else axes
-    across, up = map_axes(dataset, chosen)
+    across, up = map_axes(dataset, chosen, at)
     if len(chosen) == 1:
         raise Refused(f"curves are over two swept axes, not {across} alone")
     for axis in (across, up):
         check_axis(dataset, axis, "the map")
     check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
-    return _Search(cut, (across, up)).run()
+    return _Search(cut, (across, up), classes, kinds or KINDS).run()
 
 
 def summary(
-    curves: Sequence[Branch], changes: int, explained: int, reasons: Mapping[str, Counter[str]]
+    curves: Sequence[Branch],
+    classes: Collection[tuple[int, int]],
+    total: int,
+    explained: int,
+    reasons: Mapping[str, Counter[str]],
 ) -> str:
     """Write lines on the curves found, and on the reasons why changes have no curve."""
     kinds = Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
     lines = [f"{len(curves)} exact curves: {counted}"]
-    if changes:
+    found = {(curve.m, curve.q) for curve in curves}
+    if missing := [f"{m}/{q}" for m, q in classes if (m, q) not in found]:
+        lines.append(f"no curve of {listed(missing)} is found")
+    between = "between periodic classes"
+    if classes:
+        between = f"from or to {listed([f'{m}/{q}' for m, q in classes])}"
+    if total:
         lines.append(
-            f"{explained:,} of {changes:,} changes between periodic classes "
-            f"({100.0 * explained / changes:.1f} %) have a curve within one cell"
+            f"{explained:,} of {total:,} changes {between} "
+            f"({100.0 * explained / total:.1f} %) have a curve within one cell"
         )
     else:
-        lines.append("there is no change between periodic classes")
+        lines.append(f"there is no change {between}")
     for reason, pairs in sorted(reasons.items(), key=lambda item: -item[1].total()):
         named = [pair for pair, _ in pairs.most_common(_EXAMPLES)]
         dots = ", ..." if len(pairs) > _EXAMPLES else ""
@@ -105,9 +152,11 @@ def summary(
     return "\n".join(lines)
 
 
-def map_axes(dataset: xr.Dataset, axes: Sequence[str] = ()) -> list[str]:
+def map_axes(
+    dataset: xr.Dataset, axes: Sequence[str] = (), at: Selection | None = None
+) -> list[str]:
     """Return abscissa and ordinate, by default the two longest axes; if equal, the later first."""
-    chosen = chosen_axes(dataset, axes, 2, "map")
+    chosen = chosen_axes(dataset, axes, at, 2, "map")
     if not axes and dataset.sizes[chosen[0]] == dataset.sizes[chosen[1]]:
         chosen.reverse()
     return chosen
@@ -116,28 +165,26 @@ def map_axes(dataset: xr.Dataset, axes: Sequence[str] = ()) -> list[str]:
 class _Search:
     """The search for the curves of one map."""
 
-    def __init__(self, cut: xr.Dataset, axes: tuple[str, str]) -> None:
-        self._axes = axes
+    def __init__(
+        self,
+        cut: xr.Dataset,
+        axes: tuple[str, str],
+        chosen: Collection[tuple[int, int]],
+        kinds: Collection[str],
+    ) -> None:
+        self._axes, self._chosen, self._kinds = axes, chosen, kinds
         self._values = [cut[axis].values for axis in axes]
         self._motions = PeriodicPoints.of(cut)
         self._classes = np.stack([self._motions.m, self._motions.q], axis=2)
-        self._cells = np.array(list(self._changes()), int).reshape(-1, 2, 2)
+        self._cells = changes(self._classes, classify(cut))
         sides = (self._classes[i, j].tolist() for i, j in self._cells.transpose(1, 2, 0))
         self._names = [tuple(sorted(map(tuple, pair))) for pair in zip(*sides, strict=True)]
         self._explained = np.zeros(len(self._cells), bool)
         self._lines: list[tuple[Branch, cKDTree]] = []
 
-    def _changes(self) -> Iterator[np.ndarray]:
-        """Yield the two neighbouring cells of every change between periodic classes."""
-        index = np.moveaxis(np.indices(self._classes.shape[:2]), 0, 2)
-        for low, high in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-            before, after = self._classes[low], self._classes[high]
-            where = (before != after).any(axis=2) & (before[..., 0] > 0) & (after[..., 0] > 0)
-            yield from np.stack([index[low][where], index[high][where]], axis=1)
-
     def run(self) -> xr.Dataset:
         """Search from the large tongues, and then from every change that no curve explains yet."""
-        for cell, axis in self._tongues():
+        for cell, axis in middles_of_regions(self._classes):
             for point in self._borders(cell, axis):
                 if not self._is_on_curve(point, axis, cell):
                     with suppress(OrbitError):  # the search from its changes reports the reason
@@ -149,15 +196,20 @@ class _Search:
                 reasons[chosen] = "the curve found there is of other classes"
             except OrbitError as error:
                 reasons[chosen] = str(error)
+        return self._as_dataset(reasons)
+
+    def _as_dataset(self, reasons: Mapping[int, str]) -> xr.Dataset:
+        """Collect the chosen curves, and the counts of their changes, as `curves` returns them."""
+        found = [curve for curve, _ in self._lines if curve.kind in self._kinds]
+        shown = np.ones(len(self._cells), bool)
+        if self._chosen:
+            found = [curve for curve in found if (curve.m, curve.q) in self._chosen]
+            is_chosen = [any(mq in self._chosen for mq in pair) for pair in self._names]
+            shown = np.array(is_chosen, bool)
         counted: dict[str, Counter[str]] = {}
-        for i in np.flatnonzero(~self._explained).tolist():
+        for i in np.flatnonzero(shown & ~self._explained).tolist():
             pair = " and ".join(f"{m}/{q}" for m, q in self._names[i])
             counted.setdefault(reasons[i], Counter())[pair] += 1
-        return self._as_dataset(counted)
-
-    def _as_dataset(self, reasons: Mapping[str, Counter[str]]) -> xr.Dataset:
-        """Collect the curves found as the Dataset that `curves` returns."""
-        found = [curve for curve, _ in self._lines]
         special = [point for curve in found for point in curve.special]
         at = np.array([point.value for point in special]).reshape(-1, 2)
         data = {
@@ -165,25 +217,13 @@ class _Search:
             "special_kind": ("special", np.array([point.kind for point in special], "U11")),
             "special_values": (("special", "parameter"), at),
         }
-        changes, explained = len(self._cells), int(self._explained.sum())
+        total, explained = int(shown.sum()), int((shown & self._explained).sum())
         about = {
-            "changes": changes,
+            "changes": total,
             "explained": explained,
-            "summary": summary(found, changes, explained, reasons),
+            "summary": summary(found, self._chosen, total, explained, counted),
         }
         return numbered_dataset(found, "curve", self._axes, data, about)
-
-    def _tongues(self) -> Iterator[tuple[np.ndarray, int]]:
-        """Yield the middle of every large tongue where it is widest, for each axis."""
-        flat = self._classes.reshape(-1, 2)
-        names, counts = np.unique(flat[flat[:, 0] > 0], axis=0, return_counts=True)
-        for name in names[counts >= LARGE * len(flat)]:
-            inside = (self._classes == name).all(axis=2)
-            for axis in (0, 1):
-                widest = int(np.argmax(inside.sum(axis=axis)))
-                within = np.flatnonzero(inside.take(widest, axis=1 - axis))
-                middle = int(within[len(within) // 2])
-                yield np.array([middle, widest] if axis == 0 else [widest, middle]), axis
 
     def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
         """Yield the nearest bifurcations on both sides of a cell, on the branch of its orbit."""
@@ -237,9 +277,9 @@ class _Search:
         """Return the bifurcation at a change, sought from both sides; OrbitError has the reason."""
         axis = int(np.flatnonzero(cells[0] != cells[1])[0])
         values = self._values[axis]
-        ends = values[cells[0, axis]], values[cells[1, axis]]
-        beyond = _CELLS * (ends[1] - ends[0])
-        low, high = max(values[0], ends[0] - beyond), min(values[-1], ends[1] + beyond)
+        ends = values[cells[:, axis]]
+        beyond = cells[:, axis] + np.array([-_CELLS, _CELLS])
+        low, high = np.interp(beyond, np.arange(len(values)), values)
         points: list[SpecialPoint] = []
         reason = "both motions are stable on both sides, and the start decides"
         for cell in cells:
@@ -275,8 +315,9 @@ class _Search:
             separated.add((1, 0) if curve.q == 1 else (curve.m, curve.q - 1))
         separated_rows = np.array([not separated.isdisjoint(pair) for pair in self._names], bool)
         rows = np.flatnonzero(separated_rows & ~self._explained)
-        distances, _ = line.query(self._cells[rows].mean(axis=1), p=np.inf)
-        self._explained[rows[distances <= 1.0]] = True
+        owners, middles = steps_between(self._cells[rows])
+        distances, _ = line.query(middles, p=np.inf)
+        self._explained[rows[owners[distances <= 1.0]]] = True
 
     def _line(self, curve: Branch) -> cKDTree:
         """Return points along a curve, at most a quarter of a cell apart, in units of cells."""

@@ -44,16 +44,16 @@ _MEANING = {
 }
 
 
-def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
+def integrity(dataset: xr.Dataset) -> xr.Dataset:
     """Measure how large a disturbance each attractor takes, at every parameter point.
+
+    The distance of two states is sqrt(dx^2 + (dv / p)^2).
 
     Parameters
     ----------
     dataset : Dataset
         An opened sweep over evenly spaced x0 and v0, with ``period`` and a section at
         omega t = 0, where the starts are.
-    weight : float, optional
-        w in the distance sqrt(dx^2 + (w dv)^2) of two states [time], by default 1 / p.
 
     Returns
     -------
@@ -70,9 +70,20 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     ------
     Refused
         If the file has no period or section, or not these axes; if the section is at another phase,
-        or the sweep was followed; if the weight is not a positive number.
+        or the sweep was followed.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> sweeps.integrity(ds)["integrity_factor"].values.round(3)
+    array([1.091, 0.455])
     """
-    _refuse_unfit(dataset, weight)
+    _refuse_unfit(dataset)
     found, config = attractors(dataset), config_of(dataset)
     starts = found["attractor"].sortby(["x0", "v0"]).transpose(..., "x0", "v0")
     x, v = starts["x0"].values, starts["v0"].values
@@ -88,7 +99,7 @@ def integrity(dataset: xr.Dataset, weight: float | None = None) -> xr.Dataset:
     measures = np.full((len(_MEANING), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
-        w = 1.0 / points["p"][n] if weight is None else weight
+        w = 1.0 / points["p"][n]
         states = sections[n, : periods[n]]
         measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
     for (name, meaning), values in zip(_MEANING.items(), measures, strict=True):
@@ -129,13 +140,11 @@ def measures_of(
     return away[disc], x[disc[0] - 1], v[disc[1] - 1], at_edge[0], apart.min(), at_edge[1]
 
 
-def _refuse_unfit(dataset: xr.Dataset, weight: float | None) -> None:
+def _refuse_unfit(dataset: xr.Dataset) -> None:
     """Refuse a sweep whose starts are not a regular window at the phase of its section."""
     axes, config = swept_axes(dataset), config_of(dataset)
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"integrity needs x0 and v0 as axes; the file has {listed(axes) or 'none'}")
-    if weight is not None and not 0.0 < weight < math.inf:
-        raise Refused(f"weight = {weight!r} is not allowed; expected: a positive number")
     if config.follow is not None:
         raise Refused("integrity needs starts at every point: run the sweep again without follow")
     if config.record.phase != 0.0:
@@ -154,31 +163,30 @@ def table_of(found: xr.Dataset) -> pd.DataFrame:
     axes = [str(name) for name in found["attractors"].dims]
     frame = found.drop_dims(["x0", "v0"]).to_dataframe(dim_order=[*axes, "coexisting"])
     frame = frame[frame["integrity_factor"].notna()].reset_index()
-    regimes = frame["motion"].map(lambda regime: Regime(regime).name.lower())
-    m, q = (frame[name].astype(str) for name in "mq")
-    frame["class"] = regimes.where(frame["m"] == 0, m + "/" + q)
+    frame["motion"] = frame["motion"].map(lambda regime: Regime(regime).name.lower())
+    frame = frame.rename(columns={"number": "attractor"})
     added = [name for name in found if name in _MEANING or str(name).startswith("knock_")]
-    return frame[[*axes, "number", "class", "fraction", *added]]
+    return frame[[*axes, "attractor", "motion", "m", "q", "fraction", *added]]
 
 
-def describe(frame: pd.DataFrame, weight: float | None) -> str:
+def describe(frame: pd.DataFrame) -> str:
     """Write the rows of `table_of` for the terminal."""
-    axes = list(frame.columns[: list(frame).index("number")])
+    axes = list(frame.columns[: list(frame).index("attractor")])
     head = [*axes, "attractor", "class", "share", "integrity factor", "local integrity"]
     head += ["least knock"] if "knock_ends" in frame else []
     body = []
     for row in frame.to_dict("records"):
         cells = [f"{row[axis]:.6g}" for axis in axes]
-        cells += [str(row["number"]), row["class"], f"{row['fraction']:.4f}"]
+        name = f"{row['m']}/{row['q']}" if row["m"] else row["motion"]
+        cells += [str(row["attractor"]), name, f"{row['fraction']:.4f}"]
         for name, edge in (("integrity_factor", "factor"), ("local_integrity", "local")):
             cells.append(f"{'>= ' if row[f'{edge}_at_edge'] else ''}{row[name]:.4g}")
         if "knock_ends" in row:
             cells.append(shown_knock(row))
         body.append(cells)
-    w = "1 / p" if weight is None else f"{weight:g}"
     return (
         f"{table([head, *body])}\n"
-        f"distances: sqrt(dx^2 + (w dv)^2), w = {w}, at omega t = 0; >=: the window's edge decided"
+        "distances: sqrt(dx^2 + (dv / p)^2), at omega t = 0; >=: the window's edge decided"
     )
 
 

@@ -6,15 +6,16 @@ smaller harmful size. Then moments ever closer to the worst one are tried. The i
 last harmless and the first harmful size is divided until it is 1e-9 of the knock.
 
 A tongue of another basin is found only if one of the tried sizes hits it. At every moment these
-sizes are 1/128 of the knock apart, and from 10 % below the knock on 1/660; at the worst moment they
-are 1/16384 apart. If a moment has more than one change between harmless and harmful up to 2 % above
-the least knock, there are tongues, and the boundary is called fractal. The knock is then the least
-of those tried; a tongue that no size has hit may contain a smaller one.
+sizes are 1/128 of the knock apart, and from 10 % below the knock on 1/660. If a moment has more
+than one change between harmless and harmful up to 2 % above the least knock, there are tongues, and
+the boundary is called fractal. The knock is then the least of those tried; a tongue that no size
+has hit may contain a smaller one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -32,8 +33,8 @@ from vibroimpact.status import Status
 from vibroimpact.trajectory import exact_samples
 
 _TURN = 2.0 * math.pi
-#: Number of moments in a forcing period, of sizes scanned at each, and at the worst moment.
-_MOMENTS, _SIZES, _FINEST = 64, 256, 16384
+#: Number of moments in a forcing period, and of sizes scanned at each.
+_MOMENTS, _SIZES = 64, 256
 #: Sizes near a knock at which the boundary is sought, relative to the knock.
 _NEAR = np.linspace(-0.1, 0.02, 80)
 #: A motion has reached an orbit if it is nearer than this, relative to the orbit's size.
@@ -56,7 +57,11 @@ class Knock(NamedTuple):
     fractal: bool = False
 
 
-def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
+def knocks(
+    starts: xr.Dataset,
+    found: xr.Dataset | None = None,
+    numbers: Collection[int] | None = None,
+) -> xr.Dataset:
     """Find the least knock that takes each periodic motion at a parameter point to another one.
 
     Parameters
@@ -65,6 +70,8 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
         A cut through an opened sweep at one parameter point, over x0 and v0, with exact impacts.
     found : Dataset, optional
         The result of `sweeps.attractors` or `sweeps.integrity` for it.
+    numbers : collection of int, optional
+        The attractors whose knocks are sought, by default all.
 
     Returns
     -------
@@ -75,7 +82,7 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
         - ``knock_x``, ``knock_v``: the state of the motion at this moment;
         - ``knock_harmful``, ``knock_harmless``: changes of velocity with their sign, which differ
           by less than 1e-9 of the knock. ``knock_harmful`` is inf if no knock up to the height of
-          the window of v0 is harmful, and NaN if the motion is not periodic;
+          the window of v0 is harmful, and NaN if the motion is not periodic, or not in `numbers`;
         - ``knock_ends``: the number of the attractor to which the harmful one leads, -1 if unknown;
         - ``knock_certified``: whether both motions reached an attractor with no impact missed;
         - ``knock_fractal``: whether harmless and harmful sizes alternate so closely that a smaller
@@ -85,15 +92,26 @@ def knocks(starts: xr.Dataset, found: xr.Dataset | None = None) -> xr.Dataset:
     ------
     Refused
         If the sweep has other parameter axes or another impact rule.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> sweeps.knocks(ds)["knock_harmful"].values.round(4)
+    array([-0.3047,  0.2723])
     """
     if config_of(starts).method.impact != "exact" or set(starts["status"].dims) != {"x0", "v0"}:
         raise Refused("a knock needs the impact rule exact, and a sweep cut at one parameter point")
     found = attractors(starts) if found is None else found
     motions, limit = _Motions(starts, found), float(np.ptp(starts["v0"].values))
-    numbers = found["number"].values.tolist()
+    sought = motions.orbits.keys() & (motions.orbits if numbers is None else numbers)
     rows = [
-        motions.worst(number, limit) if number in motions.orbits else Knock(harmful=math.nan)
-        for number in numbers
+        motions.worst(number, limit) if number in sought else Knock(harmful=math.nan)
+        for number in found["number"].values.tolist()
     ]
     columns = zip(Knock._fields, zip(*rows, strict=True), strict=True)
     return found.assign({f"knock_{name}": ("coexisting", list(column)) for name, column in columns})
@@ -209,10 +227,7 @@ class _Motions:
                 tried = (self._at(home, phase, _size(knock), zoom) for phase in near.tolist())
                 knock = min(knock, *tried, key=_size)
             best = min(best, knock, key=_size)
-        if math.isfinite(best.harmful):
-            sizes = _size(best) * np.arange(_FINEST + 1) / _FINEST
-            finest = self._least(home, best.phase, sizes)
-            best = self._divided(home, min(finest, best, key=_size), 1e-9)
+        best = self._divided(home, best, 1e-9)
         return best._replace(fractal=best.fractal or any(knock.fractal for knock in everywhere))
 
 

@@ -4,14 +4,14 @@ The record of a point determines its regime. The first of these rules that appli
 
 1. not computed, failed or unbounded: according to ``status``;
 2. with rest: the mass rested on the stop during the record, after a complete chatter or, with
-   R = 0, after an impact. Such a motion may be periodic, but its number of impacts depends on where
-   a chatter is cut off;
-3. periodic: the record repeats (`vibroimpact.points.period_class.period_class`);
+   R = 0, after an impact, unless it is proved that it has no impact any more. Such a motion may be
+   periodic, but its number of impacts depends on where a chatter is cut off;
+3. periodic: the periodic orbit is known to which the motion goes (`vibroimpact.destination`);
 4. by the larger Lyapunov exponent, if it is recorded. Over the time t of a record of k forcing
    periods, tangent vectors grow by exp(lambda_1 t). On a torus they grow at most linearly, so
    growth by more than k is chaos. Growth between 1/k and k is neutral: a quasi-periodic motion, or
-   a periodic one too close to its bifurcation to have settled. If the growth is less, the motion
-   settles but has not repeated yet, and is undecided;
+   a periodic one too close to its bifurcation to settle. If the growth is less, the motion settles
+   somewhere, and is undecided;
 5. undecided.
 
 The class of a motion is its regime with m and q. If the class changes along an axis, there is a
@@ -30,7 +30,8 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import parameter_at_points
-from vibroimpact.status import Status
+from vibroimpact.destination.repetition import TOLERANCE
+from vibroimpact.status import Evidence, Status
 
 
 class Regime(IntEnum):
@@ -46,6 +47,8 @@ class Regime(IntEnum):
     UNDECIDED = 7
 
 
+#: Regimes of motions that neither rest nor go to a known periodic orbit.
+NO_CLASS = (Regime.CHAOTIC, Regime.NEUTRAL, Regime.UNDECIDED)
 #: Regimes of motions whose record does not show the attractor.
 UNSETTLED = (Regime.UNDECIDED, Regime.NEUTRAL)
 
@@ -55,10 +58,18 @@ def has_result(status: np.ndarray) -> np.ndarray:
     return ~np.isin(status, [outcome for outcome in Status if outcome.failed])
 
 
+def approaching(dataset: xr.Dataset) -> np.ndarray:
+    """Return the mask of the points whose motion has a class and is not on its orbit yet."""
+    if "orbit_distance" not in dataset:
+        return np.zeros(dataset["status"].shape, bool)
+    distance: np.ndarray = dataset["orbit_distance"].values
+    return distance > TOLERANCE  # False for NaN
+
+
 def classify(dataset: xr.Dataset) -> np.ndarray:
     """Return the `Regime` at every point of a sweep with ``period``, in the shape of ``status``."""
     axes = dataset["status"].dims
-    names = ("status", "rest_fraction", "period", "lyapunov")
+    names = ("status", "rest_fraction", "period", "class_evidence", "lyapunov")
     results = {
         name: dataset[name].transpose(*axes, ...).values for name in names if name in dataset
     }
@@ -69,15 +80,15 @@ def classify(dataset: xr.Dataset) -> np.ndarray:
 def regimes_of(results: Mapping[str, np.ndarray], omega: np.ndarray, periods: int) -> np.ndarray:
     """Return the `Regime` of results of any shape (...), from records of `periods` forcing periods.
 
-    The results are ``status``, ``rest_fraction``, ``period`` and, if recorded, ``lyapunov`` of
-    shape (..., 2), as in a file.
+    The results are ``status``, ``rest_fraction``, ``period``, ``class_evidence`` and, if recorded,
+    ``lyapunov`` of shape (..., 2), as in a file.
     """
-    status = results["status"]
+    status, is_free = results["status"], results["class_evidence"] == Evidence.FREE
     rules = [
         (status == Status.PENDING, Regime.PENDING),
         (~has_result(status), Regime.FAILED),
         (status == Status.UNBOUNDED, Regime.UNBOUNDED),
-        (results["rest_fraction"] > 0.0, Regime.REST),
+        ((results["rest_fraction"] > 0.0) & ~is_free, Regime.REST),
         (results["period"] > 0, Regime.PERIODIC),
     ]
     if "lyapunov" in results:

@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.selection import Selection, config_of
-from sweeps.config.rig import QUANTITIES, RigConfig, model_name, si_name, si_values
+from sweeps.config.rig import MASS, QUANTITIES, RigConfig, model_name, si_name, si_values
 from sweeps.store.variables import COLUMNS
+from vibroimpact.oscillator import Parameter
 
 #: Attribute that marks a dataset in SI units.
 _DONE = "in_si"
@@ -28,9 +29,9 @@ def rig_of(dataset: xr.Dataset) -> RigConfig | None:
 def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
     """Convert the dataset of a rig to the names and SI units of the rig.
 
-    The dataset is a sweep, or the result of an analysis of the sweep `of`. It is returned unchanged
-    if the sweep has no rig, or if it is in SI units already. Analyses need the names of the model,
-    so convert only their results.
+    The dataset is a sweep, which gets the mass, or the result of an analysis of the sweep `of`. It
+    is returned unchanged if the sweep has no rig, or if it is in SI units already. Analyses need
+    the names of the model, so convert only their results.
     """
     rig = rig_of(dataset if of is None else of)
     if rig is None or _DONE in dataset.attrs:
@@ -39,10 +40,9 @@ def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
     changed: dict[str, Any] = {}
     for name in QUANTITIES:
         if name in dataset.variables:
-            entry, variable = QUANTITIES[name].description, dataset.variables[name]
-            attributes = {"long_name": entry.meaning, "units": entry.unit, "symbol": entry.symbol}
-            values = si_values({name: variable.values}, rig)
-            changed[name] = (variable.dims, *values.values(), {**variable.attrs, **attributes})
+            variable, about = dataset.variables[name], _about(QUANTITIES[name].description)
+            values = rig.in_si(name, variable.values)
+            changed[name] = (variable.dims, values, {**variable.attrs, **about})
     coordinates = {name: values for name, values in changed.items() if name in axes}
     si = dataset.assign({name: changed[name] for name in changed.keys() - coordinates.keys()})
     si = si.assign_coords(coordinates).assign_attrs({_DONE: 1})
@@ -56,7 +56,14 @@ def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
         pairs = zip(axes, si["special_values"].values.T, strict=True)
         special = np.stack([_of(axis, column, rig) for axis, column in pairs], axis=1)
         si["special_values"] = si["special_values"].copy(data=special)
+    if of is None:
+        si = si.assign_coords(mass=((), rig.mass, _about(MASS)))
     return si.rename({name: si_name(name, rig) for name in coordinates})
+
+
+def _about(quantity: Parameter) -> dict[str, str]:
+    """Return the attributes of a quantity of the rig, as a file has them for a parameter."""
+    return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
 
 
 def _of(name: str, values: Any, rig: Any) -> np.ndarray:

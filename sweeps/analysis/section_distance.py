@@ -54,6 +54,16 @@ class Cycles:
         """Number of forcing periods of each cycle."""
         return self.states.shape[1]
 
+    def places(self) -> np.ndarray:
+        """Return a point in the plane of the states for each cycle, shape (n, 2).
+
+        It does not depend on the state at which the cycle begins, and is the same just before and
+        just after an impact. Two places are in both coordinates as near as the cycles are.
+        """
+        x, v = np.moveaxis(self.states, -1, 0)
+        after = np.minimum(v, -self.R[:, None] * v)
+        return np.stack([x.mean(axis=1), after.mean(axis=1)], axis=1)
+
     def last(self, m: int) -> Cycles:
         """Return the last m states of each cycle."""
         return Cycles(self.states[:, -m:], self.R)
@@ -132,12 +142,13 @@ def shortest_turn(states: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarra
 def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
     """Return for each cycle the index of a cycle that represents the same motion, shape (n,).
 
-    Only cycles with the same number in `group` are compared. Cycles are sorted by their mean first
-    coordinate, and neighbours within `tolerance` form chains. Chains whose first cycles are within
-    `tolerance` of each other are merged. So the result does not depend on the order of the cycles,
-    and cycles that converge to the same motion are not separated by an arbitrary boundary.
+    Only cycles with the same number in `group` are compared. Cycles are sorted by their place, and
+    neighbours within `tolerance` form chains. Chains whose first cycles are within `tolerance` of
+    each other are merged. So the result does not depend on the order of the cycles, and cycles that
+    converge to the same motion are not separated by an arbitrary boundary.
     """
-    order = np.lexsort((cycles.states[:, :, 0].mean(axis=1), group))
+    places = cycles.places()
+    order = np.lexsort((*places.T[::-1], group))
     head = np.arange(len(order))
     if len(order) < 2:
         return head
@@ -146,11 +157,31 @@ def representatives(cycles: Cycles, group: np.ndarray, tolerance: float = TOLERA
     begins = np.r_[True, ~(equal & (groups[1:] == groups[:-1]))]
     heads = order[begins]
     head[order] = heads[np.cumsum(begins) - 1]
+    # Equal cycles are at most `tolerance` apart in both coordinates. Squares of twice that side
+    # have both of them in one square, for one of four positions of the squares.
+    _, of_head = np.unique(group[heads], return_inverse=True)
+    size = np.zeros(len(heads))
+    np.maximum.at(size, of_head, sizes(cycles.states[heads]))
+    side = 2.0 * tolerance * size[of_head]
+    squares = places[heads] / np.where(side > 0.0, side, 1.0)[:, None]
     merged = np.arange(len(order))
-    while len(heads):
-        _, first, inverse = np.unique(group[heads], return_index=True, return_inverse=True)
-        leaders = heads[first][inverse]
-        close = distances(cycles[heads], cycles[leaders]) <= tolerance
-        merged[heads[close]] = leaders[close]
-        heads = heads[~close]
+    for shift in ((0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5)):
+        cells = np.column_stack([group[heads], np.floor(squares + shift)])
+        _, cell = np.unique(cells, axis=0, return_inverse=True)
+        _merge(cycles, heads, cell, tolerance, merged)
+        kept = merged[heads] == heads
+        heads, squares = heads[kept], squares[kept]
+        merged = merged[merged]
     return merged[head]
+
+
+def _merge(
+    cycles: Cycles, left: np.ndarray, cell: np.ndarray, tolerance: float, merged: np.ndarray
+) -> None:
+    """Store in `merged` the first cycle within `tolerance` of each cycle `left`, in its cell."""
+    while len(left):
+        _, first, inverse = np.unique(cell, return_index=True, return_inverse=True)
+        leaders = left[first][inverse]
+        apart = distances(cycles[left], cycles[leaders]) > tolerance
+        merged[left[~apart]] = leaders[~apart]
+        left, cell = left[apart], cell[apart]

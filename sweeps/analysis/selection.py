@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 import xarray as xr
 
+from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.loading import parse_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable, columns_of
 from sweeps.text import nearest, suggestion
+from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
 
@@ -40,7 +42,7 @@ def dataset_of(
         dimension = VARIABLES[name].dimension
         dimensions = (*axes, dimension) if dimension else tuple(axes)
         variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
-    section = config.record.transient + 1 + np.arange(config.record.periods)
+    section = config.record.left_out + 1 + np.arange(config.record.periods)
     coordinates = {**config.grid.fixed, **axes, "section": section}
     return xr.Dataset(variables, coordinates, {"configuration": config})
 
@@ -69,6 +71,17 @@ def _parsed(configuration: str) -> SweepConfig:
 def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:
     """Return the oscillator at a point of a sweep, or with parameters given by name."""
     return Oscillator(**{field.name: float(point[field.name]) for field in fields(Oscillator)})
+
+
+def orbit_at(point: np.void, m: int, phase: float) -> PeriodicOrbit:
+    """Return the orbit near a point, of dtype POINT, whose start is its state at the section.
+
+    A state beyond the stop, which some impact rules allow, is moved to the stop. Raises OrbitError
+    if no orbit is found.
+    """
+    oscillator = oscillator_of(point)
+    x, v = point["x0"].item(), point["v0"].item()
+    return periodic_orbit(oscillator, min(x, oscillator.clearance), v, m, phase)
 
 
 def listed(names: Iterable[str]) -> str:
@@ -158,15 +171,22 @@ def check_diagnostic(dataset: xr.Dataset, name: str) -> None:
     """Refuse a file in which a diagnostic was not recorded."""
     if name not in dataset:
         raise Refused(
-            f"the file has no {name}: run the sweep again with record.diagnostics: [{name}]"
+            f"the file has no {name}: run the sweep again with {diagnostics_with(dataset, name)}"
         )
 
 
-def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind: str) -> list[str]:
+def diagnostics_with(dataset: xr.Dataset, name: str) -> str:
+    """Return the key of a configuration that adds a diagnostic to those of a file."""
+    return f"record.diagnostics: [{', '.join(d for d in DIAGNOSTICS if d == name or d in dataset)}]"
+
+
+def chosen_axes(
+    dataset: xr.Dataset, requested: Sequence[str], at: Selection | None, count: int, kind: str
+) -> list[str]:
     """Return the `count` swept axes that a picture shows.
 
-    By default they are the longest ones, and among equally long axes the first. Raises Refused if
-    the file has fewer axes, or not the requested ones.
+    By default they are the longest ones that `at` does not fix, and among equally long axes the
+    first. Raises Refused if the file has fewer axes, or not the requested ones.
     """
     axes = swept_axes(dataset)
     if TABLE in axes:
@@ -184,7 +204,7 @@ def chosen_axes(dataset: xr.Dataset, requested: Sequence[str], count: int, kind:
     needed = f"a {kind} has {count} swept {'axis' if count == 1 else 'axes'}"
     if len(axes) < count:
         raise Refused(f"{needed}; the file has only {listed(axes)}")
-    longest = sorted(axes, key=lambda name: -dataset.sizes[name])
+    longest = sorted(axes, key=lambda name: (name in (at or {}), -dataset.sizes[name]))
     chosen = [*dict.fromkeys(requested), *(name for name in longest if name not in requested)]
     if len(requested) > count or len(set(requested)) < len(requested):
         raise Refused(f"{needed}, not {listed(requested)}")
@@ -202,9 +222,15 @@ def recorded(
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
     if not columns.size:
-        outcome = Status(int(point["status"])).meaning
-        raise Refused(f"there is nothing to draw at this point: {outcome}")
+        refuse_unrecorded(point, names[0])
     return point, list(columns)
+
+
+def refuse_unrecorded(point: xr.Dataset, name: str) -> NoReturn:
+    """Refuse a point that has no value of a variable, and say why."""
+    status = Status(int(point["status"]))
+    reason = status.meaning if status.failed else f"no {name} was recorded"
+    raise Refused(f"there is nothing to draw at this point: {reason}")
 
 
 #: The coordinates by name. The height is not in a file, but computed from x and the clearance.

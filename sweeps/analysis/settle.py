@@ -1,10 +1,8 @@
-"""Follow motions whose record does not show their attractor until they settle.
+"""Follow motions that go to no known attractor until they do.
 
-A motion is followed further if it has not settled in its record, that is, if it neither repeats nor
-rests twice. Each extension makes the motion four times as long, continuing from the last section
-with the method of the file. A motion that still has not settled is assigned the stable orbit to
-which it converges (`sweeps.analysis.nearby_orbit`), if there is such an orbit and no chaos at its
-parameter point: a chaotic motion may stay near a stable orbit for a whole record.
+The class of a motion is that of its destination (`vibroimpact.destination`). A motion without a
+class is followed further, unless it rests twice. Each extension makes the motion four times as
+long, continuing from the last section with the method of the file.
 
 **Rest.** A rest erases the past, so all motions of a parameter point that have rested have the same
 future. A motion that rests twice is periodic. But if a motion that has rested is chaotic later, the
@@ -21,19 +19,18 @@ for at most ``MOST_FOLLOWED`` forcing periods.
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import GridIndex
-from sweeps.analysis.nearby_orbit import goes_to, nearby_orbit
 from sweeps.analysis.regimes import UNSETTLED, Regime, classify, regimes_of
-from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.analysis.selection import config_of
 from sweeps.config.sweep import SweepConfig
 from vibroimpact import integrate
-from vibroimpact.points.period_class import LONGEST_PERIOD, period_class
+from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
+from vibroimpact.points.destinations import classified
 
 #: How often a motion is followed further, each time four times as long.
 EXTENSIONS = 4
@@ -43,8 +40,6 @@ _LONG = 1024
 _RECORD = 2 * LONGEST_PERIOD
 #: Most forcing periods for which all motions together are followed.
 MOST_FOLLOWED = 300_000_000
-#: Number of failed searches for an orbit after which no more are made at a parameter point.
-_MOST_FAILURES = 5
 #: Number of points that are followed in one call.
 _PART = 4_000
 
@@ -71,9 +66,12 @@ class Outcomes:
         The `Regime` at each point; forcing periods and impacts per repetition of a periodic motion,
         otherwise 0.
     followed : ndarray of bool, shape (n,)
-        Whether the motion was followed further, so that these values come from the longer run.
+        Whether the record does not show the attractor, so that the motion was followed further or
+        its orbit found.
+    repetition : ndarray of int, shape (n,)
+        m where the record itself repeats, otherwise 0.
     cycles : dict of int to ndarray, shape (m, 2)
-        The section states of the periodic motions that were followed further, by point.
+        The section states of the orbits of all other periodic motions, by point.
     """
 
     def __init__(self, dataset: xr.Dataset, points: GridIndex) -> None:
@@ -84,12 +82,26 @@ class Outcomes:
         m, q, share, chatters = (dataset[name].values.ravel() for name in names)
         periodic = self.regime == Regime.PERIODIC
         self.m, self.q = np.where(periodic, m, 0), np.where(periodic, q, 0)
-        self.followed = np.zeros(self.regime.size, bool)
+        shown = dataset["orbit_distance"].values.ravel() <= TOLERANCE
+        shown &= self.m <= dataset.sizes["section"]
+        self.repetition = np.where(shown, self.m, 0)
+        self.followed = periodic & ~shown
         self.cycles: dict[int, np.ndarray] = {}
+        orbit = [dataset[f"orbit_{name}"].values.ravel() for name in "xv"]
+        self._add_cycles(np.flatnonzero(self.followed), np.stack(orbit, axis=1)[self.followed])
         first = int(dataset["section"].values[0]) if "section" in dataset.coords else 1
         self._length = first - 1 + dataset.sizes["section"]
         self._rests = _rests(share, np.maximum(chatters, share > 0.0))
-        self._orbits: dict[int, list[tuple[int, int, np.ndarray]]] = {}
+
+    def _add_cycles(self, at: np.ndarray, states: np.ndarray) -> None:
+        """Add the cycles of periodic motions, given a section state of each orbit, shape (k, 2)."""
+        for m in np.unique(self.m[at]).tolist():
+            rows = np.flatnonzero(self.m[at] == m)
+            cycles = states[rows, None]
+            if m > 1:
+                points = self._points.at_states(at[rows], *states[rows].T)
+                cycles = np.concatenate([cycles, follow(self._config, points, m - 1)[1]], axis=1)
+            self.cycles |= dict(zip(at[rows].tolist(), cycles, strict=True))
 
     def follow_on(self, last: np.ndarray, extensions: int) -> None:
         """Follow the motions that have not settled from their `last` states, shape (n, 2).
@@ -150,45 +162,18 @@ class Outcomes:
             self._record(at, min(length - _LONG - done, _LONG))
         grown = min(length, _LONG)
         growth, _ = self._record(at, grown, lyapunov=self._exact)
-        results, sections = self._record(at, _RECORD)
+        results, _ = self._record(at, _RECORD)
         share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
-        x, v = np.moveaxis(sections, 2, 0)
         points = self._points.oscillators[self._points.parameter[at]]
-        period, impacts = period_class(points, x, v, results["impacts_per_period"])
-        results = growth | results | {"period": period, "rest_fraction": share}
-        regime = regimes_of(results, points["omega"], grown)
+        results = classified(self._config.spec, points, results, None, None)
+        regime = regimes_of(growth | results | {"rest_fraction": share}, points["omega"], grown)
+        periodic = regime == Regime.PERIODIC
         self.followed[at] = True
         self.regime[at] = regime
-        self.m[at] = np.where(regime == Regime.PERIODIC, period, 0)
-        self.q[at] = np.where(regime == Regime.PERIODIC, impacts, 0)
-        beside_chaos = self._at_points(self.regime == Regime.CHAOTIC)
-        slow = np.isin(regime, UNSETTLED) & ~beside_chaos[self._points.parameter[at]]
-        failures: Counter[int] = Counter()
-        for k, (i, record) in enumerate(zip(at.tolist(), sections, strict=True)):
-            if regime[k] == Regime.PERIODIC:
-                self.cycles[i] = record[-period[k] :].copy()
-            elif self._exact and slow[k]:
-                self._store_orbit(i, record, failures)
-
-    def _store_orbit(self, i: int, record: np.ndarray, failures: Counter[int]) -> None:
-        """Store the stable orbit to which a motion converges, if there is one."""
-        parameter = int(self._points.parameter[i])
-        orbits = self._orbits.setdefault(parameter, [])
-        class_and_cycle = next((orbit for orbit in orbits if goes_to(record, orbit[2])), None)
-        if class_and_cycle is None:
-            if failures[parameter] >= _MOST_FAILURES:
-                return
-            oscillator = oscillator_of(self._points.oscillators[parameter])
-            orbit = nearby_orbit(oscillator, record, self._config.record.phase)
-            if orbit is None:
-                failures[parameter] += 1
-                return
-            class_and_cycle = orbit.m, orbit.q, orbit.sections(self._config.record.phase)
-            orbits.append(class_and_cycle)
-        self.regime[i] = Regime.PERIODIC
-        m, q, cycle = class_and_cycle
-        self.m[i], self.q[i] = m, q
-        self.cycles[i] = cycle
+        self.m[at] = np.where(periodic, results["period"], 0)
+        self.q[at] = np.where(periodic, results["period_impacts"], 0)
+        orbit = np.stack([results["orbit_x"], results["orbit_v"]], axis=1)
+        self._add_cycles(at[periodic], orbit[periodic])
 
 
 def _rests(share: np.ndarray, chatters: np.ndarray) -> np.ndarray:

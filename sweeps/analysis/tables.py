@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,12 +23,6 @@ from vibroimpact.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-def write_csv(path: Path, frame: pd.DataFrame) -> None:
-    """Write a table to a CSV file with all digits, either whole or not at all."""
-    with writing(path, "table") as new, new.open("w", newline="", encoding="utf-8") as file:
-        frame.to_csv(file, index=False, float_format=float.__repr__, lineterminator="\n")
 
 
 def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFrame:
@@ -83,9 +79,11 @@ def curve_table(found: xr.Dataset) -> pd.DataFrame:
     return frame.sort_values("curve", kind="stable")
 
 
-#: Number of points in memory at a time while a CSV file is written.
+#: Number of rows in memory at a time while a table is written.
 _PART = 200_000
 ENDINGS = (".csv", ".parquet")
+#: What a table can have a row for, with the record dimension of its rows; None for points.
+ROWS: Mapping[str, str | None] = {"points": None, "sections": "section", "impacts": "impact"}
 
 
 def check_table(path: Path) -> None:
@@ -95,30 +93,76 @@ def check_table(path: Path) -> None:
     check_target(path, "table")
     if path.suffix == ".parquet" and not find_spec("pyarrow"):
         raise Refused(
-            f"the table {path} needs the package pyarrow; install it, or write a .csv file"
+            f"the table {path} needs pyarrow, which is not installed; install it with pip install "
+            "pyarrow, or write a .csv file"
         )
 
 
-def write_points(dataset: xr.Dataset, path: Path) -> int:
-    """Write a row for every point: its parameters, and every result that is a single number.
+def write_csv(path: Path, frame: pd.DataFrame) -> None:
+    """Write a table to a CSV file with all digits, either whole or not at all."""
+    with writing(path, "table") as new:
+        _write_csv(new, [frame])
 
-    Lyapunov exponents are ``lyapunov_1`` and ``lyapunov_2``; ``status`` is written as its name. All
-    digits are kept, so that reading a CSV file gives the same numbers; NaN is an empty field. The
-    file is replaced only when the table is complete. Returns the number of rows.
+
+def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
+    """Write a row for every point, section or impact of a sweep, and return their number.
+
+    The row of a point has its parameters and every result that is a single number: Lyapunov
+    exponents as ``lyapunov_1`` and ``lyapunov_2``, ``status`` by its name. The row of a section or
+    an impact has the axes, or the columns of a table, its number and its values; what was not
+    recorded has no row. All digits are kept, so that reading a CSV file gives the same numbers; NaN
+    is an empty field. The file is replaced only when the table is complete.
     """
     check_table(path)
-    scalars = in_si(_scalars(dataset))
-    axes = [str(name) for name in scalars["status"].dims]
+    data = in_si(_scalars(dataset) if ROWS[rows] is None else _records(dataset, rows))
+    axes = [str(name) for name in data["status"].dims]
+    size = max(1, _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1))
+    parts = (
+        _frame(data.isel(dict(zip(axes, block, strict=True))), ROWS[rows])
+        for block in grid_of(dataset).blocks(size)
+    )
+    write = _write_parquet if path.suffix == ".parquet" else _write_csv
     with writing(path, "table") as new:
-        if path.suffix == ".parquet":
-            _frame(scalars).to_parquet(new, index=False)
-        else:
-            digits = float.__repr__  # all digits, whatever the print options of NumPy
-            with new.open("w", encoding="utf-8", newline="") as file:
-                for i, block in enumerate(grid_of(dataset).blocks(_PART)):
-                    part = _frame(scalars.isel(dict(zip(axes, block, strict=True))))
-                    part.to_csv(file, index=False, header=i == 0, float_format=digits)
-    return int(scalars["status"].size)
+        return write(new, parts)
+
+
+def _write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
+    """Write the parts of a table as CSV; return the number of rows."""
+    digits = float.__repr__  # all digits, whatever the print options of NumPy
+    written = 0
+    with path.open("w", encoding="utf-8", newline="") as file:
+        for i, part in enumerate(parts):
+            part.to_csv(file, index=False, header=i == 0, float_format=digits, lineterminator="\n")
+            written += len(part)
+    return written
+
+
+def _write_parquet(path: Path, parts: Iterable[pd.DataFrame]) -> int:
+    """Write the parts of a table as Parquet; return the number of rows."""
+    import pyarrow as pa
+    from pyarrow.parquet import ParquetWriter
+
+    written = 0
+    with ExitStack() as stack:
+        for i, part in enumerate(parts):
+            table = pa.Table.from_pandas(part, preserve_index=False)
+            if i == 0:
+                writer = stack.enter_context(ParquetWriter(path, table.schema))
+            writer.write_table(table)
+            written += len(part)
+    return written
+
+
+def _records(dataset: xr.Dataset, rows: str) -> xr.Dataset:
+    """Return the results at sections or impacts; refuse a file that has none."""
+    names = [
+        name
+        for name, variable in VARIABLES.items()
+        if variable.dimension == ROWS[rows] and name in dataset
+    ]
+    if not names:
+        raise Refused(f"the file has no {rows}: run the sweep again with record.{rows}")
+    return dataset[["status", *names]]
 
 
 def _scalars(dataset: xr.Dataset) -> xr.Dataset:
@@ -136,15 +180,21 @@ def _scalars(dataset: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(columns, attrs=dataset.attrs)
 
 
-def _frame(scalars: xr.Dataset):  # type: ignore[no-untyped-def]
-    """Return a row for each point, in the C order of the file."""
-    names = {int(status): status.name.lower() for status in Status}
-    axes = [str(name) for name in scalars["status"].dims]
-    rig = rig_of(scalars)
-    of_rig = (si_name(name, rig) for name in [*PARAMETERS, *columns_of(scalars)])
-    columns = dict.fromkeys(of_rig)
-    about = [name for name in columns if name in scalars.coords and name not in axes]
-    rows = scalars if axes else scalars.expand_dims("point")
-    frame = rows.to_dataframe(dim_order=axes or ["point"]).reset_index()
-    frame["status"] = frame["status"].map(names)
-    return frame[[*axes, *about, *scalars.data_vars]]
+def _frame(data: xr.Dataset, dimension: str | None) -> pd.DataFrame:
+    """Return a row for each point, in the C order of the file, or for each record of a point."""
+    dims = [str(name) for name in (*data["status"].dims, *([dimension] if dimension else []))]
+    rig = rig_of(data)
+    known = dict.fromkeys(
+        ["mass", *(si_name(name, rig) for name in [*PARAMETERS, *columns_of(data)])]
+    )
+    about = [name for name in known if name in data.coords and name not in dims]
+    if dimension is None:
+        rows = data if dims else data.expand_dims("point")
+        frame = rows.to_dataframe(dim_order=dims or ["point"]).reset_index()
+        names = {int(status): status.name.lower() for status in Status}
+        frame["status"] = frame["status"].map(names)
+        return frame[[*dims, *about, *data.data_vars]]
+    results = [str(name) for name in data.data_vars if name != "status"]
+    columns = [name for name in about if data[name].dims]  # of a table
+    frame = data[results].to_dataframe(dim_order=dims).reset_index().dropna(subset=results)
+    return frame[[*dims[:-1], *columns, dimension, *results]]

@@ -9,10 +9,10 @@ continue as a nearby orbit of 2 m or m / 2 periods, as the branches of a diagram
 number in a jump, for example at the end of a window.
 
 These links form chains along the longest axis, also over gaps of at most ``MAX_GAP`` of the axis,
-because near a flip motions settle slowly and at a few values no repetition is found. Along the
-other axes chains are joined, those with the longest border first, but never two chains that coexist
-at some point. Around a cusp, where one attractor leads to another, the number therefore changes
-along some line.
+because at a few values no start may reach the attractor, or settle on it. Along the other axes
+chains are joined, those with the longest border first, but never two chains that coexist at some
+point. Around a cusp, where one attractor leads to another, the number therefore changes along some
+line.
 """
 
 from __future__ import annotations
@@ -21,18 +21,14 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING
+from functools import cache, cached_property
 
 import numpy as np
 
-from sweeps.analysis.nearby_orbit import orbit_at
-from sweeps.analysis.section_distance import Cycles, distances
+from sweeps.analysis.section_distance import Cycles, distances, sizes
+from sweeps.analysis.selection import orbit_at
 from vibroimpact.orbits.branches import Branch, branch
 from vibroimpact.orbits.periodic import OrbitError, PeriodicOrbit
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Attractors farther apart than this, relative to their greatest coordinate, are different.
 MAX_DISTANCE = 0.2
@@ -90,34 +86,74 @@ class PeriodicAttractors:
 
         `a` and `b` must be in increasing order. No attractor is in two pairs.
         """
-        pairs = self._pairs(a, b, step)
-        pairs["apart"] = self.distances(pairs["a"].values, pairs["b"].values)
-        pairs = pairs[pairs["apart"] <= MAX_DISTANCE]
-        nearest = (pairs.groupby(end)["apart"].idxmin().astype(int) for end in ("a", "b"))
-        mutual = pairs.loc[np.intersect1d(*nearest)]
-        return mutual["a"].values, mutual["b"].values
+        nearest, back = self._nearest(a, b, step), self._nearest(b, a, -step)
+        found = np.flatnonzero(nearest < len(b))
+        mutual = found[back[nearest[found]] == found]
+        return a[mutual], b[nearest[mutual]]
+
+    def _nearest(self, a: np.ndarray, b: np.ndarray, step: int) -> np.ndarray:
+        """Return the index in `b` of the nearest that continues each of `a`; len(b) if none."""
+        from scipy.spatial import KDTree
+
+        sites, unit, sizes_of, R = self._sites
+        best, nearest = np.full(len(a), MAX_DISTANCE), np.full(len(a), len(b))
+        tree, most = KDTree(sites[b]), sizes_of[b].max(initial=0.0)
+        for turns in (0.5, 1.0, 2.0):
+            targets = sites[a] * [1.0, 1.0, 1.0, turns] + [0.0, 0.0, step, 0.0]
+            left, count = np.flatnonzero(np.isin(turns * self.m[a], self.m[b])), 4
+            while len(left):
+                away, there = tree.query(targets[left], count, p=np.inf, distance_upper_bound=0.4)
+                row, column = np.nonzero(there < len(b))
+                i, j = left[row], there[row, column]
+                pairs = (a[i], b[j]) if step > 0 else (b[j], a[i])
+                apart = self.distances(*pairs)
+                order = np.lexsort((-j, -apart))
+                i, j, apart = i[order], j[order], apart[order]  # the nearest of each last
+                nearer = (apart < best[i]) | ((apart == best[i]) & (j < nearest[i]))
+                best[i[nearer]], nearest[i[nearer]] = apart[nearer], j[nearer]
+                # Places are at most as far apart as the cycles, unless R differs.
+                more = there[:, -1] < len(b)
+                away, left, last = unit * away[more, -1], left[more], b[there[more, -1]]
+                largest = np.maximum(np.maximum(sizes_of[a[left]], most), np.finfo(float).tiny)
+                beyond = (1.0 - 1e-9) * away / largest - np.abs(R[a[left]] - R[last])
+                left, count = left[beyond <= best[left]], 2 * count
+        return nearest
+
+    @cached_property
+    def _sites(self) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        """Places in a unit, parameter points and m, (n, 4); that unit; greatest coordinates; R."""
+        places, sizes_of = np.empty((len(self.at), 2)), np.empty(len(self.at))
+        R = np.empty(len(self.at))
+        for m, cycles in self.cycles.items():
+            of_m = np.flatnonzero(self.m == m)
+            own = cycles[self.place[of_m]]
+            places[of_m], sizes_of[of_m], R[of_m] = own.places(), sizes(own.states), own.R
+        unit = 5.0 * (float(np.abs(places).max(initial=0.0)) or 1.0)
+        return np.column_stack([places / unit, self.point, self.m]), unit, sizes_of, R
 
     def links_on_branches(
         self, a: np.ndarray, b: np.ndarray, step: int, on_one_branch: Continues
     ) -> tuple[np.ndarray, np.ndarray]:
         """Pair attractors on the same exact branch, at any distance; otherwise as `links` does."""
         pairs: dict[int, int] = {}
+        taken: set[int] = set()
         tried = 0
-        for i, j in self._pairs(a, b, step).values.tolist():
-            shorter, longer = sorted((self.m[i], self.m[j]))
-            if i in pairs or j in pairs.values() or longer not in (shorter, 2 * shorter):
-                continue
-            tried += 1
-            if tried <= MOST_BRANCHES and on_one_branch(i, j):
-                pairs[i] = j
+        begins, ends = (
+            np.searchsorted(self.point[b], self.point[a] + step, side) for side in ("left", "right")
+        )
+        for i, begin, end in zip(a.tolist(), begins.tolist(), ends.tolist(), strict=True):
+            for j in b[begin:end].tolist():
+                shorter, longer = sorted((self.m[i], self.m[j]))
+                if j in taken or longer not in (shorter, 2 * shorter):
+                    continue
+                tried += 1
+                if tried > MOST_BRANCHES:
+                    break
+                if on_one_branch(i, j):
+                    pairs[i] = j
+                    taken.add(j)
+                    break
         return np.array([*pairs], np.int64), np.array([*pairs.values()], np.int64)
-
-    def _pairs(self, a: np.ndarray, b: np.ndarray, step: int) -> pd.DataFrame:
-        """Return all pairs of `a` and `b` in which the second is `step` points further."""
-        import pandas as pd
-
-        before = pd.DataFrame({"a": a, "point": self.point[a] + step})
-        return before.merge(pd.DataFrame({"b": b, "point": self.point[b]}))[["a", "b"]]
 
 
 def track(
@@ -224,27 +260,19 @@ def _joined(
     chain: np.ndarray, point: np.ndarray, borders: Mapping[tuple[int, int], int]
 ) -> np.ndarray:
     """Join chains along their borders, longest first, unless they share a parameter point."""
-    separate: dict[int, set[int]] = {}
-    for apart in range(1, int(np.unique(point, return_counts=True)[1].max())):
-        both = np.flatnonzero(point[apart:] == point[:-apart])
-        pairs = np.unique(chain[[both, both + apart]], axis=1)
-        for a, b in pairs.T.tolist():
-            separate.setdefault(a, set()).add(b)
-            separate.setdefault(b, set()).add(a)
-    members = {a: [a] for pair in borders for a in pair}
-    home = {a: a for a in members}
-    for (a, b), _ in sorted(borders.items(), key=lambda item: (-item[1], item[0])):
-        a, b = home[a], home[b]
-        if a == b or any(
-            home.get(number_there, number_there) == b for number_there in separate.get(a, ())
-        ):
-            continue
-        if len(members[a]) < len(members[b]):
-            a, b = b, a
-        for member in members[b]:
-            home[member] = a
-        members[a] += members.pop(b)
-        separate[a] = separate.get(a, set()) | separate.pop(b, set())
+    from scipy.cluster.hierarchy import DisjointSet
+
+    joined = DisjointSet(a for pair in borders for a in pair)
+    points: dict[int, set[int]] = {}
+    for a, at in zip(chain.tolist(), point.tolist(), strict=True):
+        points.setdefault(a, set()).add(at)
+    for pair, _ in sorted(borders.items(), key=lambda item: (-item[1], item[0])):
+        a, b = (joined[number] for number in pair)
+        if a != b and points[a].isdisjoint(points[b]):
+            joined.merge(a, b)
+            kept = joined[a]
+            points[kept] |= points.pop(b if kept == a else a)
     names = np.arange(len(chain))
-    names[list(home)] = list(home.values())
+    for a in joined:
+        names[a] = joined[a]
     return names[chain]

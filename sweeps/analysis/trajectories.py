@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
+from typing import Self
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Selection, config_of, oscillator_of, recorded
+from sweeps.analysis.selection import (
+    Selection,
+    config_of,
+    oscillator_of,
+    recorded,
+    refuse_unrecorded,
+    select,
+)
 from sweeps.errors import Refused
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import exact_samples, simulate
 
 #: The variables of a recorded trajectory.
 RECORDED = ("trajectory_t", "trajectory_x", "trajectory_v")
+#: Most forcing periods of a motion that are kept: more than a picture has columns of pixels.
+MOST_PERIODS = 1000
+#: Number of samples read at a time.
+_PART = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -27,8 +41,13 @@ class PointMotion:
     oscillator : Oscillator
         Its oscillator.
     rows : ndarray, shape (3, n)
-        Time, displacement and velocity, without NaN. Two columns with the same time are the states
-        before and after an impact.
+        Time, displacement and velocity. Two columns with the same time are the states before and
+        after an impact. Of more than ``MOST_PERIODS`` periods as many are kept, evenly spread, and
+        a column of NaN stands for the periods between them.
+    depth : float
+        Largest x - clearance in all periods [length].
+    periods : int
+        Number of forcing periods, with those left out.
     turns : int
         Number of forcing periods of the sweep before time 0 of the rows.
     """
@@ -36,7 +55,28 @@ class PointMotion:
     point: xr.Dataset
     oscillator: Oscillator
     rows: np.ndarray
+    depth: float
+    periods: int
     turns: int = 0
+
+    @classmethod
+    def of(
+        cls, point: xr.Dataset, parts: Iterable[np.ndarray], periods: int, turns: int = 0
+    ) -> Self:
+        """Join parts of a motion over `periods`, shape (3, k); keep at most ``MOST_PERIODS``."""
+        oscillator = oscillator_of(point)
+        kept, depth, begin, drawn, gap = list[np.ndarray](), -np.inf, None, False, True
+        for rows in parts:
+            begin = rows[0, 0] if begin is None else begin
+            depth = max(depth, float(rows[1].max()) - oscillator.clearance)
+            turn = np.floor((rows[0] - begin) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
+            chosen = (turn * MOST_PERIODS) % periods < MOST_PERIODS  # all, if they are no more
+            left_out = ~(chosen | np.append(drawn, chosen[:-1]))  # a period ends with a row
+            first_left_out = left_out & ~np.append(gap, left_out[:-1])
+            drawn, gap = bool(chosen[-1]), bool(left_out[-1])
+            rows = np.where(left_out, np.nan, rows)
+            kept.append(rows[:, ~left_out | first_left_out])
+        return cls(point, oscillator, np.concatenate(kept, axis=1), depth, periods, turns)
 
     @property
     def impacts(self) -> np.ndarray:
@@ -52,10 +92,28 @@ class PointMotion:
         return np.stack(exact_samples(self.oscillator, t, x, v, per_period))
 
 
+def periods_shown(m: int) -> int:
+    """Return how many forcing periods show a motion of period m (0: unknown): two repetitions."""
+    return max(2 * m, 4)
+
+
 def recorded_motion(dataset: xr.Dataset, at: Selection | None) -> PointMotion:
     """Return the recorded trajectory of a point; refuse a point without one."""
-    point, rows = recorded(dataset, RECORDED, at)
-    return PointMotion(point, oscillator_of(point), np.stack(rows))
+    point = select(dataset[[*RECORDED, "status"]], at)
+    parts = _recorded_parts(point)
+    if (first := next(parts, None)) is None:
+        refuse_unrecorded(point, RECORDED[0])
+    return PointMotion.of(point, chain([first], parts), config_of(dataset).record.periods)
+
+
+def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
+    """Read the recorded trajectory of a point in parts, shape (3, k), without the padding."""
+    for start in range(0, point.sizes["sample"], _PART):
+        part = point.isel(sample=slice(start, start + _PART))
+        rows = np.stack([part[name].values for name in RECORDED])
+        if not (seen := np.isfinite(rows).all(axis=0)).any():
+            return
+        yield rows[:, seen]
 
 
 def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) -> PointMotion:
@@ -85,5 +143,6 @@ def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) ->
         raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = config.record.transient + last + 1
-    return PointMotion(point, oscillator, np.stack([motion.t, motion.x, motion.v]), turns)
+    turns = config.record.left_out + last + 1
+    rows = np.stack([motion.t, motion.x, motion.v])
+    return PointMotion.of(point, [rows], periods, turns)

@@ -56,7 +56,7 @@ def picture(measured: paper.Measured) -> Figure:
 
 def _draw_stop(panel: Axes, name: str, case: pd.DataFrame) -> None:
     """Draw the displacement near the stop, in the first period."""
-    draw_stop(panel.axhline, 0.0, label=False)
+    draw_stop(panel.axhline, 0.0)
     osc = paper.CASES[name]
     fine = simulate(osc, 2, steps_per_period=1000)
     panel.plot(fine.t, fine.x, color="black", linewidth=0.8)

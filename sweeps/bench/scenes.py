@@ -220,7 +220,7 @@ def of_sweep(config: SweepConfig) -> Scene:
         If no point can be computed with exact impacts.
     """
     points, record = config.grid.spread(NEIGHBOURS), config.record
-    total_periods = record.transient + record.periods
+    total_periods = record.left_out + record.periods
     try:
         last = integrate(
             points, transient=total_periods - 1, periods=1, phase=record.phase, impacts=0

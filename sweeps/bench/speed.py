@@ -12,13 +12,14 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
 from sweeps.text import table
 from vibroimpact import Oscillator, integrate
-from vibroimpact.jit import ALL_THREADS, fma, jit, widest_vectors
+from vibroimpact.jit import ALL_THREADS, WAY, fma, jit, widest_vectors
 from vibroimpact.step.scheme import default_steps
 
 #: Multiply-adds in a step of the affine map.
@@ -132,12 +133,13 @@ def shown(peak: float, speeds: Mapping[str, Speed]) -> str:
         rows.append([name, f"{speed.steps}", *cells, *ratio, f"{speed.share:.1%}"])
     return (
         "Million forcing periods per second; steps per period; share of one thread's peak,\n"
-        f"{peak / 1e9:.3g}e9 multiply-adds per second, of which a step takes {PER_STEP}\n\n"
+        f"{peak / 1e9:.3g}e9 multiply-adds per second, of which a step takes {PER_STEP}.\n"
+        f"numba {numba.__version__} is used {WAY}\n\n"
         f"{table(rows, words=1)}\n"
     )
 
 
-@jit(refcounts=False)
+@jit
 def _multiply_adds(sums, times):  # type: ignore[no-untyped-def]  # numba types it
     """Do only fused multiply-adds; each sum waits only for its own."""
     widest_vectors()

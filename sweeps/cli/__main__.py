@@ -1,18 +1,20 @@
-"""The process of a command: it handles signals before it imports any slow module."""
+"""The process of a command: it notes signals before it imports any module.
 
-from __future__ import annotations
+Python has loaded these modules when it starts. ``signal`` would import ten others, and a signal
+that arrives meanwhile would end the process with a traceback.
+"""
 
-import gc
+import _signal  # type: ignore[import-not-found]
 import os
 import sys
-from typing import NoReturn
-
-from sweeps import interrupts
 
 
-def main() -> NoReturn:
+def main() -> None:
     """Run the command line and exit: 0 if done, 1 if failed or interrupted, 2 if refused."""
-    interrupts.listen()
+    came = _noted()
+    from sweeps import interrupts
+
+    interrupts.listen(came)
     code = _run()
     interrupts.ignore()  # the outcome is decided
     try:
@@ -23,12 +25,26 @@ def main() -> NoReturn:
             _report(_reason(error))
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes it again
         code = code or 1
+    import gc
+
     gc.freeze()  # saves the garbage collection at exit
     sys.exit(code)
 
 
+def _noted() -> list[int]:
+    """Return a list to which signals are appended, except those that are ignored."""
+    came: list[int] = []
+    for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
+        number = getattr(_signal, name, None)  # only Windows has SIGBREAK
+        if number is not None and _signal.getsignal(number) is not _signal.SIG_IGN:
+            _signal.signal(number, lambda number, _: came.append(number))
+    return came
+
+
 def _run() -> int:
     """Run the command; return the exit code."""
+    from sweeps import interrupts
+
     try:
         from sweeps.cli.main import app
         from sweeps.cli.options import prepare_streams

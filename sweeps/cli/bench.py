@@ -9,10 +9,11 @@ from typing import Annotated
 
 import typer
 
-from sweeps.cli.options import Csv, check_threads, say
+from sweeps.cli.commands import Commands, add
+from sweeps.cli.options import Csv, read_threads, say
 
 app = typer.Typer(
-    no_args_is_help=True,
+    cls=Commands,
     rich_markup_mode=None,
     help="Measure the methods: accuracy, speed and stability.",
 )
@@ -35,7 +36,6 @@ def _files(output: Path, csv: Path | None = None) -> Iterator[None]:
             say(path)
 
 
-@app.command("accuracy-speed")
 def accuracy_speed(
     config: Annotated[
         Path | None,
@@ -52,7 +52,7 @@ def accuracy_speed(
         int,
         typer.Option(
             metavar="N",
-            callback=check_threads,
+            parser=read_threads,
             help="Threads of the kernel; other solvers use one.",
         ),
     ] = 1,
@@ -88,7 +88,6 @@ def accuracy_speed(
             write_csv(csv, measured)
 
 
-@app.command()
 def stability(
     output: Figure = Path("stability.png"), csv: Csv = None, quick: Quick = False
 ) -> None:
@@ -109,7 +108,6 @@ def stability(
             write_csv(csv, pd.DataFrame(rows, columns=failures.COLUMNS))
 
 
-@app.command()
 def paper(output: Figure = Path("paper.png")) -> None:
     """Compute the three cases of the paper, without and with its procedure."""
     from sweeps.bench import paper
@@ -122,10 +120,12 @@ def paper(output: Figure = Path("paper.png")) -> None:
         draw(output, picture, measured)
 
 
-@app.command()
 def speed(quick: Quick = False) -> None:
     """Show the forcing periods per second of this machine, and the share of its peak."""
     from sweeps.bench import speed
 
     count, periods = (1024, 150) if quick else (4096, 300)
     say(speed.shown(*speed.measure(count, periods, progress=True)))
+
+
+add(app, accuracy_speed, stability, paper, speed)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sweeps.cli.options import say
+from sweeps.cli.options import integer, say
 from sweeps.interrupts import signal_came
 
 if TYPE_CHECKING:
@@ -26,7 +26,12 @@ def explore(
         ),
     ] = None,
     port: Annotated[
-        int, typer.Option(metavar="N", help="Port on this machine; a free one if not given.")
+        int,
+        typer.Option(
+            metavar="N",
+            parser=integer("--port", 0, 65535),
+            help="Port on this machine; a free one if not given.",
+        ),
     ] = 0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Show the address without opening a browser.")

@@ -8,10 +8,9 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
 
 from sweeps.cli import bench as cli_bench
 from sweeps.cli import explore as cli_explore
@@ -19,34 +18,16 @@ from sweeps.cli import plot as cli_plot
 from sweeps.cli import read as cli_read
 from sweeps.cli import run as cli_run
 from sweeps.cli import zoom as cli_zoom
-from sweeps.cli.options import say, with_option_names
-from sweeps.errors import Failed, Refused
-from sweeps.interrupts import Cancelled, raised_at_once
+from sweeps.cli.commands import Commands, add
+from sweeps.cli.options import say
+from sweeps.errors import Refused
+from sweeps.interrupts import raised_at_once
 from sweeps.text import nearest, shortened, suggestion
 from vibroimpact import __version__
 
-
-class _Commands(TyperGroup):
-    """The commands: the only place where an error becomes a message and an exit code."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command; if it refuses or fails, print the error and exit with its code."""
-        try:
-            return super().invoke(ctx)
-        except (Cancelled, KeyboardInterrupt):  # KeyboardInterrupt if our handlers are not active
-            error, code = "interrupted", 1
-        except Failed as failure:
-            error, code = with_option_names(str(failure)), 1
-        except Refused as refusal:
-            error, code = with_option_names(str(refusal)), 2
-        say(f"vibroimpact: error: {error}", error=True)
-        raise typer.Exit(code)
-
-
 app = typer.Typer(
-    cls=_Commands,
+    cls=Commands,
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -148,7 +129,8 @@ def schema() -> None:
     say(json.dumps(json_schema(), indent=2))
 
 
-for command in (
+add(
+    app,
     init,
     cli_run.run,
     cli_zoom.zoom,
@@ -159,5 +141,4 @@ for command in (
     cli_read.info,
     cli_read.export,
     schema,
-):
-    app.command()(command)
+)

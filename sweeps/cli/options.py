@@ -9,7 +9,7 @@ import re
 import shlex
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,17 +25,25 @@ if TYPE_CHECKING:
     from sweeps.analysis.selection import Selection
 
 
-def check_threads(threads: int | None) -> int | None:
-    """Return a number of threads; refuse one that numba does not allow."""
-    if threads is not None:
-        import numba
+def integer(option: str, least: int = 1, most: float = math.inf) -> Callable[[object], int]:
+    """Return a function that reads the value of an option, and refuses all but such integers."""
 
-        cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        if not 1 <= threads <= cores:
-            raise Refused(
-                f"--threads {threads} is not allowed; expected: an integer from 1 to {cores}"
-            )
-    return threads
+    def read(value: object) -> int:
+        text = str(value)
+        if not re.fullmatch("-?[0-9]{1,18}", text) or not least <= int(text) <= most:
+            allowed = f">= {least}" if most == math.inf else f"from {least} to {most}"
+            raise Refused(f"{option} {text} is not allowed; expected: an integer {allowed}")
+        return int(text)
+
+    return read
+
+
+def read_threads(value: object) -> int:
+    """Read a number of threads that numba allows."""
+    import numba
+
+    cores: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    return integer("--threads", 1, cores)(value)
 
 
 def _check_csv(path: Path | None) -> Path | None:
@@ -51,9 +59,7 @@ def _check_csv(path: Path | None) -> Path | None:
 
 Threads = Annotated[
     int | None,
-    typer.Option(
-        metavar="N", callback=check_threads, help="Threads to use; all cores if not given."
-    ),
+    typer.Option(metavar="N", parser=read_threads, help="Threads to use; all cores if not given."),
 ]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Compute only the missing points of the output.")
@@ -64,11 +70,14 @@ SweepFile = Annotated[Path, typer.Argument(metavar="OUT.h5", help="The file of a
 Classes = Annotated[
     str | None,
     typer.Option(
-        metavar="M/Q,...", help="Follow only exact branches of these classes, e.g. 1/1,3/3."
+        metavar="M/Q,...", help="Only exact branches or curves of these classes, e.g. 1/1,3/3."
     ),
 ]
 MostBranches = Annotated[
-    int | None, typer.Option("--most", metavar="N", help="Follow at most N exact branches.")
+    int | None,
+    typer.Option(
+        "--most", metavar="N", parser=integer("--most"), help="Follow at most N exact branches."
+    ),
 ]
 At = Annotated[
     list[str] | None,
@@ -100,8 +109,6 @@ def branch_options(classes: str | None, most: int | None) -> dict[str, Any]:
             )
         chosen["classes"] = [(int(pair[1]), int(pair[2])) for pair in pairs if pair]
     if most is not None:
-        if most < 1:
-            raise Refused(f"--most {most} is not allowed; expected: an integer >= 1")
         chosen["most"] = most
     return chosen
 

@@ -5,6 +5,7 @@ As in ``main.py``, modules are imported inside the command.
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from collections.abc import Mapping
@@ -21,6 +22,7 @@ from sweeps.cli.options import (
     MostBranches,
     branch_options,
     inches,
+    integer,
     limits,
     named,
     on_axes,
@@ -30,6 +32,7 @@ from sweeps.cli.options import (
     targets,
 )
 from sweeps.errors import Refused
+from sweeps.text import shortest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,8 +48,8 @@ FigureFile = Annotated[
         "-o",
         "--output",
         metavar="FIGURE",
-        help="The picture to write, OUT.png if not given, OUT-KIND.png with --kind; for a single "
-        "OUT.h5.",
+        help="The picture to write, for a single OUT.h5. If not given, OUT.png, or a name with the "
+        "kind, quantity and place that are asked for, as OUT-map-energy_lost-R-0.8.png.",
     ),
 ]
 Kind = Annotated[
@@ -76,9 +79,16 @@ Quantity = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="What a map shows: period, impacts_per_period, lyapunov, rest_fraction, "
-        "slowest_impact, fastest_impact, impulse, energy_lost, max_penetration or status; for a "
-        "table, the ordinate: any of these that is a number, or a column.",
+        help="What a map shows, or the ordinate for a table: a number per point, e.g. period, "
+        "lyapunov, energy_lost, or another that the file has.",
+    ),
+]
+Color = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="What colours the points of a diagram or a table, or the sections of several points: "
+        "a number per point, e.g. period or lyapunov.",
     ),
 ]
 Exact = Annotated[
@@ -90,18 +100,24 @@ Exact = Annotated[
         "curves. --csv writes what is drawn.",
     ),
 ]
+Kinds = Annotated[
+    str | None,
+    typer.Option(metavar="KIND,...", help="Only curves of these kinds, of flip, fold and graze."),
+]
 Below = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="A scalar of the file, e.g. lyapunov, in a panel below a bifurcation diagram; "
+        help="A number per point, e.g. lyapunov, in a panel below a bifurcation diagram; "
         "repeatable.",
     ),
 ]
 Periods = Annotated[
     int | None,
     typer.Option(
-        metavar="N", help="For a trajectory, compute N periods from the last stored state."
+        metavar="N",
+        parser=integer("--periods"),
+        help="For a trajectory, compute N periods from the last stored state.",
     ),
 ]
 Width = Annotated[
@@ -112,7 +128,8 @@ Height = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Height of the picture, likewise.")
 ]
 Resolution = Annotated[
-    int | None, typer.Option(metavar="N", help="Pixels per inch, 300 if not given.")
+    int | None,
+    typer.Option(metavar="N", parser=integer("--dpi"), help="Pixels per inch, 300 if not given."),
 ]
 Title = Annotated[
     str | None, typer.Option(metavar="TEXT", help="Title instead of the sweep's; may be empty.")
@@ -136,8 +153,10 @@ def plot(
     exact: Exact = False,
     classes: Classes = None,
     most: MostBranches = None,
+    kinds: Kinds = None,
     csv: Csv = None,
     below: Below = None,
+    color: Color = None,
     periods: Periods = None,
     width: Width = None,
     height: Height = None,
@@ -156,8 +175,8 @@ def plot(
     cuts = selection_of(at)
     if csv is not None and (not exact or len(files) > 1):
         raise Refused(f"--csv {csv} is not allowed here; expected: with --exact, for a single file")
-    if not exact and (classes or most is not None):
-        raise Refused("--classes and --most are not allowed here; expected: with --exact")
+    if not exact and (classes or kinds or most is not None):
+        raise Refused("--classes, --kinds and --most are not allowed here; expected: with --exact")
     page = {
         "width": inches("--width", width),
         "height": inches("--height", height),
@@ -166,19 +185,16 @@ def plot(
         "xlim": limits("--xlim", xlim),
         "ylim": limits("--ylim", ylim),
     }
-    for option, number in (("--periods", periods), ("--dpi", dpi)):
-        if number is not None and number < 1:
-            raise Refused(f"{option} {number} is not allowed; expected: an integer >= 1")
     options = {
         "axes": tuple(axis) if axis else None,
         "coordinate": coordinate,
         "quantity": quantity,
-        "exact": branch_options(classes, most) if exact else None,
+        "exact": _chosen_orbits(classes, most, kinds) if exact else None,
         "below": tuple(below) if below else None,
+        "color": color,
         "periods": periods,
     }
-    ending = ".png" if kind is None else f"-{kind}.png"
-    figures = targets(files, output, [file.parent / f"{file.stem}{ending}" for file in files])
+    figures = targets(files, output, [_name(file, kind, cuts, options) for file in files])
     with ExitStack() as stack:
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
@@ -187,6 +203,28 @@ def plot(
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
                 draw(dataset, figure, kind, cuts, page, csv, **options)
+
+
+def _chosen_orbits(classes: str | None, most: int | None, kinds: str | None) -> dict[str, Any]:
+    """Convert the choice of exact branches or curves to arguments of `branches` or `curves`."""
+    chosen = branch_options(classes, most)
+    return chosen if kinds is None else chosen | {"kinds": re.split(r"\s*,\s*", kinds.strip())}
+
+
+def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, Any]) -> Path:
+    """Name a picture after the kind, the quantity and the place that are asked for."""
+    words = [] if kind is None else [kind]
+    for option, value in options.items():
+        if option == "exact":
+            words += [] if value is None else ["exact"]
+        elif option == "periods":
+            words += [] if value is None else [f"{value}-periods"]
+        elif value is not None:
+            words += [value] if isinstance(value, str) else value
+    for name, value in cuts.items():
+        words += [name, value if isinstance(value, str) else shortest(value)]
+    asked = re.sub(r"[^\w.+-]", "_", "-".join(words))  # valid in a name on every system
+    return file.parent / (f"{file.stem}-{asked}.png" if asked else f"{file.stem}.png")
 
 
 def draw(
@@ -217,7 +255,8 @@ def draw(
     written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
     say_moved(cuts, seen, "drawn")
     rig = rig_of(dataset)
-    for own, first in silent_cuts(dataset, kind, cut, chosen.get("axes", ())).items():
+    picks = chosen.get("axes", ()), chosen.get("color")
+    for own, first in silent_cuts(dataset, kind, cut, *picks).items():
         ((name, value),) = si_values({own: first}, rig).items()
         shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[own]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
@@ -236,7 +275,6 @@ def _exact(
 ) -> tuple[xr.Dataset, list[str], pd.DataFrame]:
     """Find the exact branches, or the curves of a map; return them, lines to print and a table."""
     from sweeps.analysis import tables
-    from sweeps.analysis.deviations import compare
     from sweeps.analysis.exact_branches import branches
     from sweeps.analysis.exact_curves import curves, map_axes
     from sweeps.analysis.rig import in_si
@@ -244,16 +282,17 @@ def _exact(
 
     axes, chosen = options.get("axes", ()), options["exact"]
     if kind == "map":
-        if chosen:
+        if "most" in chosen:
             raise Refused(
-                "--classes and --most choose exact branches, and a map shows curves; expected: "
-                "--exact alone"
+                f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
+                "--exact, with or without --classes"
             )
-        found = curves(dataset, map_axes(dataset, axes), cut)
+        found = curves(dataset, map_axes(dataset, axes, cut), cut, **chosen)
         table = tables.curve_table(in_si(found, dataset))
         return found, found.attrs["summary"].split("\n"), table
+    if "kinds" in chosen:
+        raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
     found = branches(dataset, axis, cut, **chosen)
-    compared = compare(dataset, axis, cut, coordinate, chosen.get("classes", ()))
-    lines = [compared, *found.attrs["summary"].split("\n")]
+    lines = found.attrs["summary"].split("\n")
     return found, lines, tables.branch_table(in_si(found, dataset), coordinate)

@@ -5,6 +5,8 @@ As in ``main.py``, modules are imported inside the commands.
 
 from __future__ import annotations
 
+import codecs
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -59,10 +61,6 @@ def attractors(
 def integrity(
     file: SweepFile,
     at: At = None,
-    weight: Annotated[
-        float | None,
-        typer.Option(metavar="W", help="Weight of v in distances [time]; 1 / p if not given."),
-    ] = None,
     csv: Csv = None,
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
@@ -78,12 +76,12 @@ def integrity(
     with open_sweep(file) as dataset, named(file):
         seen, here = on_axes(dataset, cuts)
         shown = cut(dataset, here)
-        found = measures.integrity(shown, weight)
+        found = measures.integrity(shown)
         if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
             found = knocks(shown, found)
         say_moved(cuts, seen, "shown")
         frame = measures.table_of(in_si(found, dataset))
-        say(measures.describe(frame, weight))
+        say(measures.describe(frame))
         if csv is not None:
             write_csv(csv, frame)
             say(csv)
@@ -137,13 +135,19 @@ def info(
 
 
 def _show_configuration(dataset: xr.Dataset) -> None:
-    """Show the configuration, including its table; refuse a table that is too long for YAML."""
+    """Show the configuration, including its table; refuse a table that is too long for YAML.
+
+    If the output is not in UTF-8, it is in ASCII, so that `run` reads it also if PowerShell has
+    written it to a file.
+    """
     from sweeps.analysis.selection import config_of
 
     rows = dataset.sizes.get("point", 0)
     if rows > 1000:
         raise Refused(f"{rows:,} rows are too many for YAML; run also accepts the file itself")
-    say(config_of(dataset).to_yaml() if rows else dataset.attrs["configuration"], end=False)
+    encoding = getattr(sys.stdout, "encoding", "utf-8")  # without stdout nothing is shown
+    in_utf_8 = codecs.lookup(encoding).name == "utf-8"
+    say(config_of(dataset).to_yaml(ascii=not in_utf_8), end=False)
 
 
 def _show_bifurcations(
@@ -184,12 +188,18 @@ def export(
         Path,
         typer.Option("-o", "--output", metavar="FILE", help="The .csv or .parquet file to write."),
     ],
+    rows: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="What has a row: points, sections or impacts."),
+    ] = "points",
 ) -> None:
-    """Write a row for every point: its parameters, and every result that is a single number."""
-    from sweeps.analysis.tables import check_table, write_points
+    """Write a row for every point, with its single-number results, or every section or impact."""
+    from sweeps.analysis.tables import ROWS, check_table, write_rows
     from sweeps.store import open_sweep
 
+    if rows not in ROWS:
+        raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     check_table(output)
     with open_sweep(file) as dataset, named(file):
-        rows = write_points(dataset, output)
-    say(f"{output}: {rows:,} {'row' if rows == 1 else 'rows'}")
+        written = write_rows(dataset, output, rows)
+    say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}")

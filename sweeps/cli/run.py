@@ -98,7 +98,7 @@ def run(
     with _client(dask, threads, quiet) as client:
         if dry_run:
             texts = [
-                _plan(sweep, path, threads, client, resume)
+                plan_of(sweep, path, threads, client, resume)
                 for sweep, path in zip(sweeps, paths, strict=True)
             ]
             say("\n\n".join(texts))
@@ -130,7 +130,7 @@ def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[C
         yield client
 
 
-def _plan(
+def plan_of(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""

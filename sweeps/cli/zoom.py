@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,10 +17,12 @@ from sweeps.cli.options import (
     SweepFile,
     Threads,
     existing_output,
+    inches,
     interval,
+    say,
 )
-from sweeps.cli.plot import draw
-from sweeps.cli.run import run_and_report
+from sweeps.cli.plot import Coordinate, Width, draw
+from sweeps.cli.run import DryRun, plan_of, run_and_report
 from sweeps.errors import Refused
 from sweeps.interrupts import raised_at_once
 from sweeps.text import shortest
@@ -50,13 +52,17 @@ def zoom(
     file: SweepFile,
     pieces: Pieces,
     output: Output = None,
+    coordinate: Coordinate = None,
+    width: Width = None,
     threads: Threads = None,
+    dry_run: DryRun = False,
     resume: Resume = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Compute a piece of a sweep with the same number of points along its axes, and draw it."""
     from sweeps.analysis.selection import COORDINATES
     from sweeps.engine.configurations import read_config, zoomed
+    from sweeps.plotting.lines import choose_coordinate
     from sweeps.plotting.saving import check_picture
     from sweeps.store import check_output, open_sweep
 
@@ -68,18 +74,24 @@ def zoom(
             f"{' '.join(pieces)} is not allowed; expected: each name once, at least one swept "
             f"axis, and at most one of {', '.join(COORDINATES)}"
         )
-    page: dict[str, Any] = {"ylim": limits[drawn[0]]} if drawn else {}
-    coordinate: dict[str, Any] = {"coordinate": drawn[0]} if drawn else {}
+    if drawn and coordinate not in (None, drawn[0]):
+        raise Refused(f"--coordinate {coordinate} and limits of {drawn[0]} exclude each other")
+    coordinate = drawn[0] if drawn else coordinate
+    page = {"ylim": limits[drawn[0]] if drawn else None, "width": inches("--width", width)}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
-    open_sweep(file, verify=False).close()  # refuses a configuration
+    with open_sweep(file, verify=False) as dataset:  # refuses a configuration
+        choose_coordinate(dataset, coordinate)  # the piece has the same
     sweep = zoomed(read_config(file), axes)
     path = output or file.with_name(_name(file, axes))
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
+    if dry_run:
+        say(plan_of(sweep, path, threads, None, resume))
+        return
     run_and_report(sweep, path, quiet=False, threads=threads, **existing)
     with open_sweep(path, verify=False) as dataset, raised_at_once():
-        draw(dataset, figure, None, {}, page, **coordinate)
+        draw(dataset, figure, None, {}, page, coordinate=coordinate)
 
 
 def _piece(text: str) -> tuple[str, tuple[float, float]]:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
-from sweeps.config.groups import OscillatorConfig
-from sweeps.config.rig import si_name, si_values
+from sweeps.config.groups import FollowConfig, MethodConfig, OscillatorConfig, RecordConfig
 from sweeps.config.values import MisplacedError, as_array, extremes
 from vibroimpact.oscillator import POINT
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import MOST_STEPS
 from vibroimpact.step.stability import least_stable_steps
-
-if TYPE_CHECKING:
-    from sweeps.config.sweep import SweepConfig
 
 # Number of values of h examined at once, to bound the memory for a long axis.
 _CHUNK = 1 << 16
@@ -81,9 +77,14 @@ def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     )
 
 
-def refuse_refinement(sweep: SweepConfig, axis: str) -> None:
-    """Refuse refinement along an axis if the sweep does not allow it."""
-    name, axes = si_name(axis, sweep.rig), si_values(sweep.grid.axes, sweep.rig)
+def refuse_refinement(
+    name: str,
+    axes: Mapping[str, np.ndarray],
+    method: MethodConfig,
+    record: RecordConfig,
+    follow: FollowConfig | None,
+) -> None:
+    """Refuse refinement along the axis `name`, one of the swept `axes`, if that is not possible."""
     if list(axes) != [name]:
         swept = ", ".join(axes) or "none"
         raise MisplacedError(
@@ -96,24 +97,24 @@ def refuse_refinement(sweep: SweepConfig, axis: str) -> None:
             ("refine", "axis"),
             f"{name} cannot be refined; expected: two or more values of it, in increasing order",
         )
-    if sweep.method.impact != "exact":
+    if method.impact != "exact":
         raise MisplacedError(
             ("refine",),
-            f"refine needs the impact rule exact, not {sweep.method.impact}; "
+            f"refine needs the impact rule exact, not {method.impact}; "
             "expected: method.impact: exact, or no refine",
         )
-    if "period" not in sweep.record.diagnostics:
+    if "period" not in record.diagnostics:
         raise MisplacedError(
             ("refine",),
             "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
             "[period, lyapunov], or no refine",
         )
-    if sweep.record.trajectory:
+    if record.trajectory:
         raise MisplacedError(
             ("record", "trajectory"),
             "cannot be recorded with refine; expected: false, or no refine",
         )
-    if sweep.follow is not None and sweep.follow.direction == "both":
+    if follow is not None and follow.direction == "both":
         raise MisplacedError(
             ("follow", "direction"),
             "both directions cannot be refined at once; expected: up or down, or no refine",

@@ -42,6 +42,9 @@ from vibroimpact.step.scheme import IMPACT_RULES, MOST_PERIODS, MOST_RECORDED, M
 #: Optional quantities of each point, in addition to those that are always recorded.
 DIAGNOSTICS = ("period", "lyapunov")
 
+#: Longest transient that is found, if no other is given.
+LONGEST_TRANSIENT = 10_000
+
 #: Directions in which an axis can be followed.
 DIRECTIONS = ("up", "down", "both")
 
@@ -175,11 +178,29 @@ def _false(value: object) -> object:
     return False if isinstance(value, str) and value.lower() == "false" else value
 
 
+def _auto(value: object) -> object:
+    """Convert the text "auto" to None, as which a transient that is found is kept."""
+    return None if isinstance(value, str) and value.lower() == "auto" else value
+
+
 class RecordConfig(Group):
     """Which results of each point are recorded."""
 
-    transient: Integer = integer(
-        "forcing periods computed before anything is kept", 0, MOST_PERIODS, 200
+    transient: Annotated[
+        Annotated[int, Field(ge=0, le=MOST_PERIODS), BeforeValidator(plain_integer)] | None,
+        BeforeValidator(_auto),
+    ] = Field(
+        200,
+        description="forcing periods computed before anything is kept: an integer from 0 to "
+        f"{MOST_PERIODS}, or auto for as many as each point needs to reach its orbit",
+    )
+    longest: Annotated[
+        Annotated[int, Field(ge=1, le=MOST_PERIODS), BeforeValidator(plain_integer)] | None,
+        BeforeValidator(null),
+    ] = Field(
+        None,
+        description=f"with transient: auto, the longest transient: an integer from 1 to "
+        f"{MOST_PERIODS}; null for {LONGEST_TRANSIENT}",
     )
     periods: Integer = integer("forcing periods kept, with one section each", 1, MOST_RECORDED, 100)
     phase: Number = Field(
@@ -204,6 +225,35 @@ class RecordConfig(Group):
         description="what else to compute of each point: a list of names out of "
         f"{', '.join(DIAGNOSTICS)}",
     )
+
+    @property
+    def left_out(self) -> int:
+        """Forcing periods that every point leaves out; 0 if each has its own transient."""
+        return self.transient or 0
+
+    @property
+    def most_left_out(self) -> int:
+        """Most forcing periods that a point leaves out."""
+        if self.transient is None:
+            return self.longest or LONGEST_TRANSIENT
+        return self.transient
+
+    @model_validator(mode="after")
+    def _transient_can_be_found(self) -> Self:
+        if self.transient is not None and self.longest is not None:
+            raise MisplacedError(
+                ("record", "longest"), "is only for transient: auto; expected: no longest, or auto"
+            )
+        if self.transient is None and "period" not in self.diagnostics:
+            raise MisplacedError(
+                ("record", "transient"),
+                "auto needs the classes of motions; expected: diagnostics: [period]",
+            )
+        if self.transient is None and self.trajectory:
+            raise MisplacedError(
+                ("record", "transient"), "auto cannot be used with trajectory; expected: an integer"
+            )
+        return self
 
     @field_validator("diagnostics")
     @classmethod

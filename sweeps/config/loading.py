@@ -5,7 +5,8 @@ Each error names the file, the line, the key, the given value and the allowed va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import codecs
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +52,26 @@ def load_config(
     ------
     ConfigError
         If a file cannot be read, is not valid YAML, or has a key or value that is not allowed.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> config = sweeps.load_config(scene, ["oscillator.h=0.05"])
+    >>> config.size, config.record.transient
+    (20, 200)
     """
     if isinstance(source, Mapping):
-        given = {key: value if key == "points" else _plain(value) for key, value in source.items()}
+        given = {
+            str(key): value if key == "points" else _plain(value) for key, value in source.items()
+        }
         return _checked(given, "the configuration", {}, overrides)
-    path = Path(source)
+    try:
+        path = Path(source)
+    except TypeError:
+        typed, expected = shortened(repr(source)), f"a YAML file, or {key_list(SweepConfig)}"
+        raise ConfigError(f"the configuration is {typed}; expected: {expected}") from None
     return parse_config(_text(path), str(path), path.stem, overrides)
 
 
@@ -80,6 +96,8 @@ def _checked(
     data: dict[str, Any], origin: str, sources: dict[Key, str], overrides: Sequence[str]
 ) -> SweepConfig:
     """Return the configuration of `data` with `overrides`; raise ConfigError if it is not valid."""
+    if isinstance(overrides, str) or not isinstance(overrides, Iterable):
+        raise ConfigError(f"overrides = {overrides!r}; expected: a list of texts key=value")
     for override in overrides:
         _override(data, override, sources)
     if null(data.get("points")) is not None:
@@ -99,22 +117,27 @@ def _checked(
         raise ConfigError("\n".join(texts)) from None
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, level: int = 2) -> Any:
     """Convert a Python value to plain mappings, lists and numbers, without NumPy types."""
+    if level > _DEEPEST:  # a mapping may contain itself
+        raise ConfigError(f"the configuration: more than {_DEEPEST} levels are not allowed")
     if isinstance(value, Mapping):
-        return {str(name): _plain(item) for name, item in value.items()}
+        return {str(name): _plain(item, level + 1) for name, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+    if isinstance(value, (list, tuple)):
+        return [_plain(item, level + 1) for item in value]
+    return value
 
 
 def _text(path: Path) -> str:
-    """Read a UTF-8 file of at most ``_MOST_BYTES`` bytes."""
+    """Read a file of at most ``_MOST_BYTES`` bytes, in UTF-8 or, as its first bytes say, UTF-16."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
         if len(data) <= _MOST_BYTES:
-            return data.decode("utf-8-sig")
+            utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+            return data.decode("utf-16" if utf_16 else "utf-8-sig")
         reason = f"longer than {_MOST_BYTES:,} bytes"
     except OSError as error:
         reason = error.strerror or type(error).__name__
@@ -200,10 +223,10 @@ def _text_of(node: yaml.Node, source: str) -> str:
         raise ConfigError(f"{source}: {reason}") from None
 
 
-def _override(data: dict[str, Any], override: str, sources: dict[Key, str]) -> None:
+def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -> None:
     """Apply one override to `data`."""
-    origin = f"override {shortened(override)}"
-    name, equals, value = override.partition("=")
+    origin = f"override {shortened(str(override))}"
+    name, equals, value = str(override).partition("=")
     key = tuple(name.strip().split("."))
     if not equals or not all(key):
         raise ConfigError(f"{origin}: expected key=value, for example oscillator.h=0.2")

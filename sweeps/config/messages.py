@@ -160,6 +160,7 @@ _OTHER_NAMES = {
     "integrator": "scheme solver",
     "impact": "rule impact_rule collision",
     "steps_per_period": "steps step time_step timestep dt",
+    "longest": "max_transient maximum",
     "transient": "transients skip discard warmup burn_in",
     "periods": "cycles n_periods duration",
     "trajectory": "time_series samples",

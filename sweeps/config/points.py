@@ -14,7 +14,7 @@ import numpy as np
 from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.values import MisplacedError, plain_number
 from sweeps.grid import as_table
-from sweeps.text import nearest, shortened, suggestion
+from sweeps.text import nearest, printable, shortened, suggestion
 from vibroimpact.oscillator import PARAMETERS
 
 
@@ -61,6 +61,8 @@ def with_columns(data: dict[str, Any]) -> dict[str, Any]:
 
 def _read_csv(path: Path) -> dict[str, np.ndarray]:
     """Return the columns of a CSV file, those of parameters as numbers if all their cells are."""
+    if path.exists() and not path.is_file():  # a device may never end, and a FIFO never begin
+        raise ValueError("is not a regular file; expected: a CSV file")
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy warns of a file without rows
         names = [name.strip() for name in next(csv.reader([file.readline()]), [])]
@@ -83,16 +85,30 @@ def _columns(given: Any) -> dict[str, np.ndarray]:
     if names is None and not hasattr(given, "items"):
         raise ValueError("no table; expected: a CSV file, or a mapping of columns")
     items = given.items() if names is None else ((name, given[name]) for name in names)
-    columns = {str(name): np.asarray(column) for name, column in items}
-    _check_names(list(columns))
+    pairs = [(str(name), column) for name, column in items]
+    _check_names([name for name, _ in pairs])
+    for name, column in pairs:
+        if np.ma.is_masked(column):
+            row = int(np.ma.getmaskarray(column).argmax()) + 1
+            raise ValueError(f"row {row}, column {name} is masked; expected: a value in every row")
+    try:
+        columns = {name: _array(column) for name, column in pairs}
+    except ValueError:  # lists of different lengths in a column
+        columns = {}
     shapes = {column.shape for column in columns.values()}
-    if len(shapes) > 1 or len(*shapes) != 1:
+    if len(shapes) != 1 or len(*shapes) != 1:
         raise ValueError("the columns must be lists of equal length")
     return columns
 
 
+def _array(column: Any) -> np.ndarray:
+    """Convert a column to an array; an array of texts would drop a NUL at their ends."""
+    values = np.asarray(column)
+    return np.asarray(column, object) if values.dtype.kind == "U" else values
+
+
 def _check_names(names: list[str]) -> None:
-    """Refuse a table without a parameter column, misspelt parameters, and malformed names."""
+    """Refuse a table without a parameter column, and repeated, misspelt and malformed names."""
     missing = [name for name in PARAMETERS if name not in names]
     if len(missing) == len(PARAMETERS):
         problem = f"no column of {shortened(', '.join(names))} is a parameter"
@@ -101,6 +117,8 @@ def _check_names(names: list[str]) -> None:
             f"{', '.join(PARAMETERS)}, and commas between the columns"
         )
     for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"column {name or '(nothing)'} is given twice; expected: once")
         word = nearest(name, missing, least=0.8) if name not in PARAMETERS else None
         # A further column becomes a coordinate of the file, whose name other programs must accept.
         if word or not re.fullmatch(r"\w[\w.-]*", name):
@@ -113,25 +131,38 @@ def _check_names(names: list[str]) -> None:
 def _checked(name: str, column: np.ndarray) -> np.ndarray:
     """Return the values of a column; refuse the first value that its parameter does not allow."""
     numeric = column.dtype.kind in "iuf"
-    values = column if numeric else np.array([_number(cell) for cell in column.tolist()], float)
-    if name not in PARAMETERS:
-        # A float64 would round a longer serial number, which therefore stays a text.
-        exact = numeric or (np.abs(values) < 2**53).all()
-        return values if exact else np.array([str(cell) for cell in column.tolist()], object)
-    wrong = ~PARAMETERS[name].accepts(values)
+    values = column if numeric else np.array([_number(cell) for cell in column], float)
+    parameter = PARAMETERS.get(name)
+    if parameter is None:
+        wrong = np.array([not numeric and not _is_plain(cell) for cell in column], bool)
+        allowed = "a number, or a Unicode text without NUL"
+    else:
+        wrong, allowed = ~parameter.accepts(values), parameter.allowed
     if wrong.any():
         row = int(wrong.argmax())
-        typed = shortened(str(column[row])) or "(nothing)"
-        point = ", with a decimal point" if "," in typed else ""
-        problem = f"{typed} is not allowed; expected: {PARAMETERS[name].allowed}{point}"
+        typed = shortened(printable(str(column[row]))) or "(nothing)"
+        point = ", with a decimal point" if parameter and "," in typed else ""
+        problem = f"{typed} is not allowed; expected: {allowed}{point}"
         raise ValueError(f"row {row + 1}, column {name} = {problem}")
-    return values.astype(float, copy=False)
+    if parameter is not None:
+        return values.astype(float, copy=False)
+    # A float64 would round a longer serial number, which therefore stays a text.
+    exact = numeric or (np.abs(values) < 2**53).all()
+    return values if exact else np.array([str(cell) for cell in column], object)
+
+
+def _is_plain(cell: Any) -> bool:
+    """Whether a cell is a number or a text that a file can hold."""
+    if isinstance(cell, str):
+        return "\0" not in cell and not re.search("[\ud800-\udfff]", cell)
+    if isinstance(cell, bool | np.timedelta64):  # integers, too
+        return False
+    return isinstance(cell, int | float | np.integer | np.floating) and bool(cell == cell)
 
 
 def _number(cell: Any) -> float:
     """Return the number in a cell, or NaN if the cell is not a number."""
     try:
-        plain_number(cell)
-        return float(cell)
-    except (TypeError, ValueError):
+        return float(plain_number(cell)) if _is_plain(cell) else math.nan  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
         return math.nan

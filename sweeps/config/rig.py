@@ -33,7 +33,8 @@ def _described(name: str, symbol: str, meaning: str, unit: str) -> Parameter:
     return replace(PARAMETERS[name], symbol=symbol, meaning=meaning, unit=unit, default=None)
 
 
-_MASS = _described("p", "m", "mass", "kg")
+#: The mass, which no parameter of the model is made from alone.
+MASS = _described("p", "m", "mass", "kg")
 _TURN = 2.0 * math.pi
 
 #: The quantities of the rig, by the names of the model.
@@ -75,7 +76,7 @@ class RigConfig(Group):
     """
 
     mass: Annotated[Number, Field(gt=0.0)] = Field(
-        description=f"mass [kg]: {_MASS.allowed}, the same all over the sweep"
+        description=f"mass [kg]: {MASS.allowed}, the same all over the sweep"
     )
     stiffness: Values = parameter_field(QUANTITIES["p"].description)
     damping: Values = parameter_field(QUANTITIES["h"].description)
@@ -89,6 +90,22 @@ class RigConfig(Group):
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of the parameter they are converted to."""
         return refuse_out_of_bounds(value, PARAMETERS[model_name(str(info.field_name))])
+
+    def in_si(self, name: str, value: Any) -> Any:
+        """Convert a quantity of the model; what was made from a value of the rig gives that back.
+
+        The formula alone gives it back up to rounding: 14.999999999999998 Hz for 15 Hz.
+        """
+        quantity = QUANTITIES[name]
+        converted = quantity.in_si(self.mass, value)
+        given = getattr(self, quantity.name, None)
+        if given is None or isinstance(given, np.ndarray):  # a result, or a column of the model
+            return converted
+        given = np.atleast_1d(given.values() if isinstance(given, Range) else given)
+        made = np.asarray(quantity.in_model(self.mass, given))
+        order = np.argsort(made)
+        nearest = order[np.searchsorted(made[order], value).clip(max=len(made) - 1)]
+        return np.where(made[nearest] == value, given[nearest], converted)[()]
 
     def oscillator(self) -> dict[str, Any]:
         """Return the parameters of the model, in the order of the rig's keys."""
@@ -157,7 +174,7 @@ def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any
     return {
         si_name(name, rig): value
         if rig is None or name not in QUANTITIES or isinstance(value, str)
-        else QUANTITIES[name].in_si(rig.mass, value)
+        else rig.in_si(name, value)
         for name, value in values.items()
     }
 

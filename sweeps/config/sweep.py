@@ -6,6 +6,7 @@ The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.
 from __future__ import annotations
 
 import math
+import re
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -35,7 +36,7 @@ from sweeps.config.groups import (
     key_list,
 )
 from sweeps.config.points import with_columns
-from sweeps.config.rig import RigConfig, checked_units, si_name, with_rig
+from sweeps.config.rig import RigConfig, checked_units, si_name, si_values, with_rig
 from sweeps.config.values import (
     Group,
     Key,
@@ -61,6 +62,17 @@ _MOST_POINTS = 1_000_000_000
 _MOST_SAMPLES = 10_000_000
 
 
+# The characters that a name may not have, as a part of a regular expression.
+_NOT_IN_A_NAME = r"/\\\x00-\x1f\x7f-\x9f"
+
+
+def _checked_name(name: object) -> object:
+    """Refuse a name with a character that is not allowed; say which."""
+    if isinstance(name, str) and (wrong := re.search(rf"[{_NOT_IN_A_NAME}\ud800-\udfff]", name)):
+        raise ValueError(f"has the character {wrong[0]!a}, which is not allowed")
+    return name
+
+
 def _group(meaning: str, group: type[Group]) -> Any:
     """Return the field of a group whose keys all have a default."""
     text = f"{meaning}: {key_list(group)}"
@@ -68,11 +80,21 @@ def _group(meaning: str, group: type[Group]) -> Any:
 
 
 class SweepConfig(Group):
-    """A sweep of the forced oscillator with impacts, over a grid or a table of its parameters."""
+    """A sweep of the forced oscillator with impacts, over a grid or a table of its parameters.
 
-    name: str = Field(
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> config = sweeps.load_config(scene)
+    >>> config.oscillator.R, config.method.impact, config.size
+    (0.8, 'exact', 20)
+    """
+
+    name: Annotated[str, BeforeValidator(_checked_name)] = Field(
         "sweep",
-        pattern=r"^[^/\\\x00-\x1f\x7f-\x9f]+$",
+        pattern=f"^[^{_NOT_IN_A_NAME}]+$",
         description="name of the sweep: a text without slashes and control characters "
         "(default: the name of the configuration file)",
     )
@@ -218,6 +240,10 @@ class SweepConfig(Group):
         if value is not None and info.data.get("points") is not None:
             problem = "needs an axis, but points has none; expected: a range instead of points"
             raise MisplacedError((str(info.field_name),), problem)
+        record = info.data.get("record")
+        if value is not None and record is not None and record.transient is None:
+            problem = f"auto cannot be used with {info.field_name}; expected: an integer"
+            raise MisplacedError(("record", "transient"), problem)
         return value
 
     @field_validator("follow")
@@ -241,10 +267,11 @@ class SweepConfig(Group):
     @model_validator(mode="after")
     def _can_be_refined(self) -> Self:
         if self.refine is not None:
-            refuse_refinement(self, self.refine.axis)
+            name, axes = si_name(self.refine.axis, self.rig), si_values(self.grid.axes, self.rig)
+            refuse_refinement(name, axes, self.method, self.record, self.follow)
         return self
 
-    def with_record(self, **changes: int) -> Self:
+    def with_record(self, **changes: object) -> Self:
         """Return a copy of the sweep with changes to ``record``, and with empty caches."""
         record = self.record.model_copy(update=changes)
         made = type(self).model_construct(**{**dict(self), "record": record})
@@ -271,7 +298,8 @@ class SweepConfig(Group):
         record, follow = self.record, self.follow
         return RunSpec(
             **self.integration,
-            transient=record.transient,
+            transient=record.left_out,
+            longest=record.most_left_out if record.transient is None else None,
             periods=record.periods,
             phase=record.phase,
             impacts=record.impacts,
@@ -310,17 +338,28 @@ class SweepConfig(Group):
         """Number of points to compute, counting each direction of a followed axis."""
         return self.grid.size * max(1, len(self.directions))
 
-    def to_yaml(self, *, table: bool = True) -> str:
+    def to_yaml(self, *, table: bool = True, ascii: bool = False) -> str:
         """Return the configuration as YAML with all defaults, without output and compression.
 
         Loading it gives the same sweep: the same values and steps, and the axes in the same order.
-        With ``table=False`` the table of points is left out.
+        With ``table=False`` the table of points is left out. With ``ascii=True`` all other
+        characters are escaped.
+
+        >>> import sweeps
+        >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+        >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+        >>> print(sweeps.load_config(scene).to_yaml().splitlines()[0])
+        oscillator:
         """
         plain = _plain(self)
         if self.points is None or not table:
             del plain["points"]
         del plain["output"], plain["compression"]
         del plain["rig" if self.rig is None else "oscillator"]
+        if plain["record"]["transient"] is None:
+            plain["record"]["transient"] = "auto"
+        if plain["record"]["longest"] is None:
+            del plain["record"]["longest"]
         for name in ("follow", "refine"):
             if plain[name] is None:
                 del plain[name]
@@ -331,7 +370,7 @@ class SweepConfig(Group):
         if self.units == UnitsConfig():
             del plain["units"]
         options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None}
-        text: str = yaml.safe_dump(plain, **options, allow_unicode=True)
+        text: str = yaml.safe_dump(plain, **options, allow_unicode=not ascii)
         # Escape control characters, which a terminal would obey; YAML reads both forms alike.
         return text if printable(text) == text else yaml.safe_dump(plain, **options)
 

@@ -54,7 +54,9 @@ def compute_block(
         check()
         advance(points)
 
-    return compute_box(config.spec, values, grid.fixed, threads, unless_cancelled, thread_flag())
+    results = compute_box(config.spec, values, grid.fixed, threads, unless_cancelled, thread_flag())
+    check()  # the classes of the last points may be missing
+    return results
 
 
 def compute(

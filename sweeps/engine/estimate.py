@@ -31,7 +31,7 @@ _BLOCK_STEPS = 200_000_000
 _LEAST_BLOCK = 128
 #: Least number of blocks in which a sweep is computed and reported, if it has enough points.
 _BLOCKS = 50
-#: Number of trajectory samples at impacts reserved in every period.
+#: Least number of trajectory samples at impacts reserved in every period.
 _AT_IMPACTS = 8
 
 #: The last trial is the first one that takes longer than this [s].
@@ -45,9 +45,10 @@ class Cost:
     """The expected cost of a sweep.
 
     `seconds` is extrapolated from short trials, which cannot show later changes of the motions; it
-    excludes compilation. The next three are in bytes: `file` is the size of the complete file
-    without compression, `disk` the disk space for the file and the journal, and `memory` the memory
-    for the blocks. `block` is the number of points in a block.
+    excludes compilation and other processes. The next three are in bytes: `file` is the size of the
+    complete file without compression, with as many samples at impacts as in the trials; `disk` is
+    the disk space for the file and the journal, and `memory` the memory for the blocks. `block` is
+    the number of points in a block.
     """
 
     seconds: float
@@ -57,12 +58,18 @@ class Cost:
     block: int
 
 
+#: Forcing periods that a transient takes if it is found, as a guess for the size of blocks.
+_TYPICAL = 1000
+
+
 def expected_cost(config: SweepConfig, path: Path, computer: Computer, resume: bool) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
-    file = config.size * bytes_per_point(config.spec)
-    disk = 2 * config.size * bytes_per_point(config.spec, _AT_IMPACTS)
+    check_room(path, 2 * config.size * bytes_per_point(config.spec, _AT_IMPACTS), resume=resume)
+    seconds, at_impacts = in_thread(trial, config, computer.threads)
+    seconds /= computer.cores
+    file = config.size * bytes_per_point(config.spec, at_impacts)
+    disk = 2 * config.size * bytes_per_point(config.spec, max(at_impacts, _AT_IMPACTS))
     check_room(path, disk, resume=resume)
-    seconds = in_thread(expected_seconds, config, computer.threads) / computer.cores
     points = config.grid.size
     block = min(block_size(config, **computer.block_limits(seconds, points)), points)
     memory = _BLOCKS_HELD * block * _memory_per_point(config)
@@ -84,7 +91,8 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     # Full sets of lanes may take more memory than a normal block.
     wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
-    work = _BLOCK_STEPS // ((record.transient + record.periods) * config.steps * chain)
+    left_out = min(record.most_left_out, _TYPICAL) if record.transient is None else record.transient
+    work = _BLOCK_STEPS // ((left_out + record.periods) * config.steps * chain)
     most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
     wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
     # Whole sets of lanes, if one fits, because they fill the SIMD vectors.
@@ -130,13 +138,44 @@ def _available_memory() -> int:
     return int(psutil.virtual_memory().available)
 
 
-def expected_seconds(config: SweepConfig, threads: int | None) -> float:
-    """Return the expected duration of a sweep, from trials of few points with growing periods."""
+def trial(config: SweepConfig, threads: int | None) -> tuple[float, float]:
+    """Return the expected seconds of a sweep, and its samples at impacts in a recorded period.
+
+    Both come from trials of few points with growing periods. The time is the processor time on each
+    thread, which other processes do not lengthen.
+    """
+    threads = threads or ALL_THREADS
+    calls, size = _tried(config, threads)
+    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if necessary
+    # The threads that compute the kernel, as `integrate` chooses them; this thread does the rest.
+    parallel = min(threads, -(-calls[0].size // lanes_per_batch(calls[0].size, threads)))
+    total_periods = config.record.most_left_out + config.record.periods
+    periods = 1
+    while True:
+        shorter = _shortened(config, periods)
+        samples = 0
+        whole, alone = time.process_time(), time.thread_time()
+        for points in calls:
+            results = compute(shorter, points, threads)
+            samples = max(samples, *results.get("trajectory_t", np.empty((0, 0))).shape[1:])
+        whole, alone = time.process_time() - whole, time.thread_time() - alone
+        elapsed = alone + (whole - alone) / parallel
+        if elapsed > _TRIAL or periods == total_periods:
+            seconds = elapsed * size / sum(map(len, calls))
+            if config.record.transient is not None:  # most motions need no longest transient
+                seconds *= total_periods / periods
+            at_impacts = samples - widths_of(shorter.spec)["sample"]
+            return seconds, at_impacts / shorter.record.periods
+        periods = min(2 * periods, total_periods)
+
+
+def _tried(config: SweepConfig, threads: int) -> tuple[list[np.ndarray], int]:
+    """Return the points of each call of a trial, and the number of points of the sweep."""
     # Try no more points than a block computes side by side: a full set of lanes takes hardly longer
     # than a few.
     chains = min(block_size(config), config.grid.size) // _chain(config)
     beside = chains * max(1, len(config.directions))
-    count = min(2 * _lanes(config) * (threads or ALL_THREADS), beside)
+    count = min(2 * _lanes(config) * threads, beside)
     # With few lanes, try several sets: a few points may not be typical.
     number, size = -(-_LEAST_TRIED // count) if config.follow else 1, config.size
     tried = config.grid.spread(number * count)
@@ -144,18 +183,7 @@ def expected_seconds(config: SweepConfig, threads: int | None) -> float:
     if config.spec.scaled:
         calls[0]["f"] = 1.0
         calls, size = [np.unique(calls[0])], size // len(config.grid.axes.get("f", "1"))
-    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if necessary
-    total_periods = config.record.transient + config.record.periods
-    periods = 1
-    while True:
-        trial = _shortened(config, periods)
-        began = time.perf_counter()
-        for points in calls:
-            compute(trial, points, threads)
-        elapsed = time.perf_counter() - began
-        if elapsed > _TRIAL or periods == total_periods:
-            return elapsed * total_periods / periods * size / sum(map(len, calls))
-        periods = min(2 * periods, total_periods)
+    return calls, size
 
 
 def _lanes(config: SweepConfig) -> int:
@@ -164,12 +192,18 @@ def _lanes(config: SweepConfig) -> int:
 
 
 def _shortened(config: SweepConfig, total: int) -> SweepConfig:
-    """Return the same sweep over `total` periods, with the same share of them recorded."""
+    """Return the same sweep over `total` periods, with the same share of them recorded.
+
+    A followed sweep finds its classes once, at the end, and so they are left out.
+    """
     record = config.record
-    periods = max(1, total * record.periods // (record.transient + record.periods))
-    shorter = {
-        "transient": total - periods,
-        "periods": periods,
-        "impacts": min(record.impacts, 8 * periods),
-    }
-    return config.with_record(**shorter)
+    left_out = "period" if config.follow else None
+    periods = max(1, total * record.periods // (record.most_left_out + record.periods))
+    found = record.transient is None
+    return config.with_record(
+        transient=None if found else total - periods,
+        longest=max(1, total - periods) if found else None,
+        periods=periods,
+        impacts=min(record.impacts, 8 * periods),
+        diagnostics=tuple(name for name in record.diagnostics if name != left_out),
+    )

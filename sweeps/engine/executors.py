@@ -12,13 +12,12 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
-from numba.core import event
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
 from sweeps.grid import Block
 from sweeps.interrupts import check, set_thread_flag
-from vibroimpact.jit import ALL_THREADS
+from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.run import FEWEST_LANES
 
 if TYPE_CHECKING:
@@ -29,23 +28,13 @@ T = TypeVar("T")
 _WAIT = 0.1
 
 
-class _Compilation(event.Listener):
-    """Ends a cancelled compilation before its next compiler pass; a pass takes 3 s at most."""
-
-    def on_start(self, event: event.Event) -> None:
-        check()
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-
 @contextmanager
 def cancelled_by(flag: np.ndarray) -> Iterator[None]:
     """End the work of this thread in the block with `Cancelled` once `flag` is set."""
     set_thread_flag(flag)
     try:
         check()
-        with event.install_listener("numba:run_pass", _Compilation()):
+        with called_before_passes(check):  # a pass takes 3 s at most
             yield
     finally:
         set_thread_flag(None)

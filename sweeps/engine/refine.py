@@ -3,10 +3,11 @@
 The interval between two neighbours of different classes is halved repeatedly: each half whose ends
 still differ in class is halved again. If the class in the middle is a third one, both halves are.
 
-A motion that neither rests nor is chaotic has the class of the stable periodic orbit to which it
-converges (`sweeps.analysis.nearby_orbit`), whatever its record shows. If no such orbit is found,
-the motion is computed again for four times as long, up to ``MOST_EXTENSIONS`` times. If the class
-in the middle of an interval is still unknown then, the interval is not halved further. If grid
+A periodic motion has the class of its destination (`vibroimpact.destination`), whatever its record
+shows, and the orbit itself is recorded. A motion without a class is computed again for four times
+as long, up to ``MOST_EXTENSIONS`` times. Close to a flip no motion settles in this time, so the
+class is then that of a stable orbit near by, although the motion was not shown to reach it. If the
+class in the middle of an interval is still unknown, the interval is not halved further. If grid
 points of unknown class lie within an interval, its middle may be one of them, which is then
 computed longer.
 """
@@ -19,13 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.analysis.regimes import Label, Regime, changes, labels
-from sweeps.analysis.selection import dataset_of, oscillator_of
+from sweeps.analysis.selection import dataset_of
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import mesh
+from vibroimpact.points.destinations import destinations
+from vibroimpact.status import Evidence
 
 #: Most intervals halved at the same time: a chaotic range has windows everywhere.
 MOST_INTERVALS = 1000
@@ -68,44 +70,48 @@ class Classifier:
             if not remaining.size:
                 break
             from_states = None if starts is None else starts[remaining]
-            transient = 4**extension * (record.transient + record.periods) - record.periods
+            transient = 4**extension * (record.left_out + record.periods) - record.periods
             results = self._run(values[remaining], from_states, transient)
-            classified = self.classify(values[remaining], results)
+            last = extension == MOST_EXTENSIONS
+            classified = self.classify(values[remaining], results, near_enough=last)
             for i, point in zip(remaining.tolist(), classified, strict=True):
                 points[i] = point
             remaining = np.array([i for i in remaining.tolist() if points[i].label is None], int)
         return points
 
-    def classify(self, values: np.ndarray, results: Results) -> list[ClassifiedPoint]:
-        """Find the class of each motion; if it is periodic, replace its record by the orbit's."""
-        rows = [{name: array[i] for name, array in results.items()} for i in range(len(values))]
-        shown = labels(dataset_of(self._config, {self._axis: values}, results))
-        return [
-            self._classify(ClassifiedPoint(float(value), label, row))
-            for value, label, row in zip(values, shown, rows, strict=True)
-        ]
+    def classify(
+        self, values: np.ndarray, results: Results, near_enough: bool = False
+    ) -> list[ClassifiedPoint]:
+        """Find the class of each motion; if it is periodic, replace its record by the orbit's.
 
-    def _classify(self, point: ClassifiedPoint) -> ClassifiedPoint:
-        """Return the point with the class of its motion and, if periodic, the orbit's record."""
-        shown = point.label
-        if shown is not None and shown.regime is not Regime.PERIODIC:
-            return point
-        record = np.stack([point.results["poincare_x"], point.results["poincare_v"]], axis=1)
-        if not np.isfinite(record).all():
-            return point
-        m = None if shown is None else shown.m
-        oscillator = oscillator_of({**self._config.grid.fixed, self._axis: point.value})
-        orbit = nearby_orbit(oscillator, record, self._config.record.phase, m)
-        if orbit is None:
-            return ClassifiedPoint(point.value, None, point.results)
-        label = Label(Regime.PERIODIC, orbit.m, orbit.q)
-        results = self._run(
-            np.array([point.value]), orbit.sections(self._config.record.phase)[:1], 0
-        )
-        # A short record may not show m, and shows q only if it covers whole repetitions.
-        results["period"][:], results["period_impacts"][:] = label.m, label.q
-        row = {name: array[0] for name, array in results.items()}
-        return ClassifiedPoint(point.value, label, row)
+        If an orbit near by is `near_enough`, the motion need not be shown to reach it.
+        """
+        results = {name: array.copy() for name, array in results.items()}
+        if near_enough:
+            points = mesh({self._axis: values}, self._config.grid.fixed)
+            found = destinations(self._config.spec, points, results)
+            rows = found["evidence"] == Evidence.UNREACHED
+            columns = {"period": "m", "period_impacts": "q", "orbit_x": "x", "orbit_v": "v"}
+            for name, field in columns.items():
+                results[name][rows] = found[field][rows]
+        known = labels(dataset_of(self._config, {self._axis: values}, results))
+        periodic = [i for i, label in enumerate(known) if label and label.regime is Regime.PERIODIC]
+        orbits = np.stack([results["orbit_x"][periodic], results["orbit_v"][periodic]], axis=1)
+        for name, array in self._run(values[periodic], orbits, 0).items():
+            if name not in ("period", "period_impacts"):  # a short record may not show them
+                results[name][periodic] = array
+        # The record is that of the orbit, also where the motion was not shown to reach it.
+        rows = [i for i in periodic if results["class_evidence"][i] <= Evidence.UNREACHED]
+        for name in ("x", "v"):
+            results[f"orbit_{name}"][rows] = results[f"poincare_{name}"][rows, -1]
+        results["orbit_distance"][rows] = 0.0
+        results["class_evidence"][rows] = Evidence.REPEATS
+        return [
+            ClassifiedPoint(
+                float(value), label, {name: array[i] for name, array in results.items()}
+            )
+            for i, (value, label) in enumerate(zip(values, known, strict=True))
+        ]
 
     def _run(
         self, values: np.ndarray, starts: np.ndarray | None, transient: int

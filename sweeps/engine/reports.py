@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sweeps.config.rig import parameter_of, si_name, si_values
+from sweeps.config.rig import RigConfig, parameter_of, si_name, si_values
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
@@ -21,8 +21,17 @@ from sweeps.store import (
     per_point,
     status_counts,
 )
-from sweeps.text import in_units, shown_bytes, shown_count, shown_duration, shown_range, table
-from vibroimpact.status import Status
+from sweeps.text import (
+    in_units,
+    shortest,
+    shown_bytes,
+    shown_count,
+    shown_duration,
+    shown_range,
+    table,
+)
+from vibroimpact.destination.repetition import TOLERANCE
+from vibroimpact.status import Evidence, Status
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,11 +41,14 @@ if TYPE_CHECKING:
 
 #: If neither is above 0, the mass did not meet the stop.
 _CONTACT = ("impacts_per_period", "rest_fraction")
+#: The variables that say where motions go, if classes are computed.
+_CLASSES = ("class_evidence", "orbit_distance")
 
 
 def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep and its cost before it is run."""
-    periods = sweep.size * (sweep.record.transient + sweep.record.periods)
+    most = "at most " if sweep.record.transient is None else ""
+    periods = sweep.size * (sweep.record.most_left_out + sweep.record.periods)
     units = dict(sweep.units.items())
     axes = [
         _axis(shown, values, in_units(parameter_of(name, sweep.rig).unit, units))
@@ -48,9 +60,9 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
     if sweep.follow:
         followed = si_name(sweep.follow.axis, sweep.rig)
         rows.append(("follow", f"{followed}, {' and '.join(sweep.directions)}"))
-    rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{periods:,}")]
+    rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{most}{periods:,}")]
     rows.append(("steps per period", f"{sweep.steps:,}"))
-    rows.append(("steps", f"{periods * sweep.steps:,}"))
+    rows.append(("steps", f"{most}{periods * sweep.steps:,}"))
     if sweep.spec.scaled:
         rows.append(("f", "one value is computed, the others are scaled"))
     if sweep.refine is not None:
@@ -69,10 +81,11 @@ def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
 def summary(path: Path) -> str:
     """Describe the result of a complete run."""
     try:
-        variables, seconds = per_point(path, ("status", *_CONTACT))
+        variables, seconds = per_point(path, ("status", *_CONTACT, *_CLASSES))
     except StoreError as error:
         raise Failed(f"the output is gone: {error}") from error
-    return f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
+    first = f"{path}: {_outcomes(variables)} in {shown_duration(seconds)}"
+    return "\n".join([first, *_classes(variables)])
 
 
 def identities(path: Path) -> tuple[object, object]:
@@ -97,13 +110,16 @@ def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) ->
 
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
+    from sweeps.analysis.rig import in_si  # imports xarray, which a run does not need
+
     attributes = dict(dataset.attrs)
-    configuration = attributes.pop("configuration")
+    configuration, dataset = attributes.pop("configuration"), in_si(dataset)
     for name in ("computation", "columns"):  # shown in another form
         attributes.pop(name, None)
     rows = [
         ("name", str(attributes.pop("name"))),
         ("points", _outcomes(dataset)),
+        *(("classes", line) for line in _classes(dataset)),
         *(
             ("axis", _axis(str(axis), dataset[axis].values, dataset[axis].attrs["units"]))
             for axis in dataset["status"].dims
@@ -112,12 +128,13 @@ def contents(dataset: xr.Dataset) -> str:
             ("column", _axis(name, values, str(dataset[name].attrs["units"])))
             for name, values in columns_of(dataset).items()
         ),
+        *_of_rig(dataset),
     ]
     names = [name for name in VARIABLES if name in dataset]
     shapes = [f"{name} ({_sizes(dataset[name])})" for name in names]
     width = max(map(len, shapes))
     rows += [
-        ("variable", f"{shape:{width}}  {_meaning(dataset[name])}")
+        ("variable", f"{shape:{width}}  {dataset[name].long_name}{_bracketed(dataset[name])}")
         for name, shape in zip(names, shapes, strict=True)
     ]
     attributes["duration"] = shown_duration(float(attributes["duration"]))
@@ -125,13 +142,24 @@ def contents(dataset: xr.Dataset) -> str:
     return f"{table(rows)}\n\n{configuration}"
 
 
+def _of_rig(dataset: xr.Dataset) -> list[tuple[str, str]]:
+    """Return a row for the mass and each fixed quantity of a rig; none without a rig."""
+    fixed = [name for name in RigConfig.model_fields if name in dataset and not dataset[name].dims]
+    return [
+        ("rig", f"{name} = {shortest(dataset[name].item())}{_bracketed(dataset[name])}")
+        for name in fixed
+        if "mass" in dataset
+    ]
+
+
+def _bracketed(variable: xr.DataArray) -> str:
+    """Return the unit of a variable after a space, in brackets; none for a pure number."""
+    unit = variable.attrs["units"]
+    return "" if unit == "1" else f" [{unit}]"
+
+
 def _sizes(variable: xr.DataArray) -> str:
     return ", ".join(f"{name}: {size}" for name, size in variable.sizes.items())
-
-
-def _meaning(variable: xr.DataArray) -> str:
-    unit = variable.attrs["units"]
-    return variable.attrs["long_name"] + ("" if unit == "1" else f" [{unit}]")
 
 
 def _axis(name: str, values: np.ndarray, unit: str) -> str:
@@ -155,10 +183,36 @@ def _outcomes(variables: Mapping[Any, Any]) -> str:
     points = sum(counts.values())
     text = shown_count(points, "point")
     if counts[Status.CERTIFIED] == points:
-        text += ", all certified: every impact found, none missed"
+        text += ", every impact found and certified"
     elif remarks:
         text += f", of which {'; '.join(remarks)}"
     contact = (np.asarray(variables[name]) > 0.0 for name in _CONTACT)  # False for NaN
     if counts[Status.PENDING] < points and not any(met.any() for met in contact):
         text += "; no impact in any record: no motion meets the stop"
     return text
+
+
+def _classes(variables: Mapping[Any, Any]) -> list[str]:
+    """Say how many points have no class m/q, and why, and how many are not on their orbit yet."""
+    if "class_evidence" not in variables:
+        return []
+    names = ("status", "rest_fraction", *_CLASSES)
+    status, rest, evidence, distance = (np.asarray(variables[name]) for name in names)
+    valid = ~np.isin(status, [outcome for outcome in Status if outcome.failed])
+    going = valid & (status != Status.UNBOUNDED)
+    resting = (rest > 0.0) & (evidence != Evidence.FREE)
+    reasons = {
+        reason: int((going & ~resting & (evidence == reason)).sum())
+        for reason in (Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED)
+    }
+    lines = []
+    if number := sum(reasons.values()):
+        share = 100.0 * number / int(valid.sum())
+        whole = "points" if valid.all() else "points with a result"
+        parts = [f"{count:,} {reason.meaning}" for reason, count in reasons.items() if count]
+        text = f"{share:.3g} % of the {whole} have no class m/q: {', '.join(parts)}"
+        lines.append(text + "; rests are not counted" * bool((going & resting).any()))
+    if number := int((distance > TOLERANCE).sum()):
+        verb = "has" if number == 1 else "have"
+        lines.append(f"{shown_count(number, 'point')} with a class {verb} not settled yet")
+    return lines

@@ -85,6 +85,14 @@ def run_sweep(
         finished blocks are kept.
     ValueError
         If `threads` is given with a client.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> sweeps.run_sweep(scene, "flip.h5", overwrite=True).name
+    'flip.h5'
     """
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
@@ -166,7 +174,7 @@ def _progress(
     config: SweepConfig, pending: Iterable[Block], computer: Computer, console: Console
 ) -> Iterator[Callable[[int], None]]:
     """Show points done, forcing periods per second and time left; yield the function to advance."""
-    periods = config.record.transient + config.record.periods
+    periods = config.record.left_out + config.record.periods
     scaled = ", one f computed and the others scaled" if config.spec.scaled else ""
     name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
     with Progress(

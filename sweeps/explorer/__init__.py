@@ -36,6 +36,16 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     ------
     Refused
         If Bokeh is not installed, or the port is in use.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> page = sweeps.explore(sweeps.load_config(scene))
+    >>> page.address.startswith("http://127.0.0.1:")
+    True
+    >>> page.close()
     """
     from sweeps.errors import Refused
 

@@ -10,7 +10,9 @@ import numpy as np
 from bokeh.models import (
     BasicTicker,
     BasicTickFormatter,
+    BoxAnnotation,
     ColumnDataSource,
+    Label,
     LayoutDOM,
     LinearColorMapper,
     LinearScale,
@@ -93,11 +95,26 @@ class PixelFigure:
         self.source = ColumnDataSource(columns, name=f"{name} pixels")
         self._colours = LinearColorMapper(palette=[_CLEAR], low=-0.5, high=0.5)
         self.figure.image("image", color_mapper=self._colours, source=self.source, level="image")
+        look = {"visible": False, "level": "overlay"}
+        self._veil = BoxAnnotation(fill_color="white", fill_alpha=0.65, line_color=None, **look)
+        self._waits = Label(
+            x=0, y=0, x_units="screen", y_units="screen", text_align="center",
+            text_baseline="middle", text_font_size="14px", padding=6,
+            background_fill_color="white", background_fill_alpha=0.85, name=f"{name} waits", **look,
+        )  # fmt: skip
+        for part in (self._veil, self._waits):
+            self.figure.add_layout(part)
 
     def resize(self, side: str, pixels: int) -> None:
         """Set the width or the height of the canvas, as the browser reports it."""
         columns, rows = self.size
         self.size = (pixels, rows) if side == "inner_width" else (columns, pixels)
+
+    def wait(self, text: str) -> None:
+        """Dim the picture and say over it what it waits for; with an empty text, end that."""
+        width, height = self.size
+        self._waits.update(text=text, x=width / 2, y=height / 2, visible=bool(text))
+        self._veil.visible = bool(text)
 
     @property
     def resolution(self) -> tuple[int, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -33,14 +32,21 @@ _SHOWN = 20
 #: A higher and wider legend for pages that are narrow and high enough.
 _HIGHER = (
     "@media (max-width: 700px) and (min-height: 600px) { :host {"
-    "flex: 0 0 88px !important; height: 88px !important;"
+    "flex: 0 0 108px !important; height: 108px !important;"
     "width: calc(100% - 16px) !important; margin-left: 8px !important; } }"
 )
 #: The columns of a disc: x and v of its centre, and its size along each.
 _DISC = ("x", "y", "width", "height")
 Disc = tuple[float, float, float, float]
 #: The results that determine the classes of the points.
-_OF_CLASSES = ("status", "rest_fraction", "period", "period_impacts", "lyapunov")
+_OF_CLASSES = (
+    "status",
+    "rest_fraction",
+    "period",
+    "period_impacts",
+    "class_evidence",
+    "lyapunov",
+)
 
 
 @dataclass(frozen=True)
@@ -131,18 +137,19 @@ class Filling:
 
     def _tiles(self) -> Tiles:
         """Colour the computed points by the kinds that `plot` uses."""
-        from sweeps.plotting.attractors import attractor_cells
-        from sweeps.plotting.maps import Cells, failed_cells, period_cells
+        from sweeps.plotting.attractors import basin_cells, by_colour
+        from sweeps.plotting.colours import failed_cells, period_cells
 
-        discs, cells = list[Disc](), list[Cells]()
-        for row, i in self._ranked():
-            cell = attractor_cells(row, self._reached == i)
-            if self._done == self._order.size and row.regime in COUNTED:
-                disc, said = self._disc(cell.where)
-                discs.append(disc)
-                cell = cell._replace(label=f"{cell.label}; {said}")
-            cells.append(cell)
-        if not self._basins:
+        discs = list[Disc]()
+        if self._basins:
+            table, numbers = self._ranked()
+            cells = basin_cells(table, numbers)
+            for i, row in enumerate(by_colour(table)[0]):
+                if self._done == self._order.size and row.regime in COUNTED:
+                    disc, said = self._disc(cells[i].where)
+                    discs.append(disc)
+                    cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
+        else:
             cells = period_cells(dataset_of(self.config, self.config.grid.axes, self._kept))
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
         for cell in (*cells, *failed_cells(self._kept["status"])):
@@ -164,14 +171,19 @@ class Filling:
         disc = centre[0], centre[1], 2.0 * radius, 2.0 * radius * p
         return disc, f"disc {'>= ' if at_edge else ''}{radius:.3g}"
 
-    def _ranked(self) -> Iterator[tuple[Row, int]]:
-        """Yield the attractors by decreasing share, renumbered, with their indices in `_found`."""
+    def _ranked(self) -> tuple[list[Row], np.ndarray]:
+        """Return the attractors by decreasing share, renumbered, and the number of each start."""
         counts = np.bincount(self._reached + 1, minlength=len(self._found) + 1)[1:]
-        order = np.argsort(-counts, kind="stable").tolist()
-        numbered = sorted(order, key=lambda i: self._found[i].regime is not Regime.PERIODIC)
-        for i in order:
-            share = counts[i] / counts.sum()
-            yield self._found[i]._replace(number=numbered.index(i), fraction=share), i
+        order = np.argsort(-counts, kind="stable")
+        aperiodic = np.array([row.regime is not Regime.PERIODIC for row in self._found], bool)
+        number = np.empty(len(order), int)
+        number[order[np.argsort(aperiodic[order], kind="stable")]] = np.arange(len(order))
+        shares = counts / counts.sum()
+        table = [
+            self._found[i]._replace(number=int(number[i]), fraction=float(shares[i]))
+            for i in order.tolist()
+        ]
+        return table, np.append(number, -1)[self._reached]
 
 
 def _middles(size: int, stride: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from html import escape
 from typing import NamedTuple
@@ -13,22 +14,20 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, Span
 from bokeh.plotting import figure
 
-from sweeps.analysis.nearby_orbit import nearby_orbit
 from sweeps.analysis.regimes import Regime, classify
 from sweeps.analysis.selection import config_of, dataset_of, oscillator_of
-from sweeps.analysis.trajectories import continued_motion
+from sweeps.analysis.trajectories import continued_motion, periods_shown
 from sweeps.errors import Refused
 from sweeps.explorer.diagram import numbers
 from sweeps.explorer.figures import axis_label, symbol
 from sweeps.explorer.view import View
 from sweeps.explorer.worker import Step
 from sweeps.plotting.style import BLUE, ORANGE, REGIMES
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit
 from vibroimpact.status import Status
 
-#: Forcing periods drawn: two repetitions of a periodic motion, within these limits.
-_FEWEST, _MOST = 4, 32
-#: Forcing periods drawn of other motions.
-_UNREPEATED = 12
+#: Most forcing periods drawn of a periodic motion, and those drawn of other motions.
+_MOST, _UNREPEATED = 32, 12
 
 
 class Drawn(NamedTuple):
@@ -53,7 +52,7 @@ def motion_at(view: View) -> Drawn:
         return Drawn(status.meaning, *nothing)
     m, text = _class_in_words(point)
     try:
-        periods = min(max(2 * m, _FEWEST), _MOST) if m else _UNREPEATED
+        periods = min(periods_shown(m), _MOST) if m else _UNREPEATED
         motion = continued_motion(point, None, periods)
     except Refused as error:
         return Drawn(f"{text}; {error}", *nothing)
@@ -66,10 +65,11 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
     motion, phase = Regime(int(classify(point))), config_of(point).record.phase
     m, q = int(point["period"]), int(point["period_impacts"])
     orbit = None
-    if motion in (Regime.PERIODIC, Regime.NEUTRAL, Regime.UNDECIDED):
-        record = np.stack([point["poincare_x"], point["poincare_v"]], axis=1)
-        orbit = nearby_orbit(oscillator_of(point), record, phase, m or None)
-    if orbit is not None:
+    if motion is Regime.PERIODIC:
+        state = float(point["orbit_x"]), float(point["orbit_v"])
+        with suppress(OrbitError):  # an orbit of another impact rule
+            orbit = periodic_orbit(oscillator_of(point), *state, m, phase)
+    if orbit is not None and orbit.m == m:
         first, second = orbit.multipliers.astype(complex)
         shown = f"{first.real:.4g} and {second.real:.4g}"
         if first.imag:

@@ -297,8 +297,9 @@ class LivePage:
 
     def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
         """Show the number of computed points of a picture, and the speed."""
+        self._picture.wait("")
         of = "" if points == config.grid.size else f" of {config.grid.size:,}"
-        periods = points * (config.record.transient + config.record.periods)
+        periods = points * (config.record.left_out + config.record.periods)
         self._rate = self.controls.status.text = (
             f"{points:,}{of} points, {periods:,} forcing periods in "
             f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "
@@ -312,10 +313,15 @@ class LivePage:
             self.worker.ask(self._steps())
         name, first, begin = self.worker.busy or ("", False, math.inf)
         if (seconds := perf_counter() - begin) > 0.3:
-            why = ", which is compiled at the first use" if first and seconds > 1.0 else ""
+            why = ", compiled at the first use" if first and seconds > 1.0 else ""
             self.controls.status.text = f"computing: {name}{why}: {seconds:.0f} s"
+            if self.worker.is_late(self._picture.figure.name):
+                waits = f"waiting for {name}{why}: {seconds:.0f} s".replace(", ", ",\n")
+                old = self._picture.source.data["image"]
+                self._picture.wait("this is the previous picture;\n" * bool(old) + waits)
         else:
             self.controls.status.text = self._rate
+            self._picture.wait("")
 
     def _save(self) -> None:
         """Write the configuration of the picture, and show the path."""

@@ -13,7 +13,7 @@ from typing import Any, Self
 from urllib.parse import parse_qsl, urlencode
 
 from sweeps.analysis.selection import COORDINATES
-from sweeps.config.groups import OscillatorConfig
+from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
 from sweeps.config.values import extremes, length
@@ -28,6 +28,14 @@ _RECORD = ("transient", "periods", "phase", "impacts")
 _WINDOWS = ("xlim", "ylim", "maplim", "x0lim", "v0lim")
 _NAMES = ("axis", "ordinate", "across")
 _FLAGS = ("marked", "exact")
+
+
+def _record_of(config: SweepConfig) -> dict[str, Any]:
+    """Return what the page records; a transient that is found becomes the default."""
+    record = config.record.model_dump(include=set(_RECORD))
+    if record["transient"] is None:
+        record["transient"] = RecordConfig.model_fields["transient"].default
+    return record
 
 
 def window_around(name: str, values: Mapping[str, float]) -> Window:
@@ -135,7 +143,7 @@ class View:
         return cls(
             name=config.name,
             method=method,
-            record=config.record.model_dump(include=set(_RECORD)),
+            record=_record_of(config),
             values=values,
             axis=axis,
             across=across,

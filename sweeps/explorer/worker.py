@@ -53,7 +53,9 @@ class Worker(ThreadPoolExecutor):
         super().__init__(1, "explore")
         self._post, self._fail = post, fail
         self._stale, self._closed = np.zeros((2, 1), np.int64)
+        #: The result that each place holds, and those that it waits for, by their keys.
         self._done: dict[str, Any] = {}
+        self._wanted: dict[str, list[Any]] = {}
         #: The current step: its name, whether it is the first of that name, and its start time.
         self.busy: tuple[str, bool, float] | None = None
 
@@ -63,9 +65,17 @@ class Worker(ThreadPoolExecutor):
         The first step of a name is not cancelled, because it compiles.
         """
         self._stale[0] = 1
+        self._wanted = {}
+        for step in steps:
+            self._wanted.setdefault(step.name, []).append(step.key)
         if not self._closed[0]:
             self._stale = np.zeros(1, np.int64)
             self.submit(self._take_all, steps, self._stale)
+
+    def is_late(self, name: str) -> bool:
+        """Whether a place still holds a result of an earlier request."""
+        wanted = self._wanted.get(name, [])
+        return bool(wanted) and self._done.get(name) not in wanted
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """Cancel all steps, and end the thread."""

@@ -43,16 +43,16 @@ class Kind(NamedTuple):
 #: The pictures by name.
 KINDS: Mapping[str, Kind] = {
     "bifurcation": Kind(
-        bifurcation, ("axes", "coordinate", "exact", "below"), axes=1, shown=(DIRECTION,)
+        bifurcation, ("axes", "coordinate", "exact", "below", "color"), axes=1, shown=(DIRECTION,)
     ),
     "attractors": Kind(attractor_diagram, ("axes", "coordinate"), axes=1, shown=STARTS),
     "basins": Kind(basins, shown=("x0", "v0")),
     "integrity": Kind(integrity, shown=("x0", "v0")),
     "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),
-    "section": Kind(section),
-    "impacts": Kind(impacts),
+    "section": Kind(section, ("color",)),
+    "impacts": Kind(impacts, ("color",)),
     "trajectory": Kind(trajectory, ("periods",)),
-    "table": Kind(table_panels, ("axes", "quantity"), shown=(TABLE,)),
+    "table": Kind(table_panels, ("axes", "quantity", "color"), shown=(TABLE,)),
 }
 
 
@@ -75,7 +75,7 @@ def plot(
     dataset : Dataset
         From `sweeps.open_sweep`.
     output : str or Path
-        The picture; its ending must be one of ``sweeps.plotting.saving.FORMATS``.
+        The picture; its ending must be .png, .svg or .pdf.
     kind : str, optional
         One of ``KINDS``, by default the result of `default_kind`.
     at : mapping of str to float, optional
@@ -87,10 +87,10 @@ def plot(
     command : str
         The command that draws the picture, for its metadata.
     **options
-        ``axes``, ``coordinate``, ``exact`` and ``below`` of `bifurcation`; ``axes`` and
+        ``axes``, ``coordinate``, ``exact``, ``below`` and ``color`` of `bifurcation`; ``axes`` and
         ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity`` and ``exact`` of
-        `parameter_map`; ``axes`` and ``quantity`` of `table_panels`; ``periods`` of `trajectory`.
-        With None the picture chooses.
+        `parameter_map`; ``axes``, ``quantity`` and ``color`` of `table_panels`; ``color`` of
+        `section` and `impacts`; ``periods`` of `trajectory`. With None the picture chooses.
 
     Returns
     -------
@@ -101,6 +101,16 @@ def plot(
     ------
     Refused
         If the request does not fit the file, or the picture cannot be written to `output`.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.plot(ds, "flip.png").name
+    'flip.png'
     """
     output = Path(output)
     check_picture(output, str(dataset.encoding.get("source", "")))
@@ -146,7 +156,8 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
     axes = swept_axes(dataset)
     chosen = {*(at or {}), *options.get("axes", ())} - {DIRECTION}
     starts = {"x0", "v0"} & set(axes)
-    if starts and not starts & chosen and "exact" not in options and "period" in dataset:
+    over_one_line = starts & chosen or {"exact", "below", "color"} & options.keys()
+    if starts and not over_one_line and "period" in dataset:
         if parameter_axes(dataset):
             return "attractors"
         if len(starts) == 2 and not options:
@@ -160,9 +171,15 @@ def default_kind(dataset: xr.Dataset, at: Selection | None = None, **options: An
 
 
 def silent_cuts(
-    dataset: xr.Dataset, kind: str, at: Selection | None = None, axes: Sequence[str] = ()
+    dataset: xr.Dataset,
+    kind: str,
+    at: Selection | None = None,
+    axes: Sequence[str] = (),
+    color: object = None,
 ) -> dict[str, float | str]:
     """Return the swept axes that a picture cuts without being asked, with their first values."""
+    if color is not None and not KINDS[kind].axes:  # sections of all points
+        return {}
     fixed = {*KINDS[kind].shown, *(at or {}), *axes}
     left = [str(name) for name in dataset["status"].dims if name not in fixed]
     axes_left = [name for name in left if name != DIRECTION]

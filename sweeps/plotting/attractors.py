@@ -30,9 +30,10 @@ from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
-from sweeps.plotting.labels import CLASSES_TITLE, as_variable, label_axis
-from sweeps.plotting.lines import choose_coordinate, refuse_empty
-from sweeps.plotting.maps import Cells, draw_cells
+from sweeps.plotting.colours import Cells
+from sweeps.plotting.labels import CLASSES_TITLE, as_variable, basins_title, label_axis
+from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_without_result
+from sweeps.plotting.maps import draw_cells
 from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, REGIMES
 from sweeps.text import shown_count
 
@@ -45,42 +46,103 @@ def basins(
 
     x0 and v0 must both be swept, and the period must be recorded. The periodic attractors are
     marked if the section is at phase 0, like the starts.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> scene = {"oscillator": {"h": 0.0, "R": 0.8, "omega": 1.3, "f": 1.0}, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.basins(ds).savefig("basins.png")
     """
     axes = swept_axes(dataset)
     if not {"x0", "v0"} <= set(axes):
         raise Refused(f"basins need x0 and v0 as axes; the file has {listed(axes) or 'none'}")
     starts = select(dataset, at, free=("x0", "v0")).sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     panel = canvas.new_panel(ax, page)
-    result = attractors(starts)
+    result = numbered(attractors(starts), dataset)
     table = rows(starts, result)
-    handles = draw_cells(panel, starts, basin_cells(result, table))
+    handles = draw_cells(panel, starts, basin_cells(table, reached(result)))
     page.set_limits(panel)
     if config_of(dataset).record.phase == 0.0:  # the phase of the starts
         handles += mark_attractors(panel, starts, table)
-    title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
+    title = basins_title(config_of(dataset))
     return canvas.finish(panel, page, starts, handles, title)
 
 
 def mark_attractors(panel: Axes, starts: xr.Dataset, table: Sequence[Row]) -> list[Artist]:
-    """Mark the periodic attractors at the section; return a handle for the legend, if any."""
-    at = np.array([row.point for row in table if row.m], int)
-    x, v = (records(starts, name, at) for name in ("poincare_x", "poincare_v"))
+    """Mark the periodic attractors with a colour at the section; return a handle for the legend."""
+    periodic = [row for row in by_colour(table)[0] if row.m]
+    at = np.array([row.point for row in periodic], int)
+    if not periodic:
+        return []
+    record = records(starts, "poincare_x", at), records(starts, "poincare_v", at)
+    last = [np.concatenate([z[i, -row.m :] for i, row in enumerate(periodic)]) for z in record]
     look: dict[str, Any] = {"color": "black", "markeredgecolor": "white", "markersize": 4.0}
-    for i, row in enumerate(row for row in table if row.m):
-        panel.plot(x[i, -row.m :], v[i, -row.m :], "o", scalex=False, scaley=False, **look)
-    mark = Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)
-    return [mark] if len(at) else []
+    panel.plot(*last, "o", scalex=False, scaley=False, **look)
+    return [Line2D([], [], marker="o", linestyle="", label="attractors at the section", **look)]
 
 
-def basin_cells(result: xr.Dataset, table: Sequence[Row]) -> list[Cells]:
-    """Return the starts that reach each attractor at one point, as masks of shape (v0, x0)."""
-    reached = result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
-    return [attractor_cells(row, reached == row.number) for row in table]
+def numbered(found: xr.Dataset, dataset: xr.Dataset) -> xr.Dataset:
+    """Number the attractors found in a cut as in the whole file, for the same colours everywhere.
+
+    An attractor that has no colour of its own in the file gets a number that is free in the cut.
+    """
+    there = found["attractor"]
+    if there.size == dataset["status"].size:
+        return found
+    whole = attractors(dataset)["attractor"]
+    whole = whole.sel({name: there[name] for name in map(str, whole.dims)}).transpose(*there.dims)
+    axes = found["attractors"].dims
+    starts = [name for name in there.dims if name not in axes]
+    of_start = whole.transpose(*axes, *starts).values.reshape(found["attractors"].size, -1)
+    number, one = (found[name].values for name in ("number", "representative"))
+    flat = one.reshape(len(of_start), -1)
+    in_file = np.take_along_axis(of_start, flat, axis=1).reshape(number.shape)
+    used = np.unique(of_start[of_start >= 0])
+    own = used[used < len(ATTRACTORS)]
+    free = np.setdiff1d(np.arange(len(used) + len(ATTRACTORS)), own)
+    names = np.append(np.concatenate([own, free])[: len(used)], -1)
+
+    def renamed(numbers: np.ndarray) -> np.ndarray:
+        """Replace the numbers of the file."""
+        return names[np.where(numbers < 0, -1, np.searchsorted(used, numbers))]
+
+    return found.assign(
+        attractor=there.copy(data=renamed(whole.values)),
+        number=found["number"].copy(data=renamed(np.where(number < 0, -1, in_file))),
+    )
 
 
-def attractor_cells(row: Row, where: np.ndarray) -> Cells:
-    """Return the cells of the starts that reach an attractor, given by the mask `where`."""
-    return Cells(_describe(row), colour_of(row), where)
+def reached(result: xr.Dataset) -> np.ndarray:
+    """Return the number of the attractor that each start reaches at one point, by (v0, x0)."""
+    return result["attractor"].sortby(["x0", "v0"]).transpose("v0", "x0", ...).values
+
+
+def basin_cells(table: Sequence[Row], numbers: np.ndarray) -> list[Cells]:
+    """Return the cells of each basin, given the number of the attractor of each start.
+
+    All attractors without a colour of their own are one entry, which says how many they are.
+    """
+    own, others = by_colour(table)
+    cells = [Cells(_describe(row), colour_of(row), numbers == row.number) for row in own]
+    if others:
+        share = 100.0 * sum(row.fraction for row in others)
+        text = f"{shown_count(len(others), 'other periodic attractor')}: {share:.1f} %"
+        where = np.isin(numbers, [row.number for row in others])
+        cells.append(Cells(text, OTHER_ATTRACTORS, where))
+    return cells
+
+
+def by_colour(table: Sequence[Row]) -> tuple[list[Row], list[Row]]:
+    """Return the attractors that have a colour of their own, and the others."""
+    parts: tuple[list[Row], list[Row]] = [], []
+    for row in table:
+        parts[colour_of(row) == OTHER_ATTRACTORS].append(row)
+    return parts
 
 
 @styled
@@ -104,6 +166,18 @@ def attractor_diagram(
         The swept parameter, by default the one with most values.
     coordinate : str, optional
         As for `sweeps.plotting.bifurcation`.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> oscillator = {"h": 0.0, "R": 0.8, "omega": [1.3, 1.35], "f": 1.0}
+    >>> scene = {"oscillator": oscillator, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.attractor_diagram(ds).savefig("attractors.png")
     """
     free = [name for name in map(str, dataset["status"].dims) if name in STARTS]
     if free and not parameter_axes(dataset):
@@ -113,14 +187,13 @@ def attractor_diagram(
             + ("; the picture of both is basins" if len(free) == 2 else "")
         )
     parameters = dataset.isel(dict.fromkeys(free, 0))
-    (axis,) = chosen_axes(parameters, axes, 1, "diagram of attractors")
+    (axis,) = chosen_axes(parameters, axes, at, 1, "diagram of attractors")
     coordinate = choose_coordinate(dataset, coordinate)
     for name in set(free) & set(at or {}):
         raise Refused(f"{name} cannot be fixed here; {choice_of(parameter_axes(dataset))}")
     line = select(dataset, at, free=[axis, *free])
-    table = rows(line, attractors(line))
-    if not table:
-        raise Refused("there is nothing to draw: no point has a result")
+    refuse_without_result(line["status"].values)
+    table = rows(line, numbered(attractors(line), dataset))
     line, axis = in_si(line), si_name(axis, rig_of(dataset))
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
@@ -130,6 +203,7 @@ def attractor_diagram(
     _draw_rows(panel, line, table, axis, coordinate)
     if len(values) > 100:
         panel.set_xlim(values.min(), values.max())
+    page.fit_ordinate(panel)
     page.set_limits(panel)
     canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
@@ -157,8 +231,10 @@ def _draw_rows(
     for (scattered, _, colour), places in sorted(series.items()):
         y = values[places]
         x = np.broadcast_to(abscissa[places, None], y.shape)[np.isfinite(y)]
-        (points,) = panel.plot(x, y[np.isfinite(y)], "o", color=colour, rasterized=True)
-        size, zorder = (0.5, 2.0) if scattered else (1.3, 3.0)
+        y = y[np.isfinite(y)]
+        (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
+        least, most, zorder = (0.8, 1.2, 2.0) if scattered else (1.5, 2.0, 3.0)
+        size = canvas.marker_size(x, y, least, most)
         points.set(markersize=size, markeredgewidth=0, zorder=zorder)
         text = class_names([table[i] for i in places])
         text = "other periodic attractors" if colour == OTHER_ATTRACTORS else text

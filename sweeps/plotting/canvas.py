@@ -22,11 +22,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sweeps.errors import Refused
-from sweeps.plotting.labels import mathtext, status_name
+from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.lines import widened
-from sweeps.plotting.style import BLUE, STATUS_COLOURS, user_style
-from vibroimpact.oscillator import PARAMETERS
+from sweeps.plotting.style import APPROACHING, BLUE, STATUS_COLOURS, user_style
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,18 @@ class Page:
     title : str, optional
         Title instead of the name, the parameters and the record of the sweep; may be empty.
     xlim, ylim : (float, float), optional
-        Limits of the first panel, by default those of the data.
+        Limits of the first panel, by default those of the data; the ordinate of a diagram or of a
+        motion fits the data within `xlim`.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> page = plotting.Page(width=3.4, title="", xlim=(2.62, 2.68))
+    >>> plotting.bifurcation(ds, page=page).savefig("column.pdf")
     """
 
     width: float | None = None
@@ -68,6 +78,22 @@ class Page:
                     f"range from {ends[0]:.6g} to {ends[1]:.6g}"
                 )
             (panel.set_xlim if name == "xlim" else panel.set_ylim)(given)
+
+    def fit_ordinate(self, panel: Axes, *ranges: tuple[float, float]) -> None:
+        """Fit the ordinate to the lines, and to further ranges, within the given abscissa."""
+        if self.xlim is None:
+            return
+        low, high = self.xlim
+        data = panel.transData  # an `axhline` has another transform
+        lines = [line for line in panel.lines if line.get_transform() == data]
+        points = [np.asarray(line.get_xydata()) for line in lines]
+        seen = [y[(low <= x) & (x <= high)] for x, y in (each.T for each in points)]
+        values = np.concatenate([*seen, *ranges, ()])
+        values = values[np.isfinite(values)]
+        if values.size:
+            bottom, top = widened(float(values.min()), float(values.max()))
+            margin = mpl.rcParams["axes.ymargin"] * (top - bottom)
+            panel.set_ylim(bottom - margin, top + margin)
 
 
 PAGE = Page()
@@ -162,9 +188,10 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
             return draw(*arguments, **options)
 
-    text, _, own = (inspect.getdoc(draw) or "").partition("\n\nParameters\n----------")
+    written, mark, example = (inspect.getdoc(draw) or "").partition("\n\nExamples\n--------")
+    text, _, own = written.partition("\n\nParameters\n----------")
     head = "Parameters\n----------\ndataset : Dataset\n    From `sweeps.open_sweep`."
-    _in_style.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}"
+    _in_style.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}{mark}{example}"
     return _in_style
 
 
@@ -226,19 +253,45 @@ def finish(
 
 
 def draw_points(
-    panel: Axes, x: np.ndarray, y: np.ndarray, colour: str = BLUE, scale: float = 1.0
+    panel: Axes,
+    x: np.ndarray,
+    y: np.ndarray,
+    colour: str | np.ndarray = BLUE,
+    size: float | None = None,
+    alpha: float | None = None,
+    most: float = 3.5,
 ) -> None:
-    """Draw markers; the more of the panel they would cover, the smaller they are."""
+    """Draw markers in one colour or of a colour each, shape (n, 4).
+
+    The more of the panel they would cover, the smaller they are, and never greater than `most`.
+    """
+    if not len(y):
+        return
+    size = marker_size(x, y, 0.5, most) if size is None else size
+    alpha = float(np.clip(1e5 / len(y), 0.15, 1.0)) if alpha is None else alpha
+    if isinstance(colour, str):
+        (points,) = panel.plot(x, y, "o", color=colour, alpha=alpha, rasterized=True)
+        points.set(markersize=size, markeredgewidth=0)
+    else:
+        panel.scatter(x, y, size**2, colour, alpha=alpha, linewidths=0, rasterized=True)
+
+
+def marker_size(x: np.ndarray, y: np.ndarray, least: float, most: float) -> float:
+    """Return the size [pt] of markers that leave parts of the panel around them visible."""
     counts, *_ = np.histogram2d(x, y, bins=(600, 300))
-    size = scale * float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), 0.5, 3.5))
-    (points,) = panel.plot(x, y, "o", color=colour, rasterized=True)
-    points.set(markersize=size, markeredgewidth=0, alpha=float(np.clip(1e5 / len(y), 0.15, 1.0)))
+    return float(np.clip(70.0 / math.sqrt(np.count_nonzero(counts)), least, most))
 
 
-def draw_stop(draw_line: Callable[..., object], clearance: float, label: bool = True) -> None:
-    """Draw the mechanical stop with a panel's `axhline` or `axvline`."""
-    symbol = PARAMETERS["clearance"].symbol
-    text = rf"stop, $x={symbol}={mathtext(clearance)}$" if label else None
+def draw_stop(
+    draw_line: Callable[..., object], clearance: float, about: xr.DataArray | None = None
+) -> None:
+    """Draw the mechanical stop with a panel's `axhline` or `axvline`.
+
+    The attributes of the clearance, `about`, put the stop into the legend.
+    """
+    text = None
+    if about is not None:
+        text = f"stop, {equation(f'x={about.symbol}', about, clearance)}"
     draw_line(clearance, color="black", linewidth=0.8, linestyle="--", label=text)
 
 
@@ -249,20 +302,26 @@ def widen_if_constant(set_limits: Callable[..., object], low: float, high: float
         set_limits(*ends)
 
 
-def mark_status(panel: Axes, values: np.ndarray, status: np.ndarray) -> None:
-    """Mark failed and pending points in a strip below the data, with labels for the legend.
+def mark_status(
+    panel: Axes, values: np.ndarray, status: np.ndarray, approaching: np.ndarray | None = None
+) -> None:
+    """Mark failed, pending and `approaching` points in a strip below the data and in the legend.
 
-    `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n).
+    `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n), and so
+    has `approaching`, the mask of the motions that are not on their orbit yet.
     """
-    present = [outcome for outcome in STATUS_COLOURS if (status == outcome).any()]
-    if not present:
-        return
-    low, high = panel.get_ylim()
-    panel.set_ylim(low - 0.04 * (high - low), high)
+    kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
+    if approaching is not None:
+        kinds.append(("not settled yet", APPROACHING, approaching))
+    if np.isin(status, list(STATUS_COLOURS)).any():
+        low, high = panel.get_ylim()
+        panel.set_ylim(low - 0.04 * (high - low), high)
     strip = panel.get_xaxis_transform()
-    for outcome in present:
-        x = np.broadcast_to(values, status.shape)[status == outcome]
+    for text, colour, where in kinds:
+        if not where.any():
+            continue
+        x = np.broadcast_to(values, status.shape)[where]
         (marks,) = panel.plot(x, np.full(x.shape, 0.015), "|", transform=strip, rasterized=True)
-        marks.set(markersize=6, color=STATUS_COLOURS[outcome])
-        text = f"{status_name(outcome)} ({len(x):,} of {status.size:,})"
-        panel.plot([], [], linewidth=5, color=STATUS_COLOURS[outcome], label=text)
+        marks.set(markersize=6, color=colour)
+        text = f"{text} ({len(x):,} of {status.size:,})"
+        panel.plot([], [], linewidth=5, color=colour, label=text)

@@ -2,66 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from sweeps.analysis.regimes import has_result
+from sweeps.analysis.regimes import NO_CLASS, approaching, classify, has_result
 from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
-    check_diagnostic,
     config_of,
     listed,
     recorded_coordinate,
     split_directions,
 )
-from sweeps.config.groups import DIAGNOSTICS
 from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
+from sweeps.plotting.colours import Paint, paint
+from sweeps.plotting.density import draw_density, value_range
+from sweeps.plotting.directions import agreeing, draw_jumps
 from sweeps.plotting.exact import draw_branches, name_parts
 from sweeps.plotting.labels import as_variable, label, label_axis
-from sweeps.plotting.lines import (
-    cell_edges,
-    count_pixels,
-    refuse_empty,
-    scalars,
-    select_line,
-)
-from sweeps.plotting.style import (
-    BOTH_COLOUR,
-    DENSITY,
-    DIRECTION_COLOURS,
-    LEAST_SHARE,
-    dots_per_inch,
-)
+from sweeps.plotting.lines import refuse_empty, select_line
+from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.store.variables import FLAGS
 
 #: More points than this are drawn as a density, because single markers would merge.
 DENSITY_FROM = 2_000_000
-#: Number of values read at a time.
-_PART_SIZE = 1_000_000
 #: Height of a panel below the diagram, relative to the height of the diagram.
 _LOWER = 0.4
-_NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
-_RAMP = LinearSegmentedColormap.from_list("density", DENSITY)
-# The ramps for up, down and both end at full colours: the darker ends would all look the same where
-# the motion is periodic.
-_DIRECTION_RAMPS = [
-    LinearSegmentedColormap.from_list("density", colours)
-    for colours in (
-        ["#A6CBE3", DIRECTION_COLOURS[0]],
-        ["#F5D79A", DIRECTION_COLOURS[1]],
-        ["#CCCCCC", BOTH_COLOUR],
-    )
-]
+#: Opacity of the larger Lyapunov exponent, as of other scalars, and of the second one.
+_EXPONENTS = 1.0, 0.45
 
 
 @styled
@@ -72,198 +50,218 @@ def bifurcation(
     at: Selection | None = None,
     coordinate: str | None = None,
     exact: xr.Dataset | None = None,
-    below: Sequence[str] = (),
+    below: Wanted | Sequence[Wanted] = (),
+    color: Wanted | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
     """Draw a coordinate of the section or of the impacts over one swept axis.
 
-    Points that failed or are not computed yet are not drawn, but marked below the diagram.
+    Points that failed or are not computed yet are not drawn, but marked below the diagram. So are
+    motions that have a class and have not settled. If the axis was followed both ways, values that
+    both ways have are dark, and an arrow leads from the end of a motion to the next one.
 
     Parameters
     ----------
     axes : sequence of str, optional
         The swept axis, by default the one with most values.
     coordinate : str, optional
-        One of ``sweeps.analysis.selection.COORDINATES``, by default the first in the file.
+        ``poincare_x``, ``poincare_v``, ``poincare_height``, ``impact_v`` or ``impact_phase``, by
+        default the first in the file.
     exact : Dataset, optional
         Exact branches to draw over the points: the result of `sweeps.branches` for this axis.
-    below : sequence of str, optional
-        Scalars of the file, for example ``lyapunov``; each gets a panel below the diagram.
+    below : str or DataArray, or a sequence of these, optional
+        Variables of the file with a number per point, for example ``lyapunov``, or numbers computed
+        from the Dataset, with ``long_name`` and ``units``; each gets a panel below the diagram.
+    color : str or DataArray, optional
+        What colours the points, as for `below`; ``period`` gives the classes the colours of a map.
+        By default the colours tell directions apart, if the axis was followed in both.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.bifurcation(ds, below=["impacts_per_period"]).savefig("flip.png")
     """
-    line, axis, coordinate = select_line(dataset, axes, at, coordinate)
-    _check(dataset, axis, exact, below)
-    if ax is not None and below:
+    if ax is not None and len(below):
         raise Refused("panels below a diagram need a figure of their own: leave out ax or below")
-    line, axis = in_si(line), si_name(axis, rig_of(dataset))
-    exact = None if exact is None else in_si(exact, dataset)
-    values, ways = line[axis].values, split_directions(line)
-    low, high = value_range(ways, coordinate)
-    if low > high:
-        refuse_empty(line, coordinate)
-    heights = [1.0] + [_LOWER] * len(below)
+    names, tint = [], None
+    for wanted in [below] if isinstance(below, str | xr.DataArray) else below:
+        dataset, name = with_number(dataset, wanted)
+        names.append(name)
+    if color is not None:
+        dataset, tint = with_number(dataset, color)
+    line, axis, coordinate = select_line(dataset, axes, at, coordinate)
+    _check(dataset, axis, exact, names)
+    shown = None if tint is None else paint(line, tint, dataset, dots=True)
+    drawn = _Drawn.of(in_si(line), si_name(axis, rig_of(dataset)), coordinate, shown)
+    heights = [1.0] + [_LOWER] * len(names)
     panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
-    label_axis(panel.xaxis, line[axis])
+    label_axis(panel.xaxis, drawn.line[drawn.axis])
     label_axis(panel.yaxis, as_variable(coordinate, dict(config_of(dataset).units.items())))
-    computed = int(has_result(line["status"].values).sum())
-    dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
-    if dense:
-        panel.update_datalim([(values.min(), low), (values.max(), high)])
-        panel.autoscale_view()
-    else:
-        _draw_markers(panel, values, ways, coordinate)
-    if len(ways) > 1:
-        _name_directions(panel, line[axis].attrs["symbol"], dense)
-    parts = {} if exact is None else draw_branches(panel, exact, coordinate, len(ways) > 1)
-    if parts:
+    low, high = drawn.draw_points(panel)
+    parts = {}
+    if exact is not None:
+        is_plain = len(drawn.ways) == 1 and shown is None
+        in_chaos = _in_chaos(line, drawn.values)
+        parts = draw_branches(panel, in_si(exact, dataset), coordinate, is_plain, in_chaos)
         low, high = panel.dataLim.intervaly
-    if len(values) > 100:
-        panel.set_xlim(values.min(), values.max())
+    if len(drawn.values) > 100:
+        panel.set_xlim(drawn.values.min(), drawn.values.max())
     canvas.widen_if_constant(panel.set_ylim, low, high)
+    page.fit_ordinate(panel, *drawn.ranges_within(page.xlim))
     page.set_limits(panel)
     name_parts(panel, parts)
-    canvas.mark_status(panel, values, line["status"].values)
-    for scalar_panel, name in zip(lower, below, strict=True):
-        _draw_scalar(scalar_panel, axis, ways, name)
+    drawn.draw_jumps(panel)
+    canvas.mark_status(panel, drawn.values, drawn.line["status"].values, approaching(drawn.line))
+    for scalar_panel, name in zip(lower, names, strict=True):
+        drawn.draw_scalar(scalar_panel, name)
+        page.fit_ordinate(scalar_panel)
     if lower:
-        label_axis(lower[-1].xaxis, line[axis])
+        label_axis(lower[-1].xaxis, drawn.line[drawn.axis])
         panel.set_xlabel("")
     handles, texts = panel.get_legend_handles_labels()
     of_parts = [handles[texts.index(text)] for text in parts if text in texts]
     others = [handle for handle in handles if handle not in of_parts]
-    figure = canvas.finish(panel, page, line, [*others, *of_parts])
-    if dense:
-        _draw_density(panel, values, ways, coordinate)
+    for scalar_panel in lower:
+        others += scalar_panel.get_legend_handles_labels()[0]
+    title = None
+    if shown is not None:
+        shown.add_bar([panel, *lower])
+        others, title = [*shown.handles(), *others], shown.title
+    figure = canvas.finish(panel, page, line, [*others, *of_parts], title)
+    if drawn.dense:
+        draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tints)
     return figure
 
 
 def _check(dataset: xr.Dataset, axis: str, exact: xr.Dataset | None, below: Sequence[str]) -> None:
-    """Refuse branches over another axis, and names that are not scalars or are given twice."""
+    """Refuse branches over another axis, and names below that are words or are given twice."""
     if exact is not None and axis not in exact.coords:
         raise Refused(f"the exact branches are over {listed(map(str, exact.coords))}, not {axis}")
-    available = scalars(dataset)
     for name in below:
-        if name in DIAGNOSTICS:
-            check_diagnostic(dataset, name)
-        if name not in available:
-            raise Refused(
-                f"{name or repr(name)} cannot be drawn below a diagram; choose from: "
-                f"{listed(available)}"
-            )
+        if name in FLAGS or name in dataset.coords:
+            why = "its numbers stand for words" if name in FLAGS else "it is no result"
+            raise Refused(f"{name} cannot be drawn below a diagram: {why}")
         if list(below).count(name) > 1:
             raise Refused(f"{name} is asked for twice below the diagram")
 
 
-def _draw_markers(
-    panel: Axes, values: np.ndarray, ways: Sequence[xr.Dataset], coordinate: str
-) -> None:
-    """Draw markers; those of a second direction are on top and smaller, so that both are seen."""
-    scales = (1.0,) if len(ways) == 1 else (1.4, 0.6)
-    for way, colour, scale in zip(ways, DIRECTION_COLOURS, scales, strict=False):
-        computed = has_result(way["status"].values)
-        y = recorded_coordinate(way, coordinate).values[computed]
-        x = np.broadcast_to(values[computed, None], y.shape)[np.isfinite(y)]
-        canvas.draw_points(panel, x, y[np.isfinite(y)], colour, scale)
+def _in_chaos(line: xr.Dataset, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function that says where on the axis the motions of a line have no class."""
+    no_class = np.zeros((1, len(values)), bool)
+    if "period" in line:
+        no_class = np.isin(classify(line), NO_CLASS).reshape(-1, len(values))
+    order = np.argsort(values)
+    share = no_class.all(axis=0).astype(float)[order]
+    return lambda x: np.interp(x, values[order], share) > 0.5
 
 
-def _name_directions(panel: Axes, symbol: str, dense: bool) -> None:
-    """Add the colours of the two directions to the legend, with the symbol of the axis."""
-    texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$"
-    for text, colour in zip(texts, DIRECTION_COLOURS, strict=True):
-        panel.plot([], [], "s" if dense else "o", color=colour, markersize=4, label=text)
-    if dense:
-        panel.plot([], [], "s", color=BOTH_COLOUR, markersize=4, label="both")
+class _Drawn(NamedTuple):
+    """The points of a diagram: the `ways` in which the `line` was followed, over its `values`.
 
+    `tints` are the colours of the points of each way, shape (n, 4), if the user chose any.
+    """
 
-def _draw_scalar(panel: Axes, axis: str, ways: Sequence[xr.Dataset], name: str) -> None:
-    """Draw a scalar, or both Lyapunov exponents, over the axis; each direction in its colour."""
-    for way, colour in zip(ways, DIRECTION_COLOURS, strict=False):
-        x = way[axis].values
-        y = np.asarray(way[name].values, float).reshape(len(x), -1)
+    line: xr.Dataset
+    axis: str
+    coordinate: str
+    values: np.ndarray
+    ways: list[xr.Dataset]
+    tints: list[np.ndarray]
+    dense: bool
+
+    @classmethod
+    def of(cls, line: xr.Dataset, axis: str, coordinate: str, shown: Paint | None) -> Self:
+        """Split a line into its directions."""
+        values, ways = line[axis].values, split_directions(line)
+        tints = [] if shown is None else [*shown.colours().reshape(len(ways), len(values), 4)]
+        computed = int(has_result(line["status"].values).sum())
+        dense = computed * line.sizes[COORDINATES[coordinate].dimension] > DENSITY_FROM
+        return cls(line, axis, coordinate, values, ways, tints, dense)
+
+    def draw_points(self, panel: Axes) -> tuple[float, float]:
+        """Draw markers, or make room for a density; return the range of the ordinates."""
+        low, high = value_range(self.ways, self.coordinate)
+        if low > high:
+            refuse_empty(self.line, self.coordinate)
+        if self.dense:
+            panel.update_datalim([(self.values.min(), low), (self.values.max(), high)])
+            panel.autoscale_view()
+        else:
+            self._mark(panel, self._records())
+        if len(self.ways) > 1 and not self.tints:
+            self._name_directions(panel)
+        return low, high
+
+    def _records(self) -> list[np.ndarray]:
+        """Return the coordinate in each direction, shape (n, record), NaN without a result."""
+        return [
+            np.where(
+                has_result(way["status"].values)[:, None],
+                recorded_coordinate(way, self.coordinate).values,
+                np.nan,
+            )
+            for way in self.ways
+        ]
+
+    def _mark(self, panel: Axes, records: Sequence[np.ndarray], **look: float) -> None:
+        """Draw values of each direction, shape (n, k); those of both have a colour of their own."""
+        colours: Sequence[str | np.ndarray] = self.tints or DIRECTION_COLOURS
+        if len(self.ways) == 2:  # thin, so that both directions are seen
+            look = {"most": 1.6} | look
+        parts = [(y, np.isfinite(y), of) for y, of in zip(records, colours, strict=False)]
+        if len(parts) == 2 and not self.tints:
+            both = agreeing(*records)
+            apart = [(y, finite & ~b, of) for (y, finite, of), b in zip(parts, both, strict=True)]
+            parts = [(y, b, BOTH_COLOUR) for y, b in zip(records, both, strict=True)] + apart
+        for y, where, colour in parts:
+            x = np.broadcast_to(self.values[:, None], y.shape)[where]
+            if not isinstance(colour, str):
+                colour = np.broadcast_to(colour[:, None], (*y.shape, 4))[where]
+            canvas.draw_points(panel, x, y[where], colour, **look)
+
+    def _name_directions(self, panel: Axes) -> None:
+        """Add the colours of the directions to the legend, with the symbol of the axis."""
+        symbol = self.line[self.axis].attrs["symbol"]
+        texts = rf"up, ${symbol} \rightarrow$", rf"down, ${symbol} \leftarrow$", "both"
+        for text, colour in zip(texts, (*DIRECTION_COLOURS, BOTH_COLOUR), strict=True):
+            marker = "s" if self.dense else "o"
+            panel.plot([], [], marker, color=colour, markersize=4, label=text)
+
+    def draw_jumps(self, panel: Axes) -> None:
+        """Draw an arrow where a motion that was followed ends, unless a density is drawn."""
+        if len(self.ways) == 2 and not self.dense:
+            order = np.argsort(self.values)
+            colours = ("black", "black") if self.tints else DIRECTION_COLOURS
+            up, down = (record[order] for record in self._records())
+            draw_jumps(panel, self.values[order], up, down, colours)
+
+    def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
+        """Return the range of the ordinates within limits of the axis that a density has."""
+        if not self.dense or limits is None:
+            return []
+        seen = (limits[0] <= self.values) & (self.values <= limits[1])
+        ways = [way.isel({self.axis: seen}) for way in self.ways]
+        return [value_range(ways, self.coordinate)]
+
+    def draw_scalar(self, panel: Axes, name: str) -> None:
+        """Draw a scalar, or both Lyapunov exponents, over the axis."""
+        columns = [
+            np.asarray(way[name].values, float).reshape(len(self.values), -1) for way in self.ways
+        ]
         if name == "period":
-            y = np.where(y > 0.0, y, np.nan)  # 0: no repetition was found
-        size = float(np.clip(250.0 / len(x), 0.8, 2.5))
-        for column, alpha in zip(y.T, (1.0, 0.45), strict=False):
-            (points,) = panel.plot(x, column, "o", color=colour, alpha=alpha, rasterized=True)
-            points.set(markersize=size, markeredgewidth=0)
-    if name == "lyapunov":
-        panel.axhline(0.0, color="black", linewidth=0.6, zorder=1)
-    panel.set_title(label(ways[0][name]), loc="left", wrap=True)
-
-
-def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Read a coordinate of the computed points of a line in parts.
-
-    Yields the indices of k points and their values, shapes (k,) and (k, record).
-    """
-    (axis,), computed = line["status"].dims, has_result(line["status"].values)
-    rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension])
-    for start in range(0, len(computed), rows):
-        kept = np.flatnonzero(computed[start : start + rows])
-        if len(kept):
-            part = line.isel({axis: slice(start, start + rows)})
-            yield start + kept, recorded_coordinate(part, coordinate).values[kept]
-
-
-def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, float]:
-    """Return the least and the greatest value of a coordinate; inf and -inf without values."""
-    low, high = np.inf, -np.inf
-    for line in lines:
-        for _, values in computed_parts(line, coordinate):
-            values = values[np.isfinite(values)]
-            low, high = values.min(initial=low), values.max(initial=high)
-    return float(low), float(high)
-
-
-def _draw_density(
-    panel: Axes, values: np.ndarray, ways: Sequence[xr.Dataset], coordinate: str
-) -> None:
-    """Draw the share of each column's points in each of its pixels, with a colour bar.
-
-    Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
-    the `values` of the axis, or one pixel wide if there are more values than pixels. With two
-    directions, the colour of a pixel tells which direction has points in it, or that both have.
-    """
-    figure = canvas.figure_of(panel)
-    ramps = [_RAMP] if len(ways) == 1 else _DIRECTION_RAMPS
-    bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
-    bar.set_label("share of the points of a column")
-    figure.draw_without_rendering()  # computes the layout
-    box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
-    columns, rows = (round(size * scale) for size in (box.width, box.height))
-    low, high = panel.get_ylim()
-    log = panel.get_xscale() == "log"
-    left, right = sorted(panel.get_xlim())
-    in_view = np.sort(values[(values >= left) & (values <= right)])
-    in_view = in_view if len(in_view) > 1 else np.sort(values)
-    x_edges = cell_edges(in_view, log)
-    if len(in_view) > columns:
-        x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
-    y_edges = np.linspace(low, high, rows + 1)
-    shares = [_column_shares(way, coordinate, values, x_edges, y_edges) for way in ways]
-    if len(shares) == 2:
-        in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
-        mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
-        shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
-    for share, ramp in zip(shares, ramps, strict=True):
-        cells = np.ma.masked_equal(share, 0.0).T
-        panel.pcolormesh(x_edges, y_edges, cells, norm=_NORM, cmap=ramp, rasterized=True)
-
-
-def _column_shares(
-    line: xr.Dataset,
-    coordinate: str,
-    values: np.ndarray,
-    x_edges: np.ndarray,
-    y_edges: np.ndarray,
-) -> np.ndarray:
-    """Return the share of each column's points in each of its pixels, shape (columns, rows)."""
-    low, high, rows = y_edges[0], y_edges[-1], len(y_edges) - 1
-    counts = np.zeros((len(x_edges) - 1, rows))
-    column = np.searchsorted(x_edges, values, side="right") - 1
-    column[values == x_edges[-1]] = len(counts) - 1
-    in_view = (column >= 0) & (column < len(counts))
-    for indices, y in computed_parts(line, coordinate):
-        indices, y = indices[in_view[indices]], y[in_view[indices]]
-        counts += count_pixels(column[indices], y, (len(counts), rows), low, high)
-    return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+            columns = [np.where(y > 0.0, y, np.nan) for y in columns]  # 0: no class
+        size = float(np.clip(250.0 / len(self.values), 0.8, 2.5))
+        for exponent, alpha in zip(range(columns[0].shape[1]), _EXPONENTS, strict=False):
+            self._mark(panel, [y[:, [exponent]] for y in columns], size=size, alpha=alpha)
+        if name == "lyapunov":
+            panel.axhline(0.0, color="black", linewidth=0.6, zorder=1)
+            is_plain = len(self.ways) == 1 and not self.tints
+            colour = DIRECTION_COLOURS[0] if is_plain else BOTH_COLOUR
+            for text, alpha in zip((r"$\lambda_1$", r"$\lambda_2$"), _EXPONENTS, strict=True):
+                panel.plot([], [], "o", color=colour, alpha=alpha, markersize=4, label=text)
+        panel.set_title(label(self.ways[0][name]), loc="left", wrap=True)

@@ -1,8 +1,8 @@
-"""Exact branches over a bifurcation diagram, and exact curves over a map."""
+"""Exact branches over a bifurcation diagram."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Bbox
 
 from sweeps.analysis.exact_branches import wide_branches
@@ -19,19 +18,14 @@ from sweeps.plotting.style import VERMILION
 _STABLE, _UNSTABLE = "exact orbits, stable", "exact orbits, unstable"
 #: Names of the lines in the legend, with their dashes.
 LINES: dict[str, Any] = {_STABLE: "-", _UNSTABLE: (0, (4, 2))}
-_THIN_LINES = "stable over less than 1 % of the axis"
+_THIN_LINES = "thin: in chaos, or hardly ever stable"
 #: Markers of the bifurcations of a branch.
 MARKERS = {"flip": "o", "fold": "s", "graze": "^"}
-#: Look of the lines over the points of one direction and of two directions. For two, the lines are
-#: thin and black, so that the markers in both colours remain visible.
+#: Look of the lines over points of one colour and of several colours, which thin black lines leave
+#: visible.
 _OVER_ONE: dict[str, Any] = {"color": VERMILION, "linewidth": 1.0}
-_OVER_BOTH: dict[str, Any] = {"color": "black", "linewidth": 0.4}
+_OVER_COLOURS: dict[str, Any] = {"color": "black", "linewidth": 0.4}
 _THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
-#: Most names of curves on a map; least length of a named curve and least distance between names, as
-#: shares of the panel.
-_MOST_NAMES, _LONG, _ROOM = 24, 0.25, 0.1
-#: Dashes of the curves of each kind.
-_CURVES: dict[str, Any] = {"flip": "-", "fold": (0, (4, 2)), "graze": (0, (1, 1.5))}
 
 
 class Part(NamedTuple):
@@ -96,23 +90,39 @@ def _breaks(branch: xr.Dataset, coordinate: str) -> list[int]:
 
 
 def draw_branches(
-    panel: Axes, found: xr.Dataset, coordinate: str, two_directions: bool
+    panel: Axes,
+    found: xr.Dataset,
+    coordinate: str,
+    is_plain: bool,
+    in_chaos: Callable[[np.ndarray], np.ndarray],
 ) -> dict[str, list[Line2D]]:
-    """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names."""
-    look = _OVER_BOTH if two_directions else _OVER_ONE
+    """Draw `sweeps.branches`, with solid lines where stable; return the lines by their names.
+
+    The lines are black and thin unless the ground `is_plain`, that is, in one colour. Unstable
+    orbits and bifurcations at values of the axis `in_chaos` are drawn thinly.
+    """
+    look = _OVER_ONE if is_plain else _OVER_COLOURS
     drawn: dict[str, list[Line2D]] = {name: [] for name in (*LINES, _THIN_LINES, *MARKERS)}
     for name, x, y, thin, _ in parts_of(found, coordinate):
+        hidden = in_chaos(x)
         if name in LINES:
-            stroke = look | _THIN if thin else look
-            lines = panel.plot(x, y, zorder=4, label="_", ls=LINES[name], **stroke)
-            drawn[_THIN_LINES if thin else name] += lines
+            faint = (hidden & (name == _UNSTABLE) | thin).tolist()
+            for is_faint, group in groupby(range(len(x)), key=faint.__getitem__):
+                (first, *_, last) = 2 * list(group)
+                run, of = slice(first, last + 2), _THIN_LINES if is_faint else name
+                stroke = look | _THIN if is_faint else look
+                drawn[of] += panel.plot(
+                    x[run], y[run], zorder=4, label="_", ls=LINES[name], **stroke
+                )
             continue
-        seen = np.isfinite(y)
-        x = np.broadcast_to(x[:, None], y.shape)
-        (marks,) = panel.plot(x[seen], y[seen], MARKERS[name], label="_", zorder=5)
-        marks.set(color=look["color"], markerfacecolor="white", markersize=3.5)
-        marks.set_markeredgewidth(0.7)
-        drawn[name].append(marks)
+        for where, size in ((~hidden, 3.5), (hidden, 2.0)):
+            seen = np.isfinite(y) & where[:, None]
+            if seen.any():
+                places = np.broadcast_to(x[:, None], y.shape)[seen]
+                (marks,) = panel.plot(places, y[seen], MARKERS[name], label="_", zorder=5)
+                marks.set(color=look["color"], markerfacecolor="white", markersize=size)
+                marks.set_markeredgewidth(0.2 * size)
+                drawn[name].append(marks)
     return drawn
 
 
@@ -131,53 +141,3 @@ def _is_seen(line: Line2D, view: Bbox) -> bool:
     if line.get_linestyle() == "None":
         return bool(view.count_contains(path.vertices))
     return bool(path.intersects_bbox(view, filled=False))
-
-
-def _name_curves(panel: Axes, found: xr.Dataset, values: np.ndarray) -> None:
-    """Write m/q beside long curves where there is room, starting with the shortest periods."""
-    places = panel.transAxes.inverted().transform(panel.transData.transform(values.T))
-    curves = [places[found["curve"].values == number] for number in range(found.sizes["number"])]
-    lengths = [float(np.abs(np.diff(curve, axis=0)).sum()) for curve in curves]
-    taken = np.empty((0, 2))
-    order = np.lexsort((-np.array(lengths), found["q"].values, found["m"].values))
-    for number in [i for i in order.tolist() if lengths[i] > _LONG][:_MOST_NAMES]:
-        curve = curves[number]
-        inside = curve[((curve > 0.05) & (curve < 0.95)).all(axis=1)]
-        if not len(inside):
-            continue
-        away = np.abs(inside[:, None] - taken).max(axis=2).min(axis=1, initial=np.inf)
-        place = inside[len(inside) // 2] if not len(taken) else inside[np.argmax(away)]
-        if away.max() < _ROOM:
-            continue
-        m, q = (int(found[name].values[number]) for name in ("m", "q"))
-        edge = [withStroke(linewidth=1.5, foreground="white")]
-        text = panel.text(
-            place[0], place[1], f"{m}/{q}", transform=panel.transAxes, size="x-small", zorder=6
-        )
-        text.set(path_effects=edge, clip_on=True)
-        taken = np.vstack([taken, place])
-
-
-def draw_curves(panel: Axes, found: xr.Dataset) -> list[Line2D]:
-    """Draw `sweeps.curves` over a map of the same axes; return labelled handles for the legend.
-
-    Cusps and points where curves meet are marked.
-    """
-    limits = panel.get_xlim(), panel.get_ylim()
-    values = np.stack([found[axis].values for axis in found.coords])
-    look: dict[str, Any] = {"color": "black", "linewidth": 0.5}
-    handles = {}
-    for number, kind in enumerate(found["kind"].values):
-        line = values[:, found["curve"].values == number]
-        edge = [withStroke(linewidth=0.9, foreground="white", alpha=0.5)]  # visible on black
-        panel.plot(*line, zorder=4, path_effects=edge, ls=_CURVES[kind], **look)
-        handles[kind] = Line2D([], [], ls=_CURVES[kind], label=kind, **look)
-    _name_curves(panel, found, values)
-    marked = np.isin(found["special_kind"].values, ["cusp", "flip"])
-    if marked.any():
-        (marks,) = panel.plot(*found["special_values"].values[marked].T, "D", color="black")
-        marks.set(markersize=2.5, markerfacecolor="white", markeredgewidth=0.6, zorder=5)
-        marks.set_label("cusp or meeting")
-        handles["marks"] = marks
-    panel.set(xlim=limits[0], ylim=limits[1])
-    return [handles[kind] for kind in (*_CURVES, "marks") if kind in handles]

@@ -12,18 +12,29 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch
+from matplotlib.patheffects import withStroke
 
-from sweeps.analysis.attractor_table import Row, parameter_axes, rows
+from sweeps.analysis.attractor_table import Row, rows
 from sweeps.analysis.integrity import integrity as measured
 from sweeps.analysis.knocks import at_section, knocks
 from sweeps.analysis.rig import in_si, rig_of
-from sweeps.analysis.selection import Selection, config_of, oscillator_of, select
+from sweeps.analysis.selection import Selection, config_of, oscillator_of, select, swept_axes
 from sweeps.config.rig import si_name
 from sweeps.plotting import canvas
-from sweeps.plotting.attractors import basin_cells, class_names, colour_of, mark_attractors
+from sweeps.plotting.attractors import (
+    basin_cells,
+    by_colour,
+    class_names,
+    colour_of,
+    mark_attractors,
+    numbered,
+    reached,
+)
 from sweeps.plotting.canvas import PAGE, Page, styled
-from sweeps.plotting.labels import CLASSES_TITLE, label_axis, mathtext
+from sweeps.plotting.labels import as_variable, basins_title, equation, label_axis, named_unit
 from sweeps.plotting.maps import draw_cells
+from sweeps.plotting.style import OTHER_ATTRACTORS
+from sweeps.text import shown_count
 
 #: The panels of the profile: the measure, the flag that the edge decided it, and the title.
 _MEASURES = (
@@ -45,15 +56,29 @@ def integrity(
 
     The parameter is the swept one with most values; `at` may give its value for the basins. Hollow
     marks are lower bounds, because the edge of the window decided; the other marks set the height
-    of the panels. The basins show the largest discs, the attractors at the section, and an arrow
-    for each least knock: from the state in which the motion next reaches the section to the state
-    in which the knocked motion does. `ax` are four panels, or one panel if only x0 and v0 were
-    swept. The limits of the page apply to the basins.
+    of the panels, and a bound beyond it is marked at the upper end. The basins show the attractors
+    at the section, and for those with a colour of their own the largest discs and an arrow for each
+    least knock: from the state in which the motion next reaches the section to the state in which
+    the knocked motion does. `ax` are four panels, or one panel if only x0 and v0 were swept. The
+    limits of the page apply to the basins.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> x0 = {"start": -3, "stop": 0, "num": 12}
+    >>> v0 = {"start": -2, "stop": 2, "num": 12}
+    >>> starts = {"x0": x0, "v0": v0}
+    >>> oscillator = {"h": 0.0, "R": 0.8, "omega": [1.3, 1.35], "f": 1.0}
+    >>> scene = {"oscillator": oscillator, "start": starts}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "basins.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.integrity(ds).savefig("integrity.png")
     """
-    along = sorted(parameter_axes(dataset), key=lambda name: -dataset.sizes[name])[:1]
+    others = [name for name in swept_axes(dataset) if name not in ("x0", "v0")]
+    along = sorted(others, key=lambda name: -dataset.sizes[name])[:1]
     cuts = {name: value for name, value in (at or {}).items() if name not in along}
     line = select(dataset, cuts, free=[*along, "x0", "v0"])
-    found = measured(line)
+    found = numbered(measured(line), dataset)
     starts = select(line, {name: at[name] for name in along if at and name in at}, ["x0", "v0"])
     there = found.sel({name: float(starts[name]) for name in along})
     table: dict[int, list[Row]] = {}
@@ -63,45 +88,57 @@ def integrity(
         heights = [0.35, 0.5, 0.5, 1.0] if along else [1.0]
         ax = canvas.stacked_panels(page, heights, shared=len(heights) - 1)
     *profile, panel = ax
+    marks: list[Artist] = []
     if along:
         axis = in_si(line)[si_name(along[0], rig_of(line))]
         here = float(in_si(starts)[axis.name])
-        _draw_profile(profile, in_si(found, line), str(axis.name), table)
+        marks = _draw_profile(profile, in_si(found, line), str(axis.name), table)
         for each in profile:
             each.axvline(here, color="black", linewidth=0.6, linestyle=":")
         label_axis(profile[-1].xaxis, axis)
-        panel.set_title(f"basins at ${axis.symbol}={mathtext(here)}$", loc="left")
+        panel.set_title(f"basins at {equation(axis.symbol, axis, here)}", loc="left")
     drawn = starts.sortby(["x0", "v0"]).transpose("v0", "x0", ...)
     rows_there = rows(starts, there)
-    handles = draw_cells(panel, drawn, basin_cells(there, rows_there))
-    handles += [
-        Patch(color=colour_of(appearances[0]), label=class_names(appearances))
+    handles = draw_cells(panel, drawn, basin_cells(rows_there, reached(there)))
+    names = {
+        colour_of(appearances[0]): class_names(appearances)
         for number, appearances in table.items()
         if number not in there["number"]
-    ]
-    handles += _draw_disturbances(panel, starts, there, rows_there)
+    }
+    if OTHER_ATTRACTORS in names:
+        names[OTHER_ATTRACTORS] = "other periodic attractors"
+    handles += [Patch(color=colour, label=text) for colour, text in names.items()]
+    handles += marks + _draw_disturbances(panel, starts, there, rows_there)
     page.set_limits(panel)
-    title = f"{CLASSES_TITLE},\nspeed before each impact; share of the starts"
+    title = basins_title(config_of(line))
     return canvas.finish(panel, page, line, handles, title)
 
 
 def _draw_profile(
     panels: Sequence[Axes], found: xr.Dataset, axis: str, table: dict[int, list[Row]]
-) -> None:
-    """Draw the measures of each attractor over the axis, in its colour."""
+) -> list[Artist]:
+    """Draw the measures of each attractor over the axis, in its colour; return a handle."""
+    look: dict[str, Any] = {"marker": "^", "markersize": 4.0, "markerfacecolor": "white"}
+    bounded = False
     for panel, (name, at_edge, title) in zip(panels, _MEASURES, strict=True):
         panel.set_title(title, loc="left")
-        highest = 0.0
+        is_bound = found[at_edge] if at_edge else found[name].isnull()
+        values = found[name].where(found["integrity_factor"].notnull())
+        highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
+        top = 1.1 * float(highest) or 1.0
         for number, appearances in table.items():
-            mine = (found["number"] == number) & found["integrity_factor"].notnull()
-            y = found[name].where(mine).max("coexisting")
-            bound = found[at_edge].where(mine, False).any("coexisting") if at_edge else y.isnull()
-            highest = float(y.where(~bound).max().fillna(0.0).clip(min=highest))
-            colour = colour_of(appearances[0])
-            panel.plot(found[axis], y, "o-", color=colour, markersize=2.5, linewidth=1.0)
-            (marks,) = panel.plot(found[axis], y.where(bound), "o", color=colour, markersize=2.5)
-            marks.set_markerfacecolor("white")
-        panel.set_ylim(0.0, 1.1 * highest or 1.0)
+            mine = found["number"] == number
+            y = values.where(mine).max("coexisting")
+            bound = (mine & is_bound & values.notnull()).any("coexisting")
+            bounded |= bool(bound.any())
+            x, colour = found[axis], colour_of(appearances[0])
+            panel.plot(x, y.where(y <= top), color=colour, linewidth=1.0)
+            panel.plot(x, y.where(~bound), "o", color=colour, markersize=2.5)
+            inside = y.where(y <= top, 0.95 * top)
+            panel.plot(x, inside.where(bound), linestyle="", color=colour, **look)
+        panel.set_ylim(0.0, top)
+    handle = Line2D([], [], linestyle="", color="black", label="lower bound", **look)
+    return [handle] if bounded else []
 
 
 def _draw_disturbances(
@@ -111,14 +148,18 @@ def _draw_disturbances(
     oscillator = oscillator_of(starts)
     line: dict[str, Any] = {"color": "black", "linewidth": 0.8}
     exact = config_of(starts).method.impact == "exact"
-    there = knocks(starts, there) if exact else there
+    own, others = by_colour(table)
+    numbers = [row.number for row in own]
+    there = knocks(starts, there, numbers) if exact else there
+    named = named_unit(as_variable("v0", dict(config_of(starts).units.items())))
+    unit = f" {named}" if named else ""
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
     ]
     measures = there.drop_dims(["x0", "v0"]).to_dataframe().to_dict("records")
     for row, one in zip(table, measures, strict=False):
-        if not one["integrity_factor"] > 0.0:
-            continue  # no attractor
+        if row.number not in numbers or not one["integrity_factor"] > 0.0:
+            continue  # no attractor, or none with a colour of its own
         size = 2.0 * one["integrity_factor"]
         disc = Ellipse((one["disc_x"], one["disc_v"]), size, size * oscillator.p, fill=False)
         panel.add_patch(disc).set(**line)
@@ -126,9 +167,14 @@ def _draw_disturbances(
             at = one["knock_phase"], one["knock_x"]
             size = one["knock_harmful"]
             begin, end = (at_section(oscillator, *at, one["knock_v"] + dv) for dv in (0.0, size))
-            panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **line})
-            text = rf"least knock, {row.name}: ${size:+.4g}$ at $\omega t={at[0]:.4g}$"
+            look: dict[str, Any] = {"color": colour_of(row), "linewidth": 1.2}
+            outline = {"path_effects": [withStroke(linewidth=3.0, foreground="white")]}
+            panel.annotate("", end, begin, arrowprops={"arrowstyle": "->", **look, **outline})
+            text = rf"least knock, {row.name}: ${size:+.4g}${unit} at $\omega t={at[0]:.4g}$"
             text += ", fractal" if one["knock_fractal"] else ""
-            arrow = Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **line)
+            arrow = Line2D([], [], marker=r"$\rightarrow$", linestyle="", label=text, **look)
             handles.append(arrow)
+    if others:
+        text = f"no disc and no knock for {shown_count(len(others), 'other attractor')}"
+        handles.append(Line2D([], [], linestyle="", label=text))
     return handles + mark_attractors(panel, starts, table)

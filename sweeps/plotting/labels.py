@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.ticker import (
+    Formatter,
+    LogLocator,
+    NullFormatter,
+    ScalarFormatter,
+    StrMethodFormatter,
+)
 
 from sweeps.analysis.rig import in_si
 from sweeps.analysis.selection import COORDINATES, config_of
@@ -20,8 +27,14 @@ from vibroimpact.status import Status
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
+    from sweeps.config.sweep import SweepConfig
+
 #: Title of a legend of periodic classes.
 CLASSES_TITLE = "m/q: q impacts in m forcing periods"
+#: Units that take a prefix in pictures, and for each prefix the least size of what it is put to,
+#: a thousandth of the greatest, and its factor.
+_PREFIXED = ("m", "m/s")
+_PREFIXES = ((1e-4, "m", 1e-3), (1e-7, "\N{MICRO SIGN}", 1e-6), (1e-10, "n", 1e-9))
 #: A space at which a title is not broken into lines.
 _JOINT = "\N{NO-BREAK SPACE}"
 
@@ -34,27 +47,51 @@ def as_variable(name: str, units: Mapping[str, str] | None = None) -> xr.DataArr
     return xr.DataArray(attrs={"long_name": meaning, "units": unit, "symbol": of.symbol})
 
 
-def label(variable: xr.DataArray) -> str:
+def label(variable: xr.DataArray, prefix: str = "") -> str:
     """Write the meaning of a variable, its symbol and, if the unit has a name, its unit.
 
     Spaces occur only between words, because matplotlib breaks long labels at spaces.
     """
-    unit = f" [{named}]" if (named := _named_unit(variable)) else ""
+    unit = f" [{prefix}{named}]" if (named := named_unit(variable)) else ""
     symbol = variable.attrs["symbol"].replace(r"\ ", "~").replace(" ", "\t")
     return variable.attrs["long_name"] + (f" ${symbol}$" if symbol else "") + unit
 
 
-def _named_unit(variable: xr.DataArray) -> str:
+def named_unit(variable: xr.DataArray) -> str:
     """Return the unit of a variable if a name was chosen for it, else an empty text."""
     unit: str = variable.attrs.get("units", "1")  # a user's own coordinate has no unit
     named = unit not in ("1", "rad") and not re.search("length|time", unit)
     return unit.replace("^2", "$^2$") if named else ""
 
 
+def basins_title(config: SweepConfig) -> str:
+    """Write the title of a legend of basins."""
+    unit = named_unit(as_variable("impact_v", dict(config.units.items())))
+    speed = "speed before each impact" + (f" [{unit}]" if unit else "")
+    return f"{CLASSES_TITLE},\n{speed}; share of the starts"
+
+
 def mathtext(value: float) -> str:
     """Write a number in mathtext, which would read 1e+300 as a product."""
     mantissa, e, exponent = f"{value:.6g}".partition("e")
     return rf"{mantissa}\times10^{{{int(exponent)}}}" if e else mantissa
+
+
+def prefix_of(variable: xr.DataArray, size: float) -> tuple[str, float]:
+    """Return the prefix that keeps a length or a speed of this size short, and its factor."""
+    if variable.attrs.get("units") in _PREFIXED:
+        for least, prefix, factor in _PREFIXES:
+            if least <= abs(size) < 1000.0 * least:
+                return prefix, factor
+    return "", 1.0
+
+
+def equation(symbol: str, variable: xr.DataArray, value: float) -> str:
+    """Write a symbol with its value and, if the unit of the variable has a name, its unit."""
+    prefix, factor = prefix_of(variable, value)
+    unit = [prefix + named] if (named := named_unit(variable)) else []
+    text = f"${symbol}={mathtext(value / factor)}$"
+    return _JOINT.join([text, *" ".join(unit).split()])
 
 
 def status_name(outcome: Status) -> str:
@@ -75,12 +112,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     mass = [] if rig is None else [f"$m={mathtext(rig.mass)}${_JOINT}kg"]
     values = {name: drawn[si_name(name, rig)] for name in PARAMETERS}
     parts = mass + [
-        _JOINT.join(
-            [
-                f"${parameter_of(name, rig).symbol}={mathtext(float(value))}$",
-                *_named_unit(value).split(),
-            ]
-        )
+        equation(parameter_of(name, rig).symbol, value, float(value))
         for name, value in values.items()
         if not value.dims and float(value) != parameter_of(name, rig).default
     ]
@@ -91,9 +123,8 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     if record is None:
         kept = config.record
         parts += [f"phase{_JOINT}{kept.phase:.6g}{_JOINT}rad"] if kept.phase else []
-        record = (
-            f"transient{_JOINT}{kept.transient:,}, record{_JOINT}{kept.periods:,}{_JOINT}periods"
-        )
+        transient = "auto" if kept.transient is None else f"{kept.transient:,}"
+        record = f"transient{_JOINT}{transient}, record{_JOINT}{kept.periods:,}{_JOINT}periods"
     parts.append(record)
     if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
         parts.append(status.meaning)
@@ -109,19 +140,52 @@ def log_spaced(values: np.ndarray) -> bool:
     return np.allclose(ratios, ratios[0], rtol=1e-6)
 
 
+class _Prefixed(Formatter):
+    """Writes the ticks of a length or a speed with a prefix, which it puts into the label.
+
+    The prefix follows the limits of the axis; `written` writes the numbers in front of it.
+    """
+
+    def __init__(self, axis: Axis, variable: xr.DataArray, written: Formatter) -> None:
+        self._of, self._variable, self._written = axis, variable, written
+        self._prefix, self._factor = "", 1.0
+        written.create_dummy_axis()
+
+    def set_locs(self, locs: Any) -> None:
+        """Choose the prefix for the limits of the axis."""
+        ends = np.array(self._of.get_view_interval())
+        old = label(self._variable, self._prefix)
+        self._prefix, self._factor = prefix_of(self._variable, np.abs(ends).max())
+        if self._of.get_label_text() == old:  # no other label was given
+            self._of.set_label_text(label(self._variable, self._prefix))
+        assert self._written.axis is not None
+        self._written.axis.set_view_interval(*ends / self._factor)
+        self._written.set_locs((np.asarray(locs) / self._factor).tolist())
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Write a tick."""
+        return self._written(x / self._factor, pos)
+
+    def get_offset(self) -> str:
+        """Return the common part of all ticks."""
+        return self._written.get_offset()
+
+
 def label_axis(axis: Axis, variable: xr.DataArray) -> None:
     """Label the axis of a variable; make it logarithmic if the values have that spacing."""
     axis.set_label_text(label(variable), wrap=True)
-    if variable.dims == (variable.name,) and log_spaced(variable.values):
+    logarithmic = variable.dims == (variable.name,) and log_spaced(variable.values)
+    if logarithmic:
         panel = axis.axes
         (panel.set_xscale if axis is panel.xaxis else panel.set_yscale)("log")
         tick_in_decades(axis)
+    if variable.attrs.get("units") in _PREFIXED:
+        written = StrMethodFormatter("{x:g}") if logarithmic else ScalarFormatter()
+        axis.set_major_formatter(_Prefixed(axis, variable, written))
 
 
 def tick_in_decades(axis: Axis) -> None:
     """Label 1, 2 and 5 in every decade with plain numbers."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

@@ -11,7 +11,8 @@ import xarray as xr
 from sweeps.analysis.regimes import has_result
 from sweeps.analysis.selection import COORDINATES, Selection, choice_of, chosen_axes, listed, select
 from sweeps.errors import Refused
-from sweeps.store import DIRECTION, VARIABLES
+from sweeps.plotting.numbers import numbers_of
+from sweeps.store import DIRECTION
 from vibroimpact.status import Status
 
 
@@ -22,7 +23,7 @@ def select_line(
     coordinate: str | None = None,
 ) -> tuple[xr.Dataset, str, str]:
     """Return the points that `sweeps.plotting.bifurcation` shows, their axis and coordinate."""
-    (axis,) = chosen_axes(dataset, axes, 1, "bifurcation")
+    (axis,) = chosen_axes(dataset, axes, at, 1, "bifurcation")
     coordinate = choose_coordinate(dataset, coordinate)
     return select(dataset, at, free=[axis, DIRECTION]), axis, coordinate
 
@@ -37,28 +38,24 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
     choice = choice_of(available, "coordinate")
     if coordinate not in dataset:
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
-    if coordinate in scalars(dataset):
+    if coordinate in numbers_of(dataset):
         choice += f"; below={[coordinate]} draws it in a panel below the diagram"
     raise Refused(f"{coordinate} is not a coordinate of the motion; {choice}")
 
 
-def scalars(dataset: xr.Dataset) -> list[str]:
-    """List the variables with a single number per point, and the Lyapunov exponents."""
-    return [
-        name
-        for name, variable in VARIABLES.items()
-        if name in dataset and variable.dimension in (None, "exponent") and name != "status"
-    ]
-
-
 def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
     """Refuse a line that has no value of a coordinate, and say why."""
-    status = line["status"].values
+    refuse_without_result(line["status"].values)
+    raise Refused(
+        f"there is nothing to draw: no impact was recorded, so no point has {coordinate}; "
+        "coordinate='poincare_x' shows the motion"
+    )
+
+
+def refuse_without_result(status: np.ndarray) -> None:
+    """Refuse points of which none has a result, and say why."""
     if has_result(status).any():
-        raise Refused(
-            f"there is nothing to draw: no impact was recorded, so no point has {coordinate}; "
-            "coordinate='poincare_x' shows the motion"
-        )
+        return
     reasons = [
         f"{Status(outcome).meaning} ({count:,})"
         for outcome, count in zip(*np.unique(status, return_counts=True), strict=True)
@@ -66,20 +63,27 @@ def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
     raise Refused(f"there is nothing to draw, no point has a result: {listed(reasons)}")
 
 
-def count_pixels(
-    columns: np.ndarray, values: np.ndarray, shape: tuple[int, int], low: float, high: float
-) -> np.ndarray:
-    """Count the values in each pixel of a panel; `shape` is its number of columns and rows.
+def pixels_of(
+    columns: np.ndarray, values: np.ndarray, rows: int, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values within a panel of so many `rows`: the place in `columns`, and the pixel.
 
     `columns`, shape (k,), are the columns of k points, all within the panel; `values`, shape
     (k, width), are their ordinates, with NaN for missing ones. The ordinate ranges from `low` to
-    `high`.
+    `high`. The pixels are numbered column by column.
     """
-    rows = shape[1]
     scaled = np.floor((values - low) * (rows / (high - low)))
     seen = (scaled >= 0.0) & (scaled < rows)  # False for NaN
-    at = np.repeat(columns, seen.sum(axis=1)) * rows + scaled[seen].astype(np.int64)
-    return np.bincount(at, minlength=shape[0] * rows).reshape(shape)
+    place = np.repeat(np.arange(len(columns)), seen.sum(axis=1))
+    return place, columns[place] * rows + scaled[seen].astype(np.int64)
+
+
+def count_pixels(
+    columns: np.ndarray, values: np.ndarray, shape: tuple[int, int], low: float, high: float
+) -> np.ndarray:
+    """Count the values in each pixel of a panel of a `shape`; the others are of `pixels_of`."""
+    _, pixels = pixels_of(columns, values, shape[1], low, high)
+    return np.bincount(pixels, minlength=shape[0] * shape[1]).reshape(shape)
 
 
 def widened(low: float, high: float) -> tuple[float, float]:

@@ -34,7 +34,7 @@ _MOST_PIXELS = 2**16
 
 
 def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
-    """Return title, program and text for the metadata of a picture of an opened sweep.
+    """Return title, program and text for the metadata of a picture, without the rows of a table.
 
     `command` is the command that draws it, or ``""``.
     """
@@ -46,7 +46,7 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
     text += f"\ncommand: {command}" if command else ""
     config = config_of(dataset)
-    text += f"\nconfiguration:\n{config.to_yaml()}"
+    text += f"\nconfiguration:\n{config.to_yaml(table=False)}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"
     return config.name, program, text
 

@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib as mpl
 
 from sweeps.analysis.regimes import Regime
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 # From Okabe and Ito's palette.
 BLUE, VERMILION, ORANGE = "#0072B2", "#D55E00", "#E69F00"
@@ -28,6 +28,8 @@ OTHER_PERIODIC = "#D3E4B4"
 #: Classes m/q with fixed colours, in the order of ``PERIODIC``; others get the remaining colours.
 _NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
 REST = VERMILION
+#: Colour of the marks of points whose motion is not on its orbit yet, in a diagram.
+APPROACHING = "#8A2BE2"
 #: Labels and colours of the other regimes.
 REGIMES = {
     Regime.REST: ("with rest", REST),
@@ -40,9 +42,22 @@ REGIMES = {
 RESULTS = {
     Status.COMPUTED: PERIODIC[1],
     Status.CERTIFIED: PERIODIC[0],
-    Status.SETTLED: PERIODIC[4],
+    Status.CUT_SHORT: PERIODIC[4],
     Status.UNBOUNDED: REST,
 }
+
+#: Colours of the evidence for a class.
+EVIDENCE = {
+    Evidence.REPEATS: PERIODIC[0],
+    Evidence.FREE: PERIODIC[1],
+    Evidence.CAPTURED: PERIODIC[2],
+    Evidence.FALLING: PERIODIC[3],
+    Evidence.NONE: "#000000",
+    Evidence.UNSTABLE: "#4B0082",
+    Evidence.UNREACHED: REST,
+}
+#: Colours of points without a value, and of dots that would be white.
+NO_VALUE, PALE = "#CCCCCC", STATUS_COLOURS[Status.PENDING]
 
 #: Colours of the periodic attractors, the most frequent first; successive colours differ strongly.
 ATTRACTORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
@@ -66,6 +81,7 @@ STYLE: dict[Any, Any] = {
     "figure.figsize": [5.0, 3.2],
     "axes.linewidth": 0.6,
     "axes.formatter.offset_threshold": 5,  # number of leading digits that all labels share
+    "hatch.linewidth": 0.7,
     "agg.path.chunksize": 10000,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",

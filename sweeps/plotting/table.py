@@ -10,20 +10,17 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
-from sweeps.analysis.rig import in_si, rig_of
-from sweeps.analysis.selection import Selection, listed, select
-from sweeps.config.rig import si_name
+from sweeps.analysis.selection import Selection, select
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
-from sweeps.plotting.labels import CLASSES_TITLE, label, label_axis
-from sweeps.plotting.lines import scalars
-from sweeps.plotting.maps import period_cells, status_cells
+from sweeps.plotting.colours import paint
+from sweeps.plotting.labels import label, label_axis
+from sweeps.plotting.lines import refuse_without_result
+from sweeps.plotting.numbers import Wanted, number_at, with_number
 from sweeps.store import columns_of
-from sweeps.text import nearest, suggestion
 
 #: Least width of a panel, for its labels [inch].
 _NARROWEST = 2.3
@@ -35,34 +32,49 @@ def table_panels(
     *,
     axes: Sequence[str] = (),
     at: Selection | None = None,
-    quantity: str | None = None,
+    quantity: Wanted | None = None,
+    color: Wanted | None = None,
     page: Page = PAGE,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw a result over the columns of a table, a panel for each, coloured by class.
+    """Draw a result over the columns of a table, a panel for each.
 
     Parameters
     ----------
-    axes : sequence of str, optional
+    axes : sequence of str or DataArray, optional
         Abscissas: columns of numbers or results, by default the columns that vary; with `ax`, only
         one.
-    quantity : str, optional
-        The ordinate: a result or a column of numbers, by default the first result.
+    quantity : str or DataArray, optional
+        The ordinate: a result or a column of numbers, by default ``impacts_per_period``.
+    color : str or DataArray, optional
+        What colours the points, by default ``period``, or ``status`` if it was not recorded.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> from sweeps import plotting
+    >>> rows = {"omega": [2.3, 2.5, 2.4], "R": [0.7, 0.8, 0.75]}
+    >>> scene = {"oscillator": {"h": 0.1, "f": 1.0}, "points": rows}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "table.h5", overwrite=True))
+    >>> plotting.table_panels(ds).savefig("table.png")
     """
     if TABLE not in dataset["status"].dims:
         raise Refused("the points of this file are a grid, and not the rows of a table")
     select(dataset, at, free=[TABLE])  # refuses a value of TABLE
     columns = [name for name, values in columns_of(dataset).items() if values.dtype.kind in "iuf"]
     varying = [name for name in columns if np.ptp(dataset[name].values) > 0.0] or columns[:1]
-    valid = [*columns, *scalars(dataset)]
-    abscissas = [*axes] or varying[: None if ax is None else 1]
-    ordinate = quantity or scalars(dataset)[0]
-    for name in (*abscissas, ordinate):
-        if name not in valid:
-            meant = suggestion(nearest(name, valid))
-            raise Refused(
-                f"there is no numeric column or result {name}{meant}; choose from: {listed(valid)}"
-            )
+    color = ("period" if "period" in dataset else "status") if color is None else color
+    names = []
+    for wanted in (
+        color,
+        "impacts_per_period" if quantity is None else quantity,
+        *([*axes] or varying[: None if ax is None else 1]),
+    ):
+        dataset, name = with_number(dataset, wanted)
+        names.append(name)
+    shown, (ordinate, *abscissas) = paint(dataset, names[0], dots=True), names[1:]
+    status = dataset["status"].values
+    refuse_without_result(status)
     width = page.width or mpl.rcParams["figure.figsize"][0]
     across = min(math.ceil(math.sqrt(len(abscissas))), max(1, int(width / _NARROWEST)))
     down = math.ceil(len(abscissas) / across)
@@ -71,15 +83,11 @@ def table_panels(
         panels = grid.ravel()
     else:
         panels = np.array([ax])
-    cells = period_cells(dataset) if "period" in dataset else status_cells(dataset)
-    cells = [cell for cell in cells if cell.where.any()]
-    dataset = in_si(dataset)
-    status = dataset["status"].values
-    colours = np.select([cell.where for cell in cells], [cell.colour for cell in cells], "none")
+    colours = shown.colours()
     size = float(np.clip(4e3 / math.sqrt(status.size) / across, 0.3, 4.0))
-    rig = rig_of(dataset)
+    y = number_at(dataset, ordinate)
     for panel, name in zip(panels, abscissas, strict=False):
-        x, y = (_numbers(dataset, si_name(of, rig)) for of in (name, ordinate))
+        x = number_at(dataset, name)
         panel.scatter(x, y, size, colours, linewidths=0, rasterized=True)
         canvas.mark_status(panel, x.values, status)
         label_axis(panel.xaxis, x)
@@ -91,12 +99,6 @@ def table_panels(
     for unused in panels[len(abscissas) :]:
         unused.remove()
     page.set_limits(panels[0])
-    handles = [Patch(facecolor=cell.colour, label=cell.label) for cell in cells]
-    handles += panels[0].get_legend_handles_labels()[0]
-    title = CLASSES_TITLE if "period" in dataset else None
-    return canvas.finish(panels[0], page, dataset, handles, title)
-
-
-def _numbers(dataset: xr.Dataset, name: str) -> xr.DataArray:
-    """Return a column or a result; of the Lyapunov exponents, the larger one."""
-    return dataset[name].isel(exponent=0) if "exponent" in dataset[name].dims else dataset[name]
+    shown.add_bar(list(panels[: len(abscissas)]))
+    handles = shown.handles() + panels[0].get_legend_handles_labels()[0]
+    return canvas.finish(panels[0], page, dataset, handles, shown.title)

@@ -217,6 +217,15 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     ------
     StoreError
         If the file does not exist, is not a readable sweep of this format, or is damaged.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> ds["period"].values
+    array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
     """
     import xarray as xr  # slow to import
 
@@ -241,10 +250,14 @@ def schema_of(path: Path) -> Schema:
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
-    """Return variables with a single value per point, and the duration of the run [s]."""
+    """Return those of the variables, with a single value per point, that the file has.
+
+    Also returns the duration of the run [s].
+    """
     check_file(path, verify=False)
     with h5py.File(path, "r") as file:
-        return {name: file[name][()] for name in names}, float(file.attrs["duration"])
+        held = {name: file[name][()] for name in names if name in file}
+        return held, float(file.attrs["duration"])
 
 
 def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:

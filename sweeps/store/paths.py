@@ -24,12 +24,12 @@ from sweeps.text import shown_bytes
 
 #: The attributes ``format`` and ``format_version`` of a file.
 FORMAT = "vibroimpact-sweep"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 #: The first bytes of a journal, and the last bytes of a complete file.
 JOURNAL = b"\x89VIBROJ\n"
-TRAILER = b"\x89VIBRO4\n"
-#: The last bytes of files with the format versions 2 and 3.
-_OLDER = re.compile(rb"\x89VIBRO[L3]\n")
+TRAILER = b"\x89VIBRO5\n"
+#: The last bytes of files with the format versions 2 to 4.
+_OLDER = re.compile(rb"\x89VIBRO[L34]\n")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
@@ -37,8 +37,8 @@ _ENDS = 1 << 16
 #: Endings of other kinds of files, refused for an output because they are surely a mistake.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
 #: Valid contents of a lock: this program's text, the text that filelock writes on systems without
-#: locks, or nothing if the writer was killed early.
-_LOCK_TEXT = re.compile(rb"(?:vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?)?")
+#: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
+_LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
 
 
 def journal_path(path: Path) -> Path:
@@ -189,8 +189,7 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
     real = path.resolve()
     try:
         name = real.with_name(f"{real.name}.lock")
-        # An empty file may be the user's, so it is left empty instead of removed.
-        was_empty = os.path.lexists(name) and not _lock_text(name)
+        _lock_text(name)  # refuses another file of that name
         lock = FileLock(name)
         lock.acquire(blocking=False)
     except Timeout:
@@ -215,9 +214,7 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
         yield
     finally:
         with suppress(PermissionError):
-            if was_empty:
-                name.write_bytes(b"")
-            elif not is_soft:
+            if not is_soft:
                 name.unlink(missing_ok=True)
         lock.release()
 
@@ -226,7 +223,11 @@ def _lock_text(name: Path) -> bytes:
     """Return the content of a lock, if it can be read; refuse another file of its name."""
     text = b""
     with suppress(FileNotFoundError, PermissionError):
-        text = name.read_bytes()[:100] if stat.S_ISREG(os.lstat(name).st_mode) else b"another"
+        if stat.S_ISREG(os.lstat(name).st_mode):
+            with name.open("rb") as file:
+                text = file.read(100)
+        else:
+            text = b"another"
     if not _LOCK_TEXT.fullmatch(text):
         raise StoreError(
             f"{name} is needed as a lock, but something else has that name; move it, or give "

@@ -16,6 +16,10 @@ from pathlib import Path
 from sweeps.errors import Failed, StoreError
 from sweeps.text import shortened
 
+#: Characters that no name of a file has on Windows, where a backslash separates folders.
+_NOT_IN_NAMES = re.compile(r'[<>:"|?*\\]')
+#: Names that Windows keeps for devices, with every ending.
+_DEVICES = re.compile(r"(CON|PRN|AUX|NUL|COM[1-9]|LPT[1-9]) *(\..*)?", re.IGNORECASE)
 #: Number of characters of a file's name in the name of its draft, which must not be too long.
 _REPEATED = 50
 
@@ -32,10 +36,16 @@ def check_target(path: Path, what: str) -> bool:
     Raises
     ------
     StoreError
-        If the folder of the path does not exist, if the path is too long, if it exists and is not
-        a regular file (but a directory, a FIFO or a device), or if it is a link made by another
-        user.
+        If another system could not hold a file of that name, if the folder of the path does not
+        exist, if the path is too long, if it exists and is not a regular file (but a directory, a
+        FIFO or a device), or if it is a link made by another user.
     """
+    if problem := _unportable(path.name):
+        name = shortened(repr(str(path)), 300)
+        raise StoreError(
+            f"the {what} {name} cannot be used: on Windows no file {problem}; give the {what} "
+            "another name"
+        )
     try:
         target = _followed(path)
         if not target.parent.is_dir():
@@ -57,6 +67,16 @@ def check_target(path: Path, what: str) -> bool:
             f"{path} is {kind(mode)} and will not be replaced; give the {what} another name"
         )
     return True
+
+
+def _unportable(name: str) -> str:
+    """Say why Windows cannot hold a file of this name, so that no copy of it fails there."""
+    if odd := _NOT_IN_NAMES.search(name):
+        return f"has the character {odd[0]} in its name"
+    if name.endswith((".", " ")):
+        return f"has a name that ends in a {'dot' if name.endswith('.') else 'space'}"
+    device = _DEVICES.fullmatch(name)
+    return f"can be named {device[1]}, with any ending" if device else ""
 
 
 def kind(mode: int) -> str:

@@ -11,7 +11,6 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib import metadata
 from typing import Any, Self
 
 import h5py
@@ -24,6 +23,7 @@ from sweeps.store.variables import (
     COLUMNS,
     DIRECTION,
     DIRECTION_MEANING,
+    FLAGS,
     RECORDS,
     VARIABLES,
     held_variables,
@@ -33,7 +33,6 @@ from sweeps.text import in_units
 from vibroimpact import __version__
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.status import Status
 
 #: Attribute of a refined sweep: the number of points added to its grid.
 ADDED = "points_added"
@@ -86,6 +85,10 @@ class Schema:
         data). They may contain ``length_unit``, ``time_unit`` and further attributes of the file.
         If an axis is followed in two directions, the data get a leading dimension for them.
         """
+        import numba  # takes half a second, and files are also opened without it
+
+        from vibroimpact.jit import WAY
+
         columns = (TABLE in grid.axes and grid.axes[TABLE].dtype.names) or ()
         for name in columns:
             if name in (TABLE, DIRECTION, *RECORDS, *VARIABLES):
@@ -99,7 +102,8 @@ class Schema:
             **attributes,
             **({COLUMNS: " ".join(columns)} if columns else {}),
             "vibroimpact_version": __version__,
-            "numba_version": metadata.version("numba"),
+            "numba_version": numba.__version__,
+            "numba_way": str(WAY),
             "numpy_version": np.__version__,
             "h5py_version": h5py.__version__,
             "platform": platform.platform(),
@@ -180,9 +184,10 @@ def describe(file: h5py.File, schema: Schema, *, compressed: bool = False) -> No
         _label(dataset, (variable.long_name, unit, variable.symbol))
         for index, dimension in enumerate(schema.dimensions(name)):
             dataset.dims[index].attach_scale(file[dimension])
-    status = file["status"].attrs
-    status["flag_values"] = np.array(list(Status), VARIABLES["status"].dtype)
-    status["flag_meanings"] = " ".join(one.name.lower() for one in Status)
+    for name in FLAGS.keys() & set(schema.variables):
+        words = FLAGS[name]
+        file[name].attrs["flag_values"] = np.array(list(words), VARIABLES[name].dtype)
+        file[name].attrs["flag_meanings"] = " ".join(one.name.lower() for one in words)
 
 
 def add_blocks(file: h5py.File, schema: Schema) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vibroimpact.points.run_spec import RunSpec
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -78,13 +79,51 @@ VARIABLES: Mapping[str, Variable] = {
     "chatters": Variable(None, "1", "complete chatters", r"n_\mathrm{c}", "int64"),
     "near_grazes": Variable(None, "1", "near grazes", r"n_\mathrm{g}", "int64"),
     "period": Variable(
-        None, "1", "forcing periods per repetition, 0: none found", "m", "int64", "period"
+        None, "1", "forcing periods per repetition, 0: no class", "m", "int64", "period"
     ),
     "period_impacts": Variable(None, "1", "impacts per repetition", "q", "int64", "period"),
+    "transient": Variable(
+        None,
+        "1",
+        "forcing periods before the record",
+        r"n_\mathrm{t}",
+        "int64",
+        diagnostic="longest",
+    ),
+    "orbit_x": Variable(
+        None,
+        "length",
+        "displacement of the orbit at the last section",
+        r"x_\mathrm{o}",
+        diagnostic="period",
+    ),
+    "orbit_v": Variable(
+        None,
+        "length/time",
+        "velocity of the orbit at the last section",
+        r"\dot{x}_\mathrm{o}",
+        diagnostic="period",
+    ),
+    "orbit_distance": Variable(
+        None,
+        "1",
+        "distance from the orbit at the last section, as a share of the record's size",
+        "d",
+        diagnostic="period",
+    ),
+    "class_evidence": Variable(
+        None, "1", "evidence for the class", "", dtype="int8", diagnostic="period"
+    ),
     "lyapunov": Variable(
         "exponent", "1/time", "Lyapunov exponent", r"\lambda", diagnostic="lyapunov"
     ),
     "status": Variable(None, "1", "what became of the point", "", dtype="int8"),
+}
+
+#: The variables whose numbers stand for words, and these words.
+FLAGS: Mapping[str, type[Evidence] | type[Status]] = {
+    "class_evidence": Evidence,
+    "status": Status,
 }
 
 #: The first dimension of a sweep followed up and down, and its meaning.
@@ -109,7 +148,7 @@ def columns_of(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     return {name: np.atleast_1d(dataset[name].values) for name in names}
 
 
-def widths_of(spec: RunSpec, at_impacts: int = 0) -> dict[str, int]:
+def widths_of(spec: RunSpec, at_impacts: float = 0) -> dict[str, int]:
     """Return the width of every record dimension; 0 if nothing is recorded along it.
 
     The width of ``sample`` counts `at_impacts` samples at impacts in every period.
@@ -117,7 +156,7 @@ def widths_of(spec: RunSpec, at_impacts: int = 0) -> dict[str, int]:
     samples = 0
     if spec.every is not None:
         samples = spec.periods * spec.steps_per_period // spec.every + 1
-        samples += at_impacts * spec.periods
+        samples += math.ceil(at_impacts * spec.periods)
     return {
         "section": spec.periods,
         "impact": spec.impacts,
@@ -137,7 +176,7 @@ def held_variables(spec: RunSpec) -> dict[str, Variable]:
     }
 
 
-def bytes_per_point(spec: RunSpec, at_impacts: int = 0) -> int:
+def bytes_per_point(spec: RunSpec, at_impacts: float = 0) -> int:
     """Return the size in bytes of the results of one point, with the widths of `widths_of`."""
     widths = {"": 1, **widths_of(spec, at_impacts)}
     return sum(

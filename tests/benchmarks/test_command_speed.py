@@ -132,5 +132,5 @@ def test_second_run(race, sweep):
         of_reference=1.0,
         rounds=3,
     )
-    assert "8 points, all certified" in told
+    assert "8 points, every impact found and certified" in told
     check(path)

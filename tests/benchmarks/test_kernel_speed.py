@@ -12,7 +12,9 @@ from limits import cpu_seconds
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import run
-from vibroimpact.status import Status
+from vibroimpact.kernel.integrate import run_points
+from vibroimpact.status import Evidence, Status
+from vibroimpact.step.scheme import scheme_of
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 
@@ -104,6 +106,26 @@ def test_lyapunov(race):
     rate = found["impacts_per_period"] * points["omega"] / (2.0 * math.pi)
     expected = -2.0 * points["h"] + 2.0 * rate * np.log(points["R"])
     np.testing.assert_allclose(found["lyapunov"].sum(axis=1), expected, rtol=1e-9)
+
+
+def test_classes(race):
+    """A map with chaos, long transients, rests and free motions; the shares of its classes."""
+    R, omega = np.meshgrid(np.linspace(0.4, 0.95, 60), np.linspace(1.0, 2.6, 60), indexing="ij")
+    points = Oscillator(h=0.03, R=0.8, omega=1.0, f=1.0, clearance=0.3).at().repeat(R.size)
+    points["R"], points["omega"] = R.ravel(), omega.ravel()
+
+    scheme = scheme_of(points, "exact", "exact", None)
+
+    def sweep(classes):
+        return run_points(points, scheme, (200, 32, 0), False, 1, np.zeros(1, np.int64), classes)
+
+    found = race.run(
+        "classes of a map on / off", lambda: sweep(True), lambda: sweep(False), of_reference=1.0
+    )
+    evidence = found["destination"]["evidence"]
+    free = found["impacts_per_period"] == 0.0
+    assert (evidence[free] == Evidence.FREE).mean() > 0.9
+    assert 0.05 < (evidence <= Evidence.UNREACHED).mean() < 0.2
 
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")

@@ -29,7 +29,7 @@ def call(*arguments):
     """Run a command and return its result; it must not end with a traceback."""
     words = [str(argument) for argument in arguments]
     with patch.object(sys, "argv", ["vibroimpact", *words]):
-        result = CliRunner().invoke(app, words)
+        result = CliRunner().invoke(app, words, prog_name="vibroimpact")
     assert isinstance(result.exception, SystemExit | type(None)), result.exception
     return result
 

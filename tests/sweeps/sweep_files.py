@@ -10,7 +10,7 @@ import yaml
 from sweeps import load_config, open_sweep, run_sweep
 from sweeps.errors import ConfigError
 from sweeps.store import VARIABLES, only_writer, sweep_writer
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 
 def load(configuration, *overrides, path="sweep.yaml"):
@@ -156,7 +156,9 @@ def hand_made(sections, periods, axes=("x0",), **changed):
     )
     values = {"status": np.full(shape, Status.CERTIFIED), "rest_fraction": np.zeros(shape)}
     values["chatters"] = np.zeros(shape, int)
-    values |= {"period": periods, "period_impacts": periods, **changed}
+    values |= {"period": periods, "period_impacts": periods, "orbit_distance": np.zeros(shape)}
+    values["class_evidence"] = np.where(periods > 0, Evidence.REPEATS, Evidence.NONE)
+    values |= {"orbit_x": sections[..., -1, 0], "orbit_v": sections[..., -1, 1], **changed}
     data = {name: (axes, np.asarray(value)) for name, value in values.items()}
     for i, name in enumerate(("poincare_x", "poincare_v")):
         data[name] = ((*axes, "section"), sections[..., i])

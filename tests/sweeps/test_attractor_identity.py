@@ -9,6 +9,8 @@ from sweep_files import cycle, hand_made, partition
 from sweeps import attractors, open_sweep, run_sweep
 from sweeps.analysis.attractor_table import rows
 from sweeps.analysis.regimes import Regime
+from sweeps.analysis.section_distance import TOLERANCE, Cycles, distances, representatives
+from sweeps.analysis.tracking import MAX_DISTANCE, PeriodicAttractors
 from sweeps.errors import Refused
 from vibroimpact.status import Status
 
@@ -23,12 +25,13 @@ def test_a_motion_reached_at_another_phase_is_the_same():
     assert found["attractors"].item() == 1
 
 
-def test_the_order_within_a_cycle_tells_two_apart():
-    """The same states in another cyclic order are another motion."""
-    states = [(-1.0, 0.1), (-0.5, 0.2), (-0.2, 0.9), (-0.7, 0.4)]
-    swapped = [states[i] for i in (0, 2, 1, 3)]
-    found = attractors(hand_made([cycle(*states), cycle(*swapped), cycle(*states)], 4))
-    assert partition(found["attractor"]) == {frozenset({0, 2}), frozenset({1})}
+def test_the_order_within_a_cycle_tells_motions_apart():
+    """The same states in another cyclic order are another motion; there are six orders of four."""
+    first, *others = (-1.0, 0.1), (-0.5, 0.2), (-0.2, 0.9), (-0.7, 0.4)
+    orders = [cycle(first, *order, turns=4) for order in itertools.permutations(others)]
+    noise = 1e-9 * np.random.default_rng(0).normal(size=(30, 16, 2))
+    found = attractors(hand_made(noise + 5 * orders, 4))
+    assert partition(found["attractor"]) == {frozenset(range(i, 30, 6)) for i in range(6)}
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-9])
@@ -71,6 +74,54 @@ def test_states_on_their_way_to_one_motion_are_chained():
     """Seven in a row, each within the tolerance of its neighbours only."""
     points = np.array([cycle((-1.0 + 0.8e-3 * k, 0.0)) for k in (3, 0, 6, 1, 5, 2, 4)])
     assert attractors(hand_made(points, 1))["attractors"].item() == 1
+
+
+def pairs_of_cycles(count, m):
+    """Return cycles at random places, and a partner of each about a tolerance apart."""
+    random = np.random.default_rng(m)
+    states = random.uniform([-1.0, -1.0], [0.0, 1.0], (count, m, 2))
+    states[:, 0, 0] *= random.random(count) < 0.5  # half of them are at the stop once
+    partners = states + random.uniform(0.5e-3, 1.2e-3) * random.uniform(-1.0, 1.0, states.shape)
+    at_stop = (states[:, 0, 0] == 0.0) & (states[:, 0, 1] > 0.0)
+    partners[at_stop, 0, 0] = -1e-4
+    partners[at_stop, 0, 1] *= -0.8  # after the impact
+    partners = np.array([np.roll(cycle, random.integers(m), axis=0) for cycle in partners])
+    return Cycles(states, np.full(count, 0.8)), Cycles(partners, np.full(count, 0.8))
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_two_cycles_are_one_motion_exactly_if_they_are_within_the_tolerance(m):
+    """At random places, which are sometimes in different squares."""
+    count = (30, 300, 300)[m - 1]
+    cycles, partners = pairs_of_cycles(count, m)
+    both = Cycles(*(np.concatenate([getattr(c, name) for c in (cycles, partners)])
+                    for name in ("states", "R")))  # fmt: skip
+    equal = distances(cycles, partners) <= TOLERANCE
+    assert 0.05 < equal.mean() < 0.99
+    found = representatives(both, np.zeros(2 * count, int))
+    np.testing.assert_array_equal(found[:count] == found[count:], equal)
+    assert len(set(found)) == count + np.count_nonzero(~equal)
+
+
+def test_the_work_is_in_proportion_to_the_number_of_attractors(monkeypatch):
+    """As for an undamped oscillator, where every start is an attractor."""
+    compared = []
+    monkeypatch.setattr(
+        "sweeps.analysis.section_distance.distances",
+        lambda a, b: [compared.append(len(a)), distances(a, b)][1],
+    )
+    states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))
+    found = representatives(Cycles(states, np.ones(3000)), np.zeros(3000, int))
+    assert len(set(found)) > 2900
+    assert sum(compared) < 10 * 3000
+
+
+def test_a_motion_that_represents_others_represents_itself():
+    """Of motions that fill a region, each may be near others that are not near each other."""
+    states = np.random.default_rng(0).uniform(-1.0, -0.97, (1000, 1, 2))
+    found = representatives(Cycles(states, np.ones(1000)), np.zeros(1000, int))
+    np.testing.assert_array_equal(found[found], found)
+    assert 1 < len(set(found)) < 1000
 
 
 def test_a_small_flip_is_not_yet_another_attractor():
@@ -152,6 +203,92 @@ def test_an_identity_is_kept_through_a_flip_and_lost_in_a_jump():
     assert found[0] != found[-1]
 
 
+def test_an_attractor_that_comes_and_goes_beside_another_leaves_it_its_number():
+    """Both are near enough to continue each other; only the nearest does."""
+    points = np.empty((12, 2, 16, 2))
+    for i in range(12):
+        points[i] = cycle((-1.0 - 0.01 * i, 0.0), turns=16)
+        if 4 <= i < 8:
+            points[i, 1] = cycle((-1.0 - 0.01 * i, 0.08 if i < 6 else -0.08), turns=16)
+    for ordered in (points, points[:, ::-1]):
+        found = along(ordered, 1)
+        staying = found[:, 0] if ordered is points else found[:, 1]
+        coming = found[4:8, 1] if ordered is points else found[4:8, 0]
+        assert len(set(staying)) == 1 and set(staying).isdisjoint(coming)
+
+
+def test_the_sheets_of_a_cusp_keep_two_numbers_where_both_exist():
+    """s^3 - a s - b = 0: around the cusp at a = b = 0 one attractor leads to the other."""
+    a, b = np.linspace(-0.5, 1.0, 13), np.linspace(-0.6, 0.6, 41)
+    points = np.empty((13, 41, 2, 16, 2))
+    for (i, j), _ in np.ndenumerate(points[..., 0, 0, 0]):
+        roots = np.roots([1.0, 0.0, -a[i], -b[j]])
+        roots = np.sort(roots.real[np.abs(roots.imag) < 1e-9])
+        for k, s in enumerate((roots[0], roots[-1])):
+            points[i, j, k] = cycle((-2.0 + 1.2 * s, 0.5 * s), turns=16)
+    found = attractors(hand_made(points, 1, axes=("f", "h", "x0")))
+    lower, upper = np.moveaxis(found["attractor"].values, -1, 0)
+    both = found["attractors"].values == 2
+    assert both.sum() > 50 and not (lower == upper)[both].any()
+    assert len(set(lower[both])) == len(set(upper[both])) == 1
+    assert len(set(lower[0])) == 1 and set(lower[0]) <= {*lower[both], *upper[both]}
+
+
+@pytest.mark.parametrize("same_R", [True, False])
+def test_the_links_are_the_mutually_nearest_pair_by_pair(same_R):
+    random = np.random.default_rng(1)
+    point, m = np.sort(random.integers(0, 6, 240)), random.choice([1, 2, 3, 4], 240)
+    R, cycles, place = random.uniform(0.0, 1.0, 6), {}, np.empty(240, int)
+    R = np.full(6, R[0]) if same_R else R
+    for periods in (1, 2, 3, 4):
+        own = np.flatnonzero(m == periods)
+        states = random.normal(size=(len(own), periods, 2)) * [0.4, 1.0]
+        states[..., 0] = -np.abs(states[..., 0])
+        cycles[periods], place[own] = Cycles(states, R[point[own]]), np.arange(len(own))
+    found = PeriodicAttractors(np.arange(240), point, m, place, cycles)
+    apart = np.full((240, 240), np.inf)
+    pairs = np.nonzero(point[:, None] + 1 == point)
+    apart[pairs] = found.distances(*pairs)
+    apart[apart > MAX_DISTANCE] = np.inf
+    expected = [
+        (i, j)
+        for i, j in zip(*np.nonzero(np.isfinite(apart)), strict=True)
+        if apart[i].argmin() == j and apart[:, j].argmin() == i
+    ]
+    everything = np.arange(240)
+    a, b = found.links(everything, everything, 1)
+    assert list(zip(a.tolist(), b.tolist(), strict=True)) == expected
+    assert len(expected) > 20
+
+
+def test_equal_states_before_an_impact_are_linked_where_the_rebound_changes():
+    """After the impact others would be nearer, but they are not at the stop."""
+    v = np.array([1.0, *(-0.65 - 0.001 * np.arange(10)), 1.0])
+    states = np.column_stack([np.full(12, -0.3), v])[:, None]
+    cycles = {1: Cycles(states, np.array([0.9] + 11 * [0.5]))}
+    n = np.arange(12)
+    found = PeriodicAttractors(n, np.array([0] + 11 * [1]), np.ones(12, int), n, cycles)
+    a, b = found.links(n[:1], n[1:], 1)
+    assert (a.tolist(), b.tolist()) == ([0], [11])
+
+
+def test_the_work_of_links_is_in_proportion_to_the_number_of_attractors(monkeypatch):
+    """As along an axis of an undamped oscillator, where every start is an attractor."""
+    compared = []
+    monkeypatch.setattr(
+        "sweeps.analysis.tracking.distances",
+        lambda a, b: [compared.append(len(a)), distances(a, b)][1],
+    )
+    states = np.random.default_rng(0).uniform(-1.0, 0.0, (3000, 1, 2))
+    states = np.concatenate([states, states + 1e-4])
+    n, point = np.arange(6000), np.repeat([0, 1], 3000)
+    cycles = {1: Cycles(states, np.ones(6000))}
+    found = PeriodicAttractors(n, point, np.ones(6000, int), n, cycles)
+    a, b = found.links(n[:3000], n[3000:], 1)
+    assert np.mean(b - a == 3000) > 0.99
+    assert sum(compared) < 40 * 3000
+
+
 def test_an_identity_survives_an_impact_that_passes_the_section():
     """Before the impact v = 0.5, after it -0.8 * 0.5, at the stop."""
     points = np.empty((21, 1, 16, 2))
@@ -177,6 +314,19 @@ def test_identities_on_a_sweep_over_omega(computed_starts):
     three = {row.number for row in table if row.name == "2/3"}
     assert len(single) == 1 and single == double
     assert len(three) == 1 and three.isdisjoint(single)
+
+
+def test_an_attractor_that_no_start_reaches_at_a_few_values_keeps_its_number(computed_starts):
+    """The orbit of one impact per period is stable from 1.25 to 2.655 (closed form)."""
+    dataset = computed_starts(
+        "oscillator={h: 0.02, R: 0.8, omega: {start: 1.27, stop: 2.65, num: 139}, f: 1.0}",
+        "start={x0: [-1.2, -0.4], v0: 0.5}",
+    )
+    single = (found := attractors(dataset)).where((found["m"] == 1) & (found["q"] == 1))
+    numbers = single["number"].max("coexisting")
+    reached = np.flatnonzero(numbers.notnull())
+    assert np.diff(reached).max() > 1
+    assert len(np.unique(numbers[reached])) == 1
 
 
 @pytest.mark.slow

@@ -71,6 +71,21 @@ def test_the_colours_of_the_basins_are_the_attractors(computed_starts):
     ]
 
 
+def test_the_legend_of_the_basins_names_the_largest(computed_starts):
+    """Without force and losses, every start is an attractor."""
+    dataset = computed_starts(
+        "oscillator={h: 0, R: 1, omega: 1, f: 0, clearance: 10}",
+        "start={x0: {start: -5, stop: 4, num: 20}, v0: {start: 0.1, stop: 5, num: 15}}",
+        "record={transient: 0, periods: 4}",
+    )
+    figure = basins(dataset)
+    *named, others, mark = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named == ["1/0, no impact: 0.3 %"] * 6 and mark == "attractors at the section"
+    assert others == "294 other periodic attractors: 98.0 %"
+    (mesh,) = figure.axes[0].collections
+    assert np.unique(mesh.get_array(), return_counts=True)[1].tolist() == [1] * 6 + [294]
+
+
 @pytest.mark.slow
 def test_basins_of_a_file_that_is_not_complete(computed_starts, tmp_path):
     dataset = computed_starts().load().copy(deep=True)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import sweeps
 from commands import accepted, refused
 from oscillators import SectionMap
 from sweep_files import run_in
 from sweeps import branches, open_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
-from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbit
+from vibroimpact import Oscillator, PeriodicOrbit, one_impact_orbits
 
 RECORD = "record: {transient: 400, periods: 64, impacts: 8, diagnostics: [period, lyapunov]}\n"
 
@@ -61,7 +62,8 @@ def test_a_fold_and_a_graze_are_told_apart(sweep):
         return 1.0 / np.hypot(1.0 - w * w, 2.0 * h * w)
 
     def exists(w):
-        return one_impact_orbit(Oscillator(h=h, R=0.8, omega=w, f=1.0, clearance=clearance)).exists
+        osc = Oscillator(h=h, R=0.8, omega=w, f=1.0, clearance=clearance)
+        return any(orbit.exists for orbit in one_impact_orbits(osc))
 
     up = "follow: {axis: omega, direction: up}"
     (fold,) = bifurcations(sweep(common + "{start: 1.3, stop: 1.8, num: 51}", up))
@@ -74,6 +76,23 @@ def test_a_fold_and_a_graze_are_told_apart(sweep):
     (end,) = bifurcations(sweep(common + axis, down))
     assert (end.kind, str(end.after)) == ("graze", "1/0")
     assert end.value == pytest.approx(graze, rel=1e-12)
+
+
+def test_the_table_in_python_is_the_one_that_is_listed(sweep):
+    """With a certified flip, on one of two lines over R."""
+    path = sweep("h: 0.05, R: [0.2, 0.8], f: 1, omega: {start: 2.6, stop: 2.67, num: 4}")
+    with open_sweep(path) as dataset:
+        found = sweeps.bifurcations(dataset)
+        omega = dataset["omega"].values.tolist()
+    columns = ["R", "kind", "value", "low", "high", "before", "after", "between"]
+    assert [*found] == columns
+    (row,) = found[found["R"] == 0.8].to_dict("records")
+    assert row["value"] == pytest.approx(2.65888454668484, rel=1e-12)
+    assert (row["kind"], row["before"], row["after"]) == ("flip", "1/1", "2/2")
+    assert row["low"] in omega and row["low"] < row["value"] < row["high"]
+    assert found.attrs["axis"] == "omega"
+    listed = accepted("info", path, "--bifurcations")
+    assert f"{row['value']:.12g}  flip  {row['before']} -> {row['after']}" in listed
 
 
 def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import h5py
+import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
@@ -13,7 +14,7 @@ import sweeps
 from commands import SMALL, accepted, call, refused
 from sweeps.analysis.selection import config_of
 from sweeps.engine import executors
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 CONFIG = SMALL
 ROOT = Path(sweeps.__file__).parents[1]
@@ -32,10 +33,10 @@ def test_run_info_and_plot():
 
     shown = accepted("info", "small.h5")
     assert re.search(r"name +small\n", shown)
-    assert re.search(r"points +10 points, all certified: ", shown)
+    assert re.search(r"points +10 points, every impact found and certified\n", shown)
     assert "omega = 1.5 .. 3 [rad/time], 5 values" in shown
     assert "poincare_x (omega: 5, clearance: 2, section: 4)" in shown
-    for part in ("vibroimpact_version", "numba_version", "duration", "integrator: exact"):
+    for part in ("vibroimpact_version", "numba_way", "duration", "integrator: exact"):
         assert part in shown
 
     assert accepted("plot", "small.h5") == "small.png\n"
@@ -126,6 +127,23 @@ def test_zoom_computes_and_draws_a_piece(ran):
 
 
 @pytest.mark.slow
+def test_zoom_takes_the_coordinate_and_the_width_of_the_picture_and_can_be_planned(ran):
+    files = sorted(Path().iterdir())
+    picture = ("--coordinate", "impact_v", "--width", "4in")
+    planned = accepted("zoom", "small.h5", "omega=2.25:2.5", *picture, "--dry-run")
+    assert sorted(Path().iterdir()) == files
+    assert "axis              omega = 2.25 .. 2.5 [rad/time], 5 values" in planned
+    assert planned.splitlines()[-1] == "output            small-omega-2.25-2.5.h5"
+    accepted("zoom", "small.h5", "omega=2.25:2.5", *picture)
+    with xr.open_dataset("small-omega-2.25-2.5.h5", engine="h5netcdf") as piece:
+        assert piece.sizes["omega"] == 5
+    accepted("plot", "small-omega-2.25-2.5.h5", *picture, "-o", "same.png")
+    drawn, same = map(matplotlib.image.imread, ("small-omega-2.25-2.5.png", "same.png"))
+    assert drawn.shape[1] == 4 * 300
+    np.testing.assert_array_equal(drawn, same)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pieces", "reason"),
     [
@@ -138,6 +156,9 @@ def test_zoom_computes_and_draws_a_piece(ran):
         (["poincare_x=0:1"], "at least one swept axis"),
         (["omega=2:3", "omega=2:4"], "each name once"),
         (["omega=2:3", "poincare_x=0:1", "poincare_v=0:1"], "at most one of"),
+        (["omega=2:3", "poincare_x=0:1", "--coordinate", "impact_v"], "exclude each other"),
+        (["omega=2:3", "--coordinate", "impulse"], "impulse is not a coordinate"),
+        (["omega=2:3", "--width", "4"], "--width 4 is not allowed"),
         (["omega=2:3", "-o", "no/folder.h5"], "does not exist"),
         (["omega=2:3", "-o", "small.h5"], "small.h5 exists"),
     ],
@@ -171,12 +192,27 @@ def test_a_map_and_the_exact_orbits():
     assert accepted("plot", "small.h5", "-o", "map.svg", *axes) == "map.svg\n"
     assert b"forcing frequency" in Path("map.svg").read_bytes()
     impacts = ("--kind", "impacts", "--at", "omega=1.5")
-    assert accepted("plot", "small.h5", *impacts) == "small-impacts.png\n"
+    assert accepted("plot", "small.h5", *impacts) == "small-impacts-omega-1.5.png\n"
     cut = ("--set", "oscillator.clearance=0", "--set", "record.transient=200")
     accepted("run", "sweep.yaml", "--quiet", "--overwrite", *cut)
     *followed, picture = accepted("plot", "small.h5", "--exact").splitlines()
-    assert any(re.match(r"1/1 +\d +\d\.\de-\d\d +\d", line) for line in followed)
-    assert picture == "small.png"
+    assert "1/1" in followed[0]
+    assert picture == "small-exact.png"
+
+
+def test_no_two_pictures_have_the_same_name(ran):
+    """A name has only characters that every system allows."""
+    for options, name in (
+        ([], "small"),
+        (["--kind", "map", "--quantity", "energy_lost"], "small-map-energy_lost"),
+        (["--quantity", "impulse"], "small-impulse"),
+        (["--axis", "clearance", "--at", "omega=1.5"], "small-clearance-omega-1.5"),
+        (["--kind", "section", "--at", "omega=1.5"], "small-section-omega-1.5"),
+        (["--kind", "section", "--at", "omega=3"], "small-section-omega-3"),
+        (["--below", "impulse", "--coordinate", "poincare_v"], "small-poincare_v-impulse"),
+    ):
+        assert accepted("plot", "small.h5", *options, "--dpi", 40) == f"{name}.png\n"
+    assert "nowhere" in refused("plot", "small.h5", "--axis", "nowhere/a:b")
 
 
 @pytest.mark.slow
@@ -184,8 +220,9 @@ def test_several_configurations_are_run_and_drawn_one_after_the_other(folder):
     (folder / "sub").mkdir()
     Path("other.yaml").write_text(CONFIG.replace("name: small", "name: other\noutput: sub/o.h5"))
     printed = accepted("run", "sweep.yaml", "other.yaml", "--set", "oscillator.h=0.3")
-    outcomes = [line.split(" in ")[0] for line in printed.splitlines()]
-    certified = "10 points, all certified: every impact found, none missed"
+    lines = [line for line in printed.splitlines() if ".h5" in line]
+    outcomes = [line.split(" in ")[0] for line in lines]
+    certified = "10 points, every impact found and certified"
     assert outcomes[:2] == [f"small.h5: {certified}", f"sub/o.h5: {certified}"]
     assert outcomes[2:] == ["next: vibroimpact plot small.h5 sub/o.h5"]
     with (
@@ -224,11 +261,11 @@ def test_output_option_wins_over_the_configuration():
 
 def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, "sweeps.engine.run", None)
-    printed = accepted("run", "sweep.yaml", "--dry-run", "--set", "record.trajectory={every: 2}")
+    printed = accepted("run", "sweep.yaml", "--dry-run")
     rows = [tuple(re.split(r"  +", line)) for line in printed.splitlines()]
-    # Per point: 4 sections, 2 impacts, 4 * 20 / 2 + 1 samples, nine numbers, the class as two and
-    # the status.
-    size = 10 * (8 * (2 * 4 + 2 * 2 + 3 * 41 + 9 + 2) + 1)
+    # Per point: 4 sections, 2 impacts, nine numbers, the class as two, its orbit as three, its
+    # evidence and the status.
+    size = 10 * (8 * (2 * 4 + 2 * 2 + 9 + 2 + 3) + 2)
     time, memory = dict(rows)["expected time"], dict(rows)["memory"]
     assert rows == [
         ("name", "small"),
@@ -244,7 +281,7 @@ def test_dry_run_says_what_would_be_done_and_does_nothing(monkeypatch):
         ("output", "small.h5"),
     ]
     assert re.fullmatch(r"about \d\S* s", time)
-    assert re.fullmatch(r"about \d+ kB for the blocks in work", memory)
+    assert re.fullmatch(r"about \d\S* kB for the blocks in work", memory)
     assert [path.name for path in Path().iterdir()] == ["sweep.yaml"]
 
 
@@ -257,25 +294,52 @@ def test_every_start_says_what_it_takes():
 
 
 def test_what_became_of_the_points_is_told(monkeypatch):
-    assert "10 points, all certified: every impact found, none missed in " in accepted(
-        "run", "sweep.yaml"
-    )
+    assert "10 points, every impact found and certified in " in accepted("run", "sweep.yaml")
     compute = executors.compute_block
 
     def settled(*arguments):
         results = compute(*arguments)
-        results["status"][:2] = [Status.SETTLED, Status.COMPUTED]
+        results["status"][:2] = [Status.CUT_SHORT, Status.COMPUTED]
         return results
 
     monkeypatch.setattr(executors, "compute_block", settled)
     accepted("run", "sweep.yaml", "--quiet", "--overwrite")
     assert re.search(
-        rf"points +10 points, of which 1 SETTLED \({Status.SETTLED.meaning}\)\n",
+        rf"points +10 points, of which 1 CUT_SHORT \({Status.CUT_SHORT.meaning}\)\n",
         accepted("info", "small.h5"),
     )
     monkeypatch.setattr(executors, "compute_block", compute)
     printed = accepted("run", "sweep.yaml", "--overwrite", "--set", "method={impact: plain}")
     assert "small.h5: 10 points in " in printed
+
+
+def test_how_many_points_have_no_class_and_how_many_have_not_settled_is_told(monkeypatch):
+    """A rest and an unbounded motion have none; without diagnostics nothing is known."""
+    compute = executors.compute_block
+    unknown = [Evidence.NONE, Evidence.NONE, Evidence.UNSTABLE, Evidence.UNREACHED]
+    others = [Evidence.NONE, Evidence.NONE, *list(Evidence)[-4:]]
+
+    def changed(*arguments):
+        results = compute(*arguments)
+        results["class_evidence"][:] = unknown + others
+        results["rest_fraction"][:] = [0.0] * 4 + [0.5] + [0.0] * 5
+        results["status"][5] = Status.UNBOUNDED
+        results["orbit_distance"][:] = [np.nan] * 6 + [0.0, 1e-3, 1e-6, 2e-6]
+        return results
+
+    monkeypatch.setattr(executors, "compute_block", changed)
+    lines = [
+        "40 % of the points have no class m/q: 2 near no periodic orbit (chaos, or still in "
+        "transit), 1 near unstable orbits only, 1 near a stable orbit that they were not shown to "
+        "reach; rests are not counted",
+        "2 points with a class have not settled yet",
+    ]
+    assert accepted("run", "sweep.yaml").splitlines()[1:3] == lines
+    shown = accepted("info", "small.h5")
+    assert [line[21:] for line in shown.splitlines() if line.startswith("classes ")] == lines
+    monkeypatch.setattr(executors, "compute_block", compute)
+    bare = accepted("run", "sweep.yaml", "--overwrite", "--set", "record.diagnostics=[]")
+    assert "class" not in bare + accepted("info", "small.h5").replace("class_", "")
 
 
 def test_a_run_without_impacts_says_so():

@@ -13,6 +13,7 @@ import xarray as xr
 
 import sweeps
 from commands import SMALL, accepted, call, refused
+from sweeps.config.loading import load_config
 from sweeps.text import printable
 
 CONFIG = SMALL
@@ -161,6 +162,20 @@ def test_an_encoding_that_lacks_a_character():
     result = process("run", "sweep.yaml", "--set", "name=日", PYTHONIOENCODING="latin-1")
     assert result.returncode == 0, result.stderr
     assert r"next: vibroimpact plot '\u65e5.h5'" in result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "variables",
+    [{"PYTHONIOENCODING": "cp1252"}, dict(LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")],
+)
+def test_a_configuration_is_printed_in_utf_8_whatever_the_console_has(variables):
+    accepted("run", "sweep.yaml", "--quiet", "--set", "name=größe σ", "-o", "out.h5")
+    result = process("info", "out.h5", "--config", **variables)
+    assert (result.returncode, result.stderr) == (0, "")
+    Path("again.yaml").write_text(result.stdout, encoding="utf-8")
+    assert load_config("again.yaml").name == "größe σ"
+    assert "name: größe σ\n" in accepted("info", "out.h5", "--config")
 
 
 def test_a_warning_is_one_line():

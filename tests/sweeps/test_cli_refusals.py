@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import sweeps
-from commands import SMALL, call, refused
+from commands import SMALL, accepted, call, refused
 from sweeps import interrupts
 from sweeps.store import SweepWriter
 
@@ -53,7 +53,7 @@ def test_a_text_is_no_file_of_a_sweep():
     ("arguments", "parts"),
     [
         (["--kind", "bifurcatoin"], ["bifurcatoin", "did you mean bifurcation"]),
-        (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [lyapunov]"]),
+        (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [period, lyapunov]"]),
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
         (["--coordinate", "impulse"], ["poincare_x", "; --below impulse draws it in a panel"]),
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
@@ -70,7 +70,7 @@ def test_a_picture_that_cannot_be_drawn(ran, arguments, parts):
 @pytest.mark.slow
 def test_a_cut_off_the_grid_is_told(ran):
     result = call("plot", "small.h5", "--at", "clearance=0.06")
-    assert (result.exit_code, result.stdout) == (0, "small.png\n")
+    assert (result.exit_code, result.stdout) == (0, "small-clearance-0.06.png\n")
     assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"
     rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
     assert (rounded.exit_code, rounded.stderr) == (0, "")
@@ -85,12 +85,39 @@ def test_more_than_the_disk_holds(monkeypatch, dry):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["run"], ["run", "sweep.yaml", "--foo"], ["fly"], ["run", "a", "--threads", "x"]]
+    ("request_", "told"),
+    [
+        ("run", "missing argument 'CONFIG...'; vibroimpact run --help"),
+        ("run sweep.yaml --set", "option '--set' requires an argument; vibroimpact run --help"),
+        ("run sweep.yaml --quite", "no option --quite (did you mean --quiet?); vibroimpact run"),
+        ("run a --threads x", "--threads x is not allowed; expected: an integer from 1 to"),
+        ("plot a.h5 --dpi abc", "--dpi abc is not allowed; expected: an integer >= 1"),
+        ("plot a.h5 --dpi 0", "--dpi 0 is not allowed; expected: an integer >= 1"),
+        ("plot a.h5 --dpi 1_0", "--dpi 1_0 is not allowed"),
+        ("plot a.h5 --exact --most 1.5", "--most 1.5 is not allowed; expected: an integer >= 1"),
+        (
+            "explore --port 65536",
+            "--port 65536 is not allowed; expected: an integer from 0 to 65535",
+        ),
+        ("export a.h5", "missing option '-o' / '--output'; vibroimpact export --help"),
+        ("init a b", "(b); vibroimpact init --help shows what is allowed"),
+        ("fly", "there is no command fly; expected: init, run, "),
+        ("bench speeed", "no command speeed (did you mean speed?); expected: accuracy-speed, "),
+        ("bench speed --quik", "(did you mean --quick?); vibroimpact bench speed --help shows"),
+        ("--foo run", "there is no option --foo; vibroimpact --help shows what is allowed"),
+    ],
 )
-def test_bad_arguments(arguments):
-    result = call(*arguments)
-    assert result.exit_code == 2
-    assert "Error: " in result.stderr and "Traceback" not in result.stderr
+def test_bad_arguments(request_, told):
+    message = refused(*request_.split())
+    assert told in message and message.count("\n") == 1
+
+
+@pytest.mark.parametrize("group", [[], ["bench"]])
+def test_without_a_command_the_list_of_all_is_shown_whole(group):
+    result = call(*group)
+    assert (result.exit_code, result.stderr) == (2, accepted(*group, "--help"))
+    commands = result.stderr.partition("Commands:\n")[2]
+    assert commands.count("\n") >= 4 and "..." not in commands
 
 
 # Commands that are interrupted or fail: exit code 1

@@ -36,6 +36,13 @@ def test_a_mapping_is_read_as_its_yaml():
     assert (config.oscillator.R, config.record.periods) == (0.7, 7)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_file_is_read_in_every_encoding_that_its_first_bytes_tell(encoding):
+    """PowerShell writes the output of a command in UTF-16."""
+    Path("small.yaml").write_bytes(f"name: größe\r\n{oscillator()}".encode(encoding))
+    assert load_config("small.yaml").name == "größe"
+
+
 def test_a_mapping_that_cannot_be():
     with pytest.raises(ConfigError) as caught:
         load_config({"oscillator": {"h": 0.1, "R": 1.2, "omega": np.arange(3.0), "f": 1, "gap": 1}})
@@ -43,6 +50,33 @@ def test_a_mapping_that_cannot_be():
     assert first.startswith("the configuration: oscillator.R = 1.2 is not allowed; expected: ")
     assert "oscillator.omega = [0.0, 1.0, 2.0] contains 0, which is not allowed" in second
     assert "unknown key oscillator.gap (did you mean clearance?)" in third
+
+
+CYCLIC: dict = {"h": 0.1}
+CYCLIC["R"] = [CYCLIC]
+
+
+@pytest.mark.parametrize(
+    ("source", "overrides", "part"),
+    [
+        ({1: 2}, [], "unknown key 1 ("),
+        ({"oscillator": {(1, 2): 3}}, [], "unknown key oscillator.(1, 2); expected: a mapping"),
+        ({"oscillator": CYCLIC}, [], "the configuration: more than 16 levels are not allowed"),
+        (None, [], "the configuration is None; expected: a YAML file, or a mapping with keys"),
+        (
+            ["oscillator"],
+            [],
+            "the configuration is ['oscillator']; expected: a YAML file, or",
+        ),
+        ({}, [1], "override 1: expected key=value, for example oscillator.h=0.2"),
+        ({}, "name=a", "overrides = 'name=a'; expected: a list of texts key=value"),
+        ({}, None, "overrides = None; expected: a list of texts key=value"),
+    ],
+)
+def test_arguments_that_are_no_configuration(source, overrides, part):
+    with pytest.raises(ConfigError) as caught:
+        load_config(source, overrides)
+    assert part in str(caught.value)
 
 
 def test_the_example_is_read_as_written():

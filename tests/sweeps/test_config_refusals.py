@@ -71,7 +71,7 @@ def test_refused_values(values, key, given, allowed):
         ("record: {trajectory: true}", "record.trajectory", "true", "false, or {every: k}"),
         ("record: {trajectory: [1]}", "record.trajectory", "[1]", "false, or {every: k}"),
         ("record: {trajectory: {every: 0}}", "record.trajectory.every", "0", "an integer from 1"),
-        ("record: 3", "record", "3", "a mapping with keys among transient, periods"),
+        ("record: 3", "record", "3", "a mapping with keys among transient, longest, periods"),
         ("method: {allow_unstable: 2}", "method.allow_unstable", "2", "true or false"),
         ("method:", "method", "(nothing)", "a mapping with keys among integrator"),
         ("name: a/b", "name", "a/b", "without slashes"),
@@ -217,9 +217,11 @@ def test_a_long_key_is_cut_and_an_empty_one_named():
     assert "unknown key (nothing);" in refusal(f'{oscillator()}"": 1\n')
 
 
-@pytest.mark.parametrize("escape", [r"\x1b[31m", r"\x9b31m", r"\x7f", r"\r"])
-def test_a_name_with_a_control_character_is_refused(escape):
-    assert "without slashes and control characters" in refusal(f'name: "a{escape}"\n{oscillator()}')
+@pytest.mark.parametrize("escape", [r"\x1b", r"\x9b", r"\x7f", r"\r", "/", r"\\"])
+def test_a_name_with_a_control_character_or_a_slash_is_refused(escape):
+    message = refusal(f'name: "a{escape}[31m"\n{oscillator()}')
+    assert f"has the character '{escape}', which is not allowed; expected: name of" in message
+    assert "without slashes and control characters" in message
 
 
 def test_to_yaml_can_be_shown_and_read_back():

@@ -8,8 +8,8 @@ import pytest
 
 from sweep_files import run_in
 from sweeps import branches, open_sweep
-from sweeps.analysis.deviations import compare, deviations
-from sweeps.analysis.selection import COORDINATES, select
+from sweeps.analysis.exact_branches import PeriodicPoints
+from sweeps.analysis.selection import select
 from sweeps.analysis.tables import branch_table, write_csv
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, plot
@@ -59,76 +59,22 @@ def line(exact):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("coordinate", COORDINATES)
-def test_computed_points_are_on_the_stable_branches_to_rounding(line, coordinate):
-    found = deviations(line, "omega", coordinate)
-    classes = dict(list(found.groupby(["m", "q"])))
-    first, second = classes[1, 1], classes[2, 1]
-    assert first["omega"].max() < FLIPS[1] and second["omega"].min() > FLIPS[2]
-    assert {(2, 2), (4, 4)} <= set(classes)
-    for one in (first, second):
-        assert 5 <= one["settled"].sum()
-    assert found["size"][found["settled"]].max() < 1e-12
-
-
-@pytest.mark.slow
-def test_a_point_off_the_branch_by_so_much_is_told(exact):
-    line = exact.sel(R=0.8).load()
-    line["poincare_x"][3] += 1e-9
-    found = deviations(line, "omega", "poincare_x")
-    assert found["size"][3] == pytest.approx(1e-9, rel=1e-3)
-    line["impact_phase"][3] += 2.0 * np.pi - 1e-9  # around the circle
-    found = deviations(line, "omega", "impact_phase")
-    assert found["size"][3] == pytest.approx(1e-9, rel=1e-3)
-    dataset = exact.sel(R=[0.8]).load()
-    dataset["poincare_x"][0, 3] += 1e-9
-    assert re.search(rf"1\.0e-09 +{found['omega'][3]:g} ", compare(dataset, "omega"))
-
-
-def test_a_coarse_method_is_off_by_its_error(tmp_path):
-    """Of second order: doubling the steps divides it by four."""
-    method = "method={integrator: newmark, impact: reduced-step, steps_per_period: %d}"
-    worst = []
-    for steps in (100, 200):
-        with computed(tmp_path, method % steps, "oscillator.omega=[2.45, 2.5]") as dataset:
-            worst.append(deviations(dataset.sel(R=0.8), "omega", "poincare_x")["size"].max())
-    assert 1e-5 < worst[1] < worst[0]
-    assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.5)
-
-
-@pytest.mark.slow
-def test_a_short_transient_is_told_apart(tmp_path):
-    with computed(tmp_path, "record.transient=80") as dataset:
-        found = deviations(dataset.sel(R=0.8), "omega", "poincare_x")
-        found = found[(found["m"] == 1) & (found["q"] == 1)]
-        assert not found["settled"].any() and found["size"].max() > 1e-13
-        said = compare(dataset, "omega", {"R": 0.8})
-        assert any(re.match(rf"1/1 +{len(found)} .* 0$", line) for line in said.splitlines())
-
-
-def test_the_rarest_classes_are_compared_together(monkeypatch, exact):
-    whole = compare(exact, "omega", {"R": 0.8}).split("\n\n")[1].splitlines()
-    monkeypatch.setattr("sweeps.analysis.deviations._MOST_ROWS", 3)
-    short = compare(exact, "omega", {"R": 0.8}).split("\n\n")[1].splitlines()
-    assert len(whole) > 4 == len(short)
-    assert short[-1].startswith(f"{len(whole) - 3} more ")
-    points = re.compile(r"\d+(?:/\d+| more) +(\d+)")
-    counts = [sum(int(points.match(row)[1]) for row in rows[1:]) for rows in (whole, short)]
-    assert counts[0] == counts[1]
-
-
-def test_a_class_of_long_orbits_is_compared_if_it_is_asked_for(tmp_path):
-    long = ["oscillator.omega=[2.978, 2.9785, 2.979]", "oscillator.R=0.8", "record.transient=1000"]
-    with computed(tmp_path, *long) as dataset:
-        assert dataset["period"].values.tolist() == [16, 16, 16]
-        assert compare(dataset, "omega") == "no point follows a stable exact orbit"
-        assert re.search(r"^16/16 +3 ", compare(dataset, "omega", classes=[(16, 16)]), re.M)
+def test_settled_points_are_on_the_exact_orbits_to_rounding(line):
+    """Their impacts, found by Newton's method for the equations of the flights."""
+    motions, compared = PeriodicPoints.of(line), set()
+    for i in np.flatnonzero((motions.m > 0) & (line["orbit_distance"].values < 1e-13)).tolist():
+        orbit = motions.orbit(i)
+        assert orbit.stable and (orbit.m, orbit.q) == (motions.m[i], motions.q[i])
+        cycle = orbit.sections(motions.phase)
+        record = np.stack([line[f"poincare_{name}"].values[i] for name in "xv"], axis=1)
+        turns = [np.resize(np.roll(cycle, -k, axis=0), record.shape) for k in range(orbit.m)]
+        assert min(np.abs(record - turn).max() for turn in turns) < 1e-11
+        compared.add((orbit.m, orbit.q))
+    assert {(1, 1), (2, 1), (2, 2)} <= compared
 
 
 def test_any_parameter_of_the_oscillator_can_be_the_axis(exact, tmp_path):
     with computed(tmp_path, "oscillator.R=[0.6, 0.7, 0.8]", "oscillator.omega=2.5") as dataset:
-        found = deviations(dataset, "R", "impact_v")
-        assert found["R"].tolist() == [0.6, 0.7, 0.8] and found["size"].max() < 1e-13
         one = branches(dataset, "R")
         for R, v in zip(one["R"].values, one["impact_v"].values[:, 0], strict=True):
             expected = one_impact_orbit(Oscillator(h=0.05, R=R, omega=2.5, f=1.0)).v
@@ -156,7 +102,7 @@ def test_the_diagram_shows_them_solid_where_stable(exact, found, coordinate):
         assert np.abs(marks["flip"].get_xdata() - flip).min() < 1e-12
     (legend,) = figure.legends
     texts = [text.get_text() for text in legend.get_texts()]
-    assert texts[:2] == ["exact orbits, stable", "exact orbits, unstable"]
+    assert {"exact orbits, stable", "exact orbits, unstable"} <= set(texts)
 
 
 @pytest.mark.slow
@@ -173,7 +119,8 @@ def test_the_limits_take_the_branches_in_and_the_legend_names_what_is_seen(exact
     def named(**limits):
         page = Page(**limits)
         figure = bifurcation(exact, at={"R": 0.8}, exact=found, page=page)
-        return [text.get_text() for text in figure.legends[0].get_texts()] if figure.legends else []
+        texts = figure.legends[0].get_texts() if figure.legends else []
+        return [text.get_text() for text in texts if not text.get_text().startswith("not settled")]
 
     assert {"exact orbits, stable", "exact orbits, unstable", "flip"} <= {*named()}
     assert named(xlim=(2.4, 2.6)) == ["exact orbits, stable"]
@@ -203,9 +150,6 @@ def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_p
     x = (-np.exp(1j) / (1.0 - omega**2 + 0.6j * omega)).imag  # at the phase 1
     np.testing.assert_allclose(found["poincare_x"].values[:, 0], x, atol=1e-14)
     assert found["stable"].all() and found["kind"].values.tolist() == ["edge", "edge"]
-    points = deviations(dataset, "omega", "poincare_x")
-    assert len(points) == 45 and points["size"].max() < 1e-14
-    assert len(deviations(dataset, "omega", "impact_v")) == 0
 
 
 def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
@@ -289,13 +233,22 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
 
 def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
     with computed(tmp_path, "start.x0=[-1.0, -0.5]", "oscillator.omega=2.5") as dataset:
-        for find in (compare, branches):
-            with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
-                find(dataset, "x0")
+        with pytest.raises(Refused, match="the exact orbits do not depend on x0"):
+            branches(dataset, "x0")
     with pytest.raises(Refused, match="the exact branches are over omega, not R"):
         plot(exact, tmp_path / "a.png", axes=["R"], exact=found)
 
 
-def test_where_no_point_is_on_a_branch_that_is_said(tmp_path):
-    with computed(tmp_path, "oscillator.omega=[2.8, 2.85]", "oscillator.R=0.8") as dataset:
-        assert compare(dataset, "omega") == "no point follows a stable exact orbit"
+@pytest.mark.parametrize("mq", [(2, 3), (8, 8)])
+def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact, found, mq):
+    """Also those that begin at bifurcations of other classes."""
+
+    def bifurcations(dataset):
+        own = (dataset["m"].values == mq[0]) & (dataset["q"].values == mq[1])
+        assert own.any()
+        return {*dataset["special_value"].values[own[dataset["special_branch"].values]].tolist()}
+
+    chosen = branches(exact, at={"R": 0.8}, classes=[mq])
+    assert {*zip(chosen["m"].values, chosen["q"].values, strict=True)} == {mq}
+    assert bifurcations(found) <= bifurcations(chosen)
+    assert "no orbit" not in chosen.attrs["summary"]

@@ -7,10 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from commands import accepted
+from commands import accepted, refused
 from sweep_files import run_in
 from sweeps import curves, open_sweep
 from sweeps.analysis import exact_curves
+from sweeps.analysis.map_cells import middles_of_regions
 from sweeps.errors import Refused
 from sweeps.plotting import parameter_map
 from vibroimpact.orbits.branches import Branch, SpecialPoint
@@ -33,6 +34,11 @@ def path(tmp_path_factory):
     return run_in(tmp_path_factory.mktemp("map"), CONFIG)
 
 
+def assert_on_closed_form(omega, R, tolerance):
+    curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
+    assert np.abs(curve - 1.0).max() < tolerance
+
+
 def test_the_flips_of_the_map_are_on_the_closed_form(path):
     with open_sweep(path) as dataset:
         found = curves(dataset)
@@ -41,8 +47,7 @@ def test_the_flips_of_the_map_are_on_the_closed_form(path):
     first = int(np.flatnonzero((found["kind"] == "flip") & (found["m"] == 1))[0])
     own = found["curve"].values == first
     omega, R = found["omega"].values[own], found["R"].values[own]
-    curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
-    assert np.abs(curve - 1.0).max() < 1e-12
+    assert_on_closed_form(omega, R, 1e-12)
     assert (found["special_kind"].values[found["special_curve"].values == first] == "edge").all()
     with open_sweep(path) as dataset:
         panel = parameter_map(dataset, exact=found).axes[0]
@@ -61,6 +66,42 @@ def test_the_command_draws_them_and_writes_a_table(path, tmp_path):
         found = curves(dataset)
     assert len(rows) == found.sizes["point"] + found.sizes["special"]
     assert float(rows[0]["omega"]) == found["omega"].values[0]
+
+
+def test_cells_without_a_class_between_two_motions_do_not_hide_their_flip(path, monkeypatch):
+    """As beside a flip, where motions settle slowly."""
+    monkeypatch.setattr(exact_curves, "middles_of_regions", lambda _: iter(()))
+    with open_sweep(path) as dataset:
+        period = dataset["period"].copy()
+        for axis in ("omega", "R"):
+            moved = dataset["period"].shift({axis: 1}, fill_value=0)
+            period = period.where((dataset["period"] == moved) | (moved == 0), 0)
+        assert 0 < (period == 0).sum() < 0.2 * period.size
+        found = curves(dataset.assign(period=period))
+    assert found.attrs["changes"] == found.attrs["explained"] > 5
+    assert ((found["kind"] == "flip") & (found["m"] == 1) & (found["q"] == 1)).sum() == 1
+
+
+def test_chosen_classes_have_all_their_curves(path):
+    with open_sweep(path) as dataset:
+        plain, chosen = curves(dataset), curves(dataset, classes=[(2, 2), (5, 1)])
+    own = (plain["m"] == 2) & (plain["q"] == 2)
+    assert 0 < own.sum() < own.size
+    assert chosen["kind"].values.tolist() == plain["kind"].values[own].tolist()
+    points = plain["omega"].values[own.values[plain["curve"].values]]
+    assert chosen["omega"].values.tolist() == points.tolist()
+    assert 0 < chosen.attrs["changes"] < plain.attrs["changes"]
+    lines = chosen.attrs["summary"].split("\n")
+    assert lines[1] == "no curve of 5/1 is found"
+    assert " changes from or to 2/2, 5/1 (" in lines[2]
+
+
+def test_every_large_region_of_a_class_has_a_start():
+    classes = np.zeros((40, 40, 2), int)
+    classes[2:10, 5:9] = classes[20:30, 20:38] = 1, 1
+    classes[35, 35] = 1, 1
+    found = [(*cell.tolist(), axis) for cell, axis in middles_of_regions(classes)]
+    assert found == [(6, 5, 0), (2, 7, 1), (25, 20, 0), (20, 29, 1)]
 
 
 def test_a_map_of_starts_has_no_curves(tmp_path):
@@ -120,6 +161,53 @@ def test_a_curve_that_is_lost_says_where_and_why():
         speeds = np.ones((points, 2))
         rows = values, speeds[:, 0] < 0.0, speeds, speeds
         curve = Branch("flip", ("R", "omega"), 1, 2, *rows, [end], orbit.oscillator)
-        (_, _, line) = exact_curves.summary([curve], 0, 0, {}).split("\n")
+        (_, _, line) = exact_curves.summary([curve], (), 0, 0, {}).split("\n")
         assert line.startswith("a curve of flips of 1/2 is lost at R = 0.25, omega = 2: " + reason)
         assert line.endswith("the slowest impact has 2e-01 of the speed of the fastest")
+
+
+def strong_lines(figure):
+    return [line for line in figure.axes[0].lines if line.get_path_effects()]
+
+
+def test_curves_that_bound_a_motion_of_the_map_stand_out(path, monkeypatch):
+    """The flip of 1/1 between 1/1 and 2/2, on its closed form; elsewhere it is thin."""
+    with open_sweep(path) as dataset:
+        found = curves(dataset, classes=[(1, 1)])
+        figure = parameter_map(dataset, exact=found)
+        (line,) = strong_lines(figure)
+        omega, R = line.get_data()
+        assert np.ptp(R) > 0.35
+        assert_on_closed_form(omega, R, 1e-4)
+        assert [text.get_text() for text in figure.axes[0].texts] == ["1/1"]
+        elsewhere = dataset.copy()
+        elsewhere["period"] = 0 * dataset["period"] + 3  # another motion all over the map
+        thin = parameter_map(elsewhere, exact=found)
+        assert not strong_lines(thin) and thin.axes[0].lines
+        assert "1 further curve" in legend_of(thin)
+        monkeypatch.setattr("sweeps.plotting.curves._FEW", 0)
+        assert len(strong_lines(parameter_map(dataset, exact=found))) == 1
+        left_out = parameter_map(elsewhere, exact=found)
+        assert not left_out.axes[0].lines and "1 further curve not shown" in legend_of(left_out)
+
+
+def legend_of(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_the_kinds_of_the_curves_can_be_chosen(tmp_path):
+    oscillator = "h: 0.05, f: 1.0, R: [0.7, 0.75, 0.8], clearance: 1.5, "
+    oscillator += "omega: {start: 1.2, stop: 1.8, num: 9}"
+    config = f"oscillator: {{{oscillator}}}\nrecord: {{transient: 300, periods: 16}}\n"
+    run_in(tmp_path, config)
+    with open_sweep(tmp_path / "out.h5") as dataset:
+        kinds = set(curves(dataset)["kind"].values.tolist())
+        assert "graze" in kinds
+        chosen = curves(dataset, kinds=["graze"])
+        assert set(chosen["kind"].values.tolist()) == {"graze"}
+        with pytest.raises(Refused, match=r"kind 'flp' .did you mean flip.*choose from"):
+            curves(dataset, kinds=["flp"])
+    drawn = accepted("plot", "out.h5", "--exact", "--kinds", "graze", "--dpi", "60")
+    assert "of grazes" in drawn and "of folds" not in drawn
+    told = refused("plot", "out.h5", "--kind", "bifurcation", "--exact", "--kinds", "graze")
+    assert "--kinds chooses curves over a map, and a diagram shows branches" in told

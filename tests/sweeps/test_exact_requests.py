@@ -156,7 +156,7 @@ def test_the_flips_of_both_directions_are_listed_and_drawn(file, name, tmp_path)
         drawn = accepted(
             "plot", file(name), "-o", "a.png", "--exact", "--at", "direction=down", "--csv", table
         )
-        assert "\n1/1 down " in drawn and " up " not in drawn
+        assert "exact branches of 1/1, 2/2\n" in drawn
 
 
 @pytest.mark.parametrize(
@@ -176,14 +176,14 @@ def test_a_bad_table_is_refused_before_the_work(file, tmp_path, name, reason, co
     assert result.stderr == f"vibroimpact: error: {reason}\n"
 
 
-@pytest.mark.parametrize("option", [["--classes", "1/1"], ["--most", "2"]])
-def test_branches_cannot_be_chosen_for_a_map(file, tmp_path, option):
-    path = file("map")
-    message = refused("plot", path, "--kind", "map", "--exact", *option, "-o", tmp_path / "map.png")
-    assert message.endswith(
-        ": --classes and --most choose exact branches, and a map shows curves; expected: --exact "
-        "alone\n"
+def test_a_map_has_no_number_of_branches(file, tmp_path):
+    options = "--kind", "map", "--exact", "--most", "2", "-o", tmp_path / "map.png"
+    assert refused("plot", file("map"), *options).endswith(
+        ": --most 2 limits exact branches, and a map shows curves; expected: --exact, with or "
+        "without --classes\n"
     )
+    drawn = "--kind", "map", "--exact", "--classes", "7/7", "-o", tmp_path / "map.png"
+    assert "no curve of 7/7 is found" in accepted("plot", file("map"), *drawn)
 
 
 def test_a_table_replaces_an_older_one(file, tmp_path):

@@ -26,8 +26,8 @@ from sweeps.explorer.page import LivePage
 from sweeps.explorer.view import BASINS, DIAGRAM, MAP, View
 from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
-from sweeps.plotting.attractors import attractor_cells
-from sweeps.plotting.maps import period_cells
+from sweeps.plotting.attractors import basin_cells
+from sweeps.plotting.colours import period_cells
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
@@ -194,13 +194,30 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     else:
         result = attractors(whole, extensions=0)
         found = result["attractor"].values
-        cells = [attractor_cells(row, found == row.number) for row in rows(whole, result)]
+        cells = basin_cells(rows(whole, result), found)
     assert len(cells) == len(tiles.kinds) > 1
     for number, (cell, kind) in enumerate(zip(cells, tiles.kinds, strict=True), 1):
         label, *seen = kind
         assert label.partition("; disc")[0] == plain(cell.label)
         assert seen == [cell.colour, pytest.approx(cell.where.mean())]
         np.testing.assert_array_equal(tiles.pixels == number, cell.where)
+
+
+def test_more_basins_than_colours_share_one():
+    """Without force and losses, every start is an attractor. A pixel has 256 values."""
+    x0, v0 = {"start": -5.0, "stop": 4.0, "num": 20}, {"start": 0.1, "stop": 5.0, "num": 15}
+    config = load_config(
+        {
+            "oscillator": {"h": 0, "R": 1, "omega": 1, "f": 0, "clearance": 10},
+            "start": {"x0": x0, "v0": v0},
+            "record": {"transient": 0, "periods": 4},
+        }
+    )
+    tiles = Filling(config, "x0", basins=True).advance(300)
+    *six, (label, _, share) = tiles.kinds
+    assert len(six) == len(tiles.discs) == 6 and all("disc" in label for label, *_ in six)
+    assert label == "294 other periodic attractors: 98.0 %" and share == pytest.approx(0.98)
+    assert np.bincount(tiles.pixels.ravel()).tolist() == [0, 1, 1, 1, 1, 1, 1, 294]
 
 
 LOGARITHMIC = {
@@ -252,7 +269,7 @@ def test_pixels_are_the_shares_of_their_columns():
 def test_the_colours_are_those_of_the_files_pictures():
     from matplotlib.colors import to_rgb
 
-    from sweeps.plotting.diagram import _RAMP
+    from sweeps.plotting.density import _RAMP
 
     seen = np.array([to_rgb(colour) for colour in ramp()])
     in_files = _RAMP(np.linspace(0.0, 1.0, 255))[:, :3]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from commands import accepted, call, refused
 from sweep_files import run_in
@@ -44,8 +45,8 @@ def test_a_table_is_written_whole_or_not_at_all():
     assert not list(Path().glob(".*"))
 
 
-def exported(file, name="points.csv"):
-    said = accepted("export", file, "-o", name)
+def exported(file, name="points.csv", *options):
+    said = accepted("export", file, "-o", name, *options)
     with open(name, newline="") as text:
         return said, list(csv.DictReader(text))
 
@@ -76,17 +77,65 @@ def test_parts_give_the_same_file(file, monkeypatch):
     assert Path("parts.csv").read_bytes() == Path("points.csv").read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("rows", "dimension", "names"),
+    [
+        ("sections", "section", ["poincare_x", "poincare_v"]),
+        ("impacts", "impact", ["impact_phase", "impact_v"]),
+    ],
+)
+def test_every_record_comes_back_to_the_last_bit(file, monkeypatch, rows, dimension, names):
+    """What was not recorded has no row: the points with few impacts have fewer."""
+    said, table = exported(file, "rows.csv", "--rows", rows)
+    with open_sweep(file) as dataset:
+        frame = dataset[names].to_dataframe(dim_order=["R", "omega", dimension])[names].dropna()
+    assert said == f"rows.csv: {len(frame)} rows\n" and 0 < len(frame) <= 14 * 8
+    assert list(table[0]) == ["R", "omega", dimension, *names]
+    expected = [
+        [*map(float, at), *values] for at, values in zip(frame.index, frame.values, strict=True)
+    ]
+    assert [[float(cell) for cell in row.values()] for row in table] == expected
+    monkeypatch.setattr("sweeps.analysis.tables._PART", 30)
+    exported(file, "parts.csv", "--rows", rows)
+    assert Path("parts.csv").read_bytes() == Path("rows.csv").read_bytes()
+
+
+def test_the_rows_of_a_table_have_its_columns():
+    points = "points: {omega: [2.0, 2.5], serial: [A1, A2]}"
+    text = CONFIG.replace("omega: {start: 1.0, stop: 3.0, num: 7}, ", "").replace(
+        "[0.5, 0.8]", "0.5"
+    )
+    path = run_sweep(load_config(yaml.safe_load(text + points)), "table.h5")
+    _, table = exported(path, "rows.csv", "--rows", "sections")
+    assert list(table[0].values())[:4] == ["1", "2.0", "A1", "21"]
+    assert list(table[0])[:4] == ["point", "omega", "serial", "section"] and len(table) == 16
+
+
+def test_a_record_that_the_file_lacks_is_refused():
+    path = run_sweep(load_config("sweep.yaml", ["record.impacts=0"]), "out.h5")
+    assert "record.impacts" in refused("export", path, "-o", "a.csv", "--rows", "impacts")
+    expected = "--rows knocks is not allowed; expected: points, sections or impacts"
+    assert expected in refused("export", path, "-o", "a.csv", "--rows", "knocks")
+    assert not Path("a.csv").exists()
+
+
 def test_a_single_point_is_a_row():
     overrides = ["oscillator.R=0.5", "oscillator.omega=2.0"]
     _, (row,) = exported(run_sweep(load_config("sweep.yaml", overrides), "out.h5"))
     assert (row["R"], row["omega"], row["period"]) == ("0.5", "2.0", "1")
+    _, table = exported("out.h5", "rows.csv", "--rows", "sections")
+    assert [row["section"] for row in table] == [str(n) for n in range(21, 29)]
 
 
-def test_parquet_where_pyarrow_is_there(file):
+def test_parquet_where_pyarrow_is_there(file, monkeypatch):
     pytest.importorskip("pyarrow")
     accepted("export", file, "-o", "p.parquet")
     exported(file)
     pd.testing.assert_frame_equal(pd.read_parquet("p.parquet"), pd.read_csv("points.csv"))
+    monkeypatch.setattr("sweeps.analysis.tables._PART", 30)
+    accepted("export", file, "-o", "r.parquet", "--rows", "impacts")
+    exported(file, "rows.csv", "--rows", "impacts")
+    pd.testing.assert_frame_equal(pd.read_parquet("r.parquet"), pd.read_csv("rows.csv"))
 
 
 def test_what_cannot_be_written_is_refused(file, monkeypatch):
@@ -96,7 +145,7 @@ def test_what_cannot_be_written_is_refused(file, monkeypatch):
         ("points.txt", "expected: a .csv or .parquet file"),
         ("no/points.csv", "the folder no of the table points.csv does not exist"),
         ("fifo.csv", "fifo.csv is a FIFO, not a regular file,"),
-        ("points.parquet", "needs the package pyarrow"),
+        ("points.parquet", "install it with pip install pyarrow, or write a .csv"),
     ):
         assert text in refused("export", file, "-o", name)
     assert sorted(path.name for path in Path().iterdir()) == ["fifo.csv", "sweep.yaml"]

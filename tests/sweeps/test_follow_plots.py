@@ -9,7 +9,6 @@ from matplotlib.colors import to_hex
 from commands import call
 from sweep_files import run_in
 from sweeps import load_config, open_sweep, run_sweep
-from sweeps.analysis.deviations import compare
 from sweeps.analysis.exact_branches import branches
 from sweeps.errors import Refused
 from sweeps.plotting import bifurcation, diagram, plot, section, trajectory
@@ -54,7 +53,10 @@ def dataset(stored):
 def markers(panel):
     """Return the points of a panel by colour, and the size of their markers."""
     lines = [line for line in panel.lines if line.get_marker() == "o" and len(line.get_xdata())]
-    points = {to_hex(line.get_color()).upper(): line.get_xydata() for line in lines}
+    points = {}
+    for line in lines:
+        colour = to_hex(line.get_color()).upper()
+        points[colour] = np.concatenate([points.get(colour, np.empty((0, 2))), line.get_xydata()])
     sizes = {to_hex(line.get_color()).upper(): line.get_markersize() for line in lines}
     return points, sizes
 
@@ -63,17 +65,46 @@ def texts(figure):
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
-def test_both_directions_are_drawn_the_second_smaller_and_on_top(dataset):
+def test_neither_direction_hides_the_other(dataset):
+    """Free from the fold on and on the way down, with impacts on the way up (closed forms)."""
     figure = bifurcation(dataset)
     points, sizes = markers(figure.axes[0])
-    assert list(points) == [UP, DOWN]  # the order in which they are drawn
-    assert sizes[DOWN] < 0.6 * sizes[UP]
+    assert len(set(sizes.values())) == 1
+    omega, both = dataset["omega"].values, points[BOTH_COLOUR]
+    apart = omega[(omega > 1.2861) & (omega < 1.6504)]
     for colour, way in ((UP, "up"), (DOWN, "down")):
+        assert np.unique(points[colour][:, 0]).tolist() == apart.tolist()
         y = dataset["poincare_x"].sel(direction=way).isel(h=0).values
-        x = np.broadcast_to(dataset["omega"].values[:, None], y.shape)
-        np.testing.assert_array_equal(points[colour], np.stack([x.ravel(), y.ravel()], axis=1))
-    assert texts(figure) == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$"]
+        expected = np.stack([np.broadcast_to(omega[:, None], y.shape), y], axis=-1)
+        drawn = {tuple(point) for point in (*points[colour], *both)}
+        assert {tuple(point) for point in expected.reshape(-1, 2)} <= drawn
+    assert set(both[:, 0]) == set(omega) - set(apart)
+    assert texts(figure)[:3] == [r"up, $\omega \rightarrow$", r"down, $\omega \leftarrow$", "both"]
     assert "followed" not in figure.get_suptitle()
+
+
+def test_an_arrow_leads_from_the_end_of_each_motion_to_the_next(dataset):
+    """Up beyond the fold at 1.6504, down below the graze at 1.2861; black with other colours."""
+    omega, x = dataset["omega"].values, dataset["poincare_x"].isel(h=0, section=-1)
+    fold, graze = np.searchsorted(omega, [1.6504, 1.2861])
+    expected = [("up", fold - 1, fold, UP), ("down", graze, graze - 1, DOWN)]
+    for color in (None, "period"):
+        arrows = bifurcation(dataset, color=color).axes[0].texts
+        assert len(arrows) == 2
+        for arrow, (way, start, stop, colour) in zip(arrows, expected, strict=True):
+            motion = x.sel(direction=way).values
+            assert arrow.xyann == pytest.approx((omega[start], motion[start]), rel=1e-3)
+            assert arrow.xy == pytest.approx((omega[stop], motion[stop]), rel=1e-3)
+            seen = to_hex(arrow.arrow_patch.get_edgecolor()).upper()
+            assert seen == ("#000000" if color else colour)
+
+
+def test_neither_direction_hides_the_other_below(dataset):
+    (points, _) = markers(bifurcation(dataset, below="impulse").axes[1])
+    omega = dataset["omega"].values
+    assert (points[DOWN][:, 1] == 0.0).all() and (points[UP][:, 1] > 0.0).all()
+    counts = [len(points[colour]) for colour in (UP, DOWN, BOTH_COLOUR)]
+    assert counts[0] == counts[1] > 0 and sum(counts) == 2 * len(omega)
 
 
 @pytest.mark.parametrize("way", ["up", "down"])
@@ -83,7 +114,8 @@ def test_one_direction_can_be_picked(dataset, way):
     (drawn,) = points.values()
     expected = dataset["poincare_v"].sel(direction=way, h=0.06).values
     np.testing.assert_array_equal(drawn[:, 1], expected.ravel())
-    assert f"followed {way} along" in figure.get_suptitle() and not figure.legends
+    assert f"followed {way} along" in figure.get_suptitle()
+    assert not any("omega" in text for text in texts(figure))
     state = section(dataset, at={"direction": way, "omega": 1.5})
     x, v = (dataset[name].sel(direction=way, omega=1.5).isel(h=0) for name in
             ("poincare_x", "poincare_v"))  # fmt: skip
@@ -116,25 +148,13 @@ def test_a_density_tells_the_directions_apart(dataset, monkeypatch):
     apart = drawn[0].any(axis=0) & drawn[1].any(axis=0)
     met = dataset["impacts_per_period"].isel(h=0).values > 0
     np.testing.assert_array_equal(apart[omega < 1.6], (met[0] != met[1])[omega < 1.6])
-    assert texts(figure)[-1] == "both"
+    assert texts(figure)[2] == "both"
     one = bifurcation(dataset, at={"direction": "down"})
     assert len([m for m in one.axes[0].collections if isinstance(m, QuadMesh)]) == 1
 
 
-def test_the_comparison_with_the_exact_orbits_names_the_direction(dataset):
-    rows = [line.split() for line in compare(dataset, "omega").splitlines()]
-    one_impact = [row for row in rows if row[:1] == ["1/1"]]
-    assert [way for _, way, *_ in one_impact] == ["up", "down"]
-    counts = [int(count) for _, _, count, *_ in one_impact]
-    first = dataset.isel(h=0)
-    expected = ((first["impacts_per_period"] == 1) & (first["period"] == 1)).sum("omega").values
-    assert counts == expected.tolist() and counts[0] > counts[1] > 0
-    assert all(float(row[3]) < 1e-5 for row in one_impact)
-    down = compare(dataset, "omega", at={"direction": "down"})
-    assert [line.split() for line in down.splitlines() if "1/1" in line] == one_impact[1:]
+def test_exact_branches_over_both_directions_have_a_legend(dataset):
     assert bifurcation(dataset, exact=branches(dataset), coordinate="impact_v").legends
-    free = compare(dataset.sel(omega=slice(1.7, None)), "omega")
-    assert "1/1" not in free
 
 
 def test_what_is_missing_is_counted_in_both_directions(stop_after):
@@ -155,7 +175,7 @@ def test_the_command_line(stored):
 
     assert drawn("--kind", "map", "--at", "direction=up").stdout == "picture.png\n"
     told = drawn("--kind", "bifurcation", "--exact", "--at", "direction=down").stdout.splitlines()
-    assert any(line.startswith("1/1 down ") for line in told) and told[-1] == "picture.png"
+    assert "1/1" in told[0] and told[-1] == "picture.png"
     wrong = drawn("--at", "direction=dwn")
     assert wrong.exit_code == 2
     assert "there is no direction dwn (did you mean down?); choose from: up, down" in wrong.stderr

@@ -3,6 +3,8 @@
 import ast
 import inspect
 import json
+import pydoc
+import re
 import shutil
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from matplotlib.figure import Figure
 import sweeps
 import vibroimpact
 from sweeps import plotting
+from vibroimpact import Status
 
 CONFIGS = Path(sweeps.__file__).parents[1] / "configs"
 PHYSICS = (
@@ -35,9 +38,28 @@ ENGINE = (
 )
 def test_every_name_is_there_and_documented(package, names):
     for name in names:
-        assert name in package.__all__ or name == "__version__"
+        assert name in dir(package) or name == "__version__"
         one = getattr(package, name)
         assert not inspect.isroutine(one) or "Returns\n" in one.__doc__
+
+
+def test_help_of_the_engine_is_a_screen_that_names_all_of_it():
+    text = pydoc.plain(pydoc.render_doc(sweeps))
+    assert text.count("\n") < 60
+    for name in dir(sweeps):
+        assert re.search(rf"`(sweeps\.)?{name}`", text), name
+
+
+@pytest.mark.parametrize("package", [vibroimpact, sweeps, plotting])
+def test_a_docstring_names_only_what_is_public(package):
+    """A name in capitals is a constant of its package, or the status of a point."""
+    public = {*dir(package), *Status.__members__}
+    for name in dir(package):
+        one = getattr(package, name)
+        texts = [inspect.getdoc(one) or ""]
+        texts += [part.__doc__ or "" for part in vars(one).values()] if inspect.isclass(one) else []
+        for constant in re.findall(r"`(?:\w+\.)*([A-Z]{3}[A-Z_]*)`", "\n".join(texts)):
+            assert constant in public, f"{name}: {constant}"
 
 
 def shown_by(cell, names):

@@ -1,15 +1,20 @@
 """Integrity measures against an exhaustive search, knocks against independent motions."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
 from commands import accepted, refused
 from sweep_files import run_in
 from sweeps import Refused, attractors, integrity, knocks, open_sweep
 from sweeps.analysis.integrity import measures_of
-from sweeps.plotting import plot
+from sweeps.analysis.knocks import Knock
+from sweeps.plotting import attractor_diagram, basins, plot
+from sweeps.plotting import integrity as draw_integrity
+from sweeps.plotting.style import ATTRACTORS, BLUE
 from vibroimpact import Oscillator, integrate, periodic_orbit
 from vibroimpact.oscillator import POINT
 
@@ -86,7 +91,16 @@ def test_the_measures_of_each_attractor_along_an_axis(two):
         assert inside[
             np.abs(x - one["disc_x"].item()).argmin(), np.abs(v - one["disc_v"].item()).argmin()
         ]
-    assert (integrity(two, weight=2.0)["integrity_factor"] > found["integrity_factor"]).all()
+
+
+def test_velocities_count_by_the_eigenfrequency(two, tmp_path):
+    """A rig of twice the frequencies moves as this one, twice as fast: the same distances."""
+    faster = "oscillator={h: 0.2, R: 0.8, omega: [5.2, 5.4], f: 4.0, p: 2.0, clearance: 0.6}"
+    with open_sweep(
+        run_in(tmp_path, CONFIG, faster, "start.v0={start: -6, stop: 6, num: 41}")
+    ) as ds:
+        for name in ("integrity_factor", "local_integrity"):
+            np.testing.assert_allclose(integrity(ds)[name], integrity(two)[name], rtol=1e-9)
 
 
 def impacts_per_period(two, phase, x, velocities):
@@ -186,8 +200,6 @@ def test_a_sweep_without_a_window_is_refused(override, message, tmp_path):
 
 
 def test_other_requests_are_refused(two):
-    with pytest.raises(Refused, match=r"weight = 0\.0 is not allowed"):
-        integrity(two, weight=0.0)
     with pytest.raises(Refused, match="a sweep cut at one parameter point"):
         knocks(two)
 
@@ -195,12 +207,16 @@ def test_other_requests_are_refused(two):
 @pytest.mark.slow
 def test_the_command(tmp_path):
     file = run_in(tmp_path, CONFIG, "start.x0.num=16", "start.v0.num=21")
-    lines = accepted("integrity", file, "--weight", 2).splitlines()
+    lines = accepted("integrity", file).splitlines()
     assert [line.split()[:3] for line in lines[1:3]] == [["2.6", "0", "1/0"], ["2.6", "1", "2/1"]]
-    assert "w = 2, at omega t = 0" in lines[-1]
+    assert "(dv / p)^2), at omega t = 0" in lines[-1]
     text = accepted("integrity", file, "--at", "omega=2.6", "--csv", "a.csv")
     assert "to 1" in text and "to 0" in text
-    assert len(Path("a.csv").read_text().splitlines()) == 3
+    heading, *rows = Path("a.csv").read_text().splitlines()
+    accepted("attractors", file, "--at", "omega=2.6", "--csv", "b.csv")
+    common = "attractor,motion,m,q,fraction,"
+    assert heading.startswith(common) and Path("b.csv").read_text().startswith(common)
+    assert len(rows) == 2 and rows[1].startswith("1,periodic,2,1,")
 
 
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
@@ -212,3 +228,77 @@ def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
         plot(dataset, "a.png", "integrity")
         with pytest.raises(Refused, match="a knock needs the impact rule exact"):
             knocks(dataset)
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    """Return a file, opened, in which 2/1 is before 1/0 at 0.4, and behind it at 0.6."""
+    few = "start={x0: {start: -3, stop: 0, num: 16}, v0: {start: -3, stop: 3, num: 21}}"
+    line = "oscillator={h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: [0, 0.4, 0.6]}"
+    with open_sweep(run_in(tmp_path_factory.mktemp("ranked"), CONFIG, line, few)) as dataset:
+        yield dataset
+
+
+def colours_of(figure):
+    """Return the colour of each basin in the legend, by its class."""
+    legend = figure.legends[0]
+    named = zip(legend.get_patches(), legend.get_texts(), strict=False)
+    return {re.split("[,:]", text.get_text())[0]: to_hex(patch.get_fc()) for patch, text in named}
+
+
+def test_an_attractor_has_one_colour_in_all_pictures_of_a_file(ranked):
+    assert attractors(ranked)["m"].values.tolist() == [[1, -1], [2, 1], [1, 2]]
+    numbered = {"2/1": ATTRACTORS[0].lower(), "1/1": ATTRACTORS[1].lower()}
+    numbered["1/0"] = ATTRACTORS[2].lower()
+    for draw in (basins, draw_integrity):
+        for clearance in (0.4, 0.6):
+            found = colours_of(draw(ranked, at={"clearance": clearance}))
+            assert found == {name: numbered[name] for name in found} and len(found) > 1
+    lines = attractor_diagram(ranked).axes[0].lines
+    found = {
+        line.get_label()[:3]: to_hex(line.get_color())
+        for line in lines
+        if line.get_label()[0] != "_"
+    }
+    assert found == numbered
+
+
+def test_where_the_attractors_with_a_colour_are_absent_others_take_it(ranked, monkeypatch):
+    monkeypatch.setattr("sweeps.plotting.attractors.ATTRACTORS", (BLUE,))
+    assert colours_of(basins(ranked, at={"clearance": 0.0})) == {"1/1": BLUE.lower()}
+    assert colours_of(basins(ranked, at={"clearance": 0.6}))["2/1"] == BLUE.lower()
+
+
+def test_measures_stay_in_their_panels_and_all_marks_are_named(ranked):
+    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    *profile, panel = figure.axes
+    for measures in profile:
+        low, high = measures.get_ylim()
+        *lines, _ = measures.lines
+        y = np.concatenate([line.get_ydata() for line in lines])
+        assert low <= np.nanmin(y) and np.nanmax(y) < high
+    assert np.isfinite(profile[1].lines[2].get_ydata()).any()
+    legend = figure.legends[0]
+    handles = dict(
+        zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True)
+    )
+    assert handles["lower bound"].get_markerfacecolor() == "white"
+    arrows = {to_hex(handle.get_color()) for text, handle in handles.items() if "knock" in text}
+    drawn = {to_hex(text.arrow_patch.get_edgecolor()) for text in panel.texts}
+    assert arrows == drawn == {ATTRACTORS[0].lower(), ATTRACTORS[2].lower()}
+    assert [line.get_marker() for line in panel.lines] == ["o"]  # a single call
+
+
+def test_discs_and_knocks_are_those_of_the_attractors_with_a_colour(ranked, monkeypatch):
+    sought = []
+
+    def worst(motions, home, limit):
+        sought.append(home)
+        return Knock()
+
+    monkeypatch.setattr("sweeps.analysis.knocks._Motions.worst", worst)
+    monkeypatch.setattr("sweeps.plotting.attractors.ATTRACTORS", (BLUE,))
+    figure = draw_integrity(ranked, at={"clearance": 0.6})
+    assert sought == [0] and len(figure.axes[-1].patches) == 1
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "no disc and no knock for 1 other attractor" in texts

@@ -37,6 +37,7 @@ from sweeps import open_sweep, run_sweep
 from sweeps.config.loading import load_config
 from sweeps.store import SweepWriter
 from vibroimpact.jit.cache import cache_folder
+from vibroimpact.jit.way import WAY
 from vibroimpact.status import Status
 
 CONFIG = SWEEP
@@ -50,9 +51,9 @@ def forks(tmp_path_factory):
         yield forks
 
 
-def run(*arguments):
+def run(*arguments, program=(sys.executable, "-m", "sweeps.cli")):
     return subprocess.Popen(
-        [sys.executable, "-m", "sweeps.cli", "run", "sweep.yaml", *arguments],
+        [*program, "run", "sweep.yaml", *arguments],
         env=environment(),
         preexec_fn=hear,
         stdout=subprocess.PIPE,
@@ -159,6 +160,36 @@ def test_a_signal_at_any_moment_ends_a_run_with_one_line(forks, moment):
         signalled(forks, number, moment, random.Random(f"{moment} {number}"))
 
 
+#: The process of a command, which receives a signal when it imports its n-th module.
+_IMPORTING = """
+import os, sys
+
+number, last = int(sys.argv.pop(1)), int(sys.argv.pop(1))
+imports = []
+
+def note(event, arguments):
+    if event == "import" and (imports or arguments[0] == "sweeps"):
+        imports.append(arguments[0])
+        if len(imports) == 1 + last:
+            os.kill(os.getpid(), number)
+
+sys.addaudithook(note)
+from sweeps.cli.__main__ import main
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("imports", "number"),
+    [(n, (signal.SIGINT, signal.SIGTERM)[i % 2]) for i, n in enumerate((1, 2, 5, 10, 30))],
+)
+def test_a_signal_while_a_command_imports_ends_it_with_one_line(imports, number):
+    program = [sys.executable, "-c", _IMPORTING, str(number.value), str(imports)]
+    process = run("--quiet", program=program)
+    assert ended(process) == (1, "vibroimpact: error: interrupted\n")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
@@ -199,7 +230,7 @@ def test_an_interrupt_ends_a_compilation(monkeypatch, tmp_path, forks):
     process.send_signal(signal.SIGTERM)
     assert ended(process) == (1, "vibroimpact: error: interrupted; nothing is kept\n")
     kernel = "take_exact-*"
-    assert list(cache_folder().glob(kernel))  # stored by other runs
+    assert list(cache_folder(WAY.name).glob(kernel))  # stored by other runs
     assert not list(cache.rglob(kernel))
     assert {path.name for path in Path().iterdir()} <= {"compiled", "sweep.yaml"}
 

@@ -8,10 +8,10 @@ from sweeps import load_config, open_sweep
 from sweeps.errors import Refused
 from sweeps.plotting import plot
 from sweeps.plotting.lines import cell_edges
-from sweeps.plotting.maps import QUANTITIES, parameter_map
+from sweeps.plotting.maps import parameter_map
 from sweeps.store import VARIABLES
 from vibroimpact.oscillator import PARAMETERS
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 R = np.array([0.3, 0.5, 0.9])
 OMEGA = np.array([1.0, 2.0, 3.0, 4.0])
@@ -27,6 +27,10 @@ PLAIN = {
     "status": Status.CERTIFIED,
     "period": 1,
     "period_impacts": 1,
+    "orbit_x": 0.0,
+    "orbit_v": 0.0,
+    "orbit_distance": 0.0,
+    "class_evidence": Evidence.REPEATS,
     "rest_fraction": 0.0,
     "impacts_per_period": 1.0,
     "slowest_impact": 0.5,
@@ -107,9 +111,9 @@ def test_every_class_has_its_colour_and_its_label():
     assert texts(figure)[:2].tolist() == [
         ["1/1", "2/1", "2/3", "1/1"],
         [
-            r"chaotic, $\lambda_1 > 0$",
-            "quasi-periodic or unsettled",
-            "undecided",
+            r"chaotic, $\lambda_1 > 0$ (10 %)",
+            "quasi-periodic or unsettled (10 %)",
+            "undecided (10 %)",
             "with rest",
         ],
     ]
@@ -126,6 +130,21 @@ def test_the_legend_has_only_what_there_is():
     assert not parameter_map(hand_made()).axes[0].patch.get_hatch()
 
 
+def test_lines_mark_the_motions_that_have_not_settled():
+    """Those of either neighbour in a row, and of the last column; 3 of the 11 with a result."""
+    figure = parameter_map(
+        hand_made(
+            orbit_distance={(0, 1): 2e-6, (0, 2): 1.0, (1, 0): 1e-6, (1, 1): np.nan, (2, 3): 0.1},
+            status={(2, 0): Status.PENDING},
+        )
+    )
+    (marks,) = (patch for patch in figure.axes[0].patches if patch.get_hatch())
+    centres = [[marks.get_path().contains_point((x, y)) for x in OMEGA] for y in R]
+    assert np.argwhere(centres).tolist() == [[0, 1], [0, 2], [2, 3]]
+    assert "not settled yet (27.3 %)" in legend(figure)
+    assert not any(patch.get_hatch() for patch in parameter_map(hand_made()).axes[0].patches)
+
+
 def test_rare_periods_share_a_colour():
     many = {(i // 4, i % 4): i + 1 for i in range(12)}
     found = texts(parameter_map(hand_made(period=many)))
@@ -135,10 +154,10 @@ def test_rare_periods_share_a_colour():
 
 def test_without_an_exponent_the_legend_says_what_is_not_known():
     figure = parameter_map(hand_made(omit=["lyapunov"], period={(0, 0): 0}))
-    assert texts(figure)[0, 0] == "no repetition found"
+    assert texts(figure)[0, 0] == "no class found (8.33 %)"
 
 
-@pytest.mark.parametrize("quantity", sorted(QUANTITIES))
+@pytest.mark.parametrize("quantity", sorted(PLAIN))
 def test_every_quantity_draws_failed_and_missing_points(quantity):
     dataset = hand_made(
         status={(0, 0): Status.PENDING, (1, 1): Status.UNRESOLVED},
@@ -254,9 +273,15 @@ def test_of_equal_axes_the_later_is_the_abscissa_and_any_order_of_values_is_draw
     [
         (
             {"quantity": "pie"},
-            "the file has no pie to draw; choose from: impacts_per_period, rest_frac",
+            "there is no pie; choose from: status, orbit_x, orbit_v",
         ),
-        ({"quantity": "period"}, "the file has no period to draw"),
+        (
+            {"quantity": "period"},
+            "has no period: run the sweep again with record.diagnostics",
+        ),
+        ({"quantity": "energy_los"}, "no energy_los .did you mean energy_lost..; choose from: sta"),
+        ({"quantity": "poincare_x"}, "poincare_x is not a number for each point; choose from: "),
+        ({"quantity": "h"}, "h is not a number for each point; choose from: "),
         ({"axes": ["f"]}, "f is not a swept axis; the file has R, omega"),
         ({"axes": ["R", "R"]}, "a map has 2 swept axes, not R, R"),
         ({"axes": ["R", "omega", "R"]}, "a map has 2 swept axes, not R, omega, R"),

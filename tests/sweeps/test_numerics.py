@@ -126,7 +126,7 @@ def test_the_code_of_a_refinement_is_in_its_name(tmp_path, monkeypatch):
     monkeypatch.setattr(compute, "__file__", str(tmp_path / "sweeps" / "engine" / "compute.py"))
     assert numerics(config) == own != numerics(load(SWEEPS["plain"])) == NUMERICS
     names = {own}
-    for source in ("engine/refine.py", "analysis/nearby_orbit.py", "analysis/regimes.py"):
+    for source in ("engine/refine.py", "analysis/settle.py", "analysis/regimes.py"):
         path = tmp_path / "sweeps" / source
         path.write_text(path.read_text() + "pass\n")
         names.add(numerics(config))

@@ -15,7 +15,8 @@ from PIL import Image
 
 from commands import call
 from sweep_files import run_in
-from sweeps import branches, open_sweep, plotting
+from sweeps import branches, open_sweep, plotting, run_sweep
+from sweeps.analysis.selection import config_of
 from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting.saving import save
@@ -150,7 +151,7 @@ def test_two_parameters_with_a_period_give_a_map_and_a_value_that_was_not_chosen
         (["--at", "R=0.8"], ""),
         (["--coordinate", "poincare_v"], said),
     ):
-        drawn = draw(*choice, *small)
+        drawn = draw(*choice, "-o", "map.png", *small)
         assert (drawn.exit_code, drawn.stderr) == (0, told)
         assert imread("map.png").shape != shown.shape
     assert draw("--kind", "section").stderr.count("the first of") == 2
@@ -167,6 +168,21 @@ def test_a_scalar_is_drawn_below_on_the_same_axis(dataset):
     assert exponents.get_title("left") == r"Lyapunov exponent $\lambda$"
     assert diagram.get_xlim() == rest.get_xlim()
     assert not diagram.get_xlabel() and "omega" in rest.get_xlabel()
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["not settled yet (3 of 13)", r"$\lambda_1$", r"$\lambda_2$"]
+
+
+def test_the_dots_of_attractors_of_many_starts_are_visible():
+    """Chaotic ones, too, on a screen of 100 pixels per inch."""
+    axis = {"start": 2.7, "stop": 2.95, "num": 200}
+    oscillator = {"h": 0.02, "R": 0.8, "omega": axis, "f": 1.0}
+    record = {"transient": 100, "periods": 32}
+    start = {"v0": [0.0, 0.5]}
+    run_sweep({"oscillator": oscillator, "start": start, "record": record}, "starts.h5")
+    with open_sweep("starts.h5") as dataset:
+        panel = plotting.attractor_diagram(dataset).axes[0]
+    sizes = [line.get_markersize() for line in panel.lines if len(line.get_xdata())]
+    assert len(sizes) > 2 and min(sizes) > 72.0 / 100.0
 
 
 def test_a_motion_goes_on_from_the_stored_state(dataset):
@@ -183,6 +199,48 @@ def test_a_motion_goes_on_from_the_stored_state(dataset):
     assert np.diff(t).max() < 2.0 * np.pi / 2.3 / 199  # no corners
     assert x.max() < 1e-9
     assert "after 132 forcing periods" in figure.get_suptitle()
+
+
+def test_a_motion_is_shown_over_two_repetitions_with_its_class():
+    """A 3/2 motion over six periods; where no class is known, over four."""
+    for diagnostics, shown, periods in ((["period"], "class 3/2, $t_0=", 6), ([], "$t_0=", 4)):
+        oscillator = {"h": 0.05, "R": 0.5, "omega": 5.18, "f": 1.0}
+        record = {"transient": 300, "periods": 40, "diagnostics": diagnostics}
+        run_sweep({"oscillator": oscillator, "record": record}, "motion.h5", overwrite=True)
+        with open_sweep("motion.h5") as dataset:
+            figure = plotting.trajectory(dataset)
+        t = figure.axes[0].lines[0].get_xdata()
+        assert t[-1] == pytest.approx(periods * 2.0 * np.pi / 5.18)
+        assert f", {shown}" in figure.get_suptitle()
+
+
+LONG = """
+oscillator: {h: 0.05, R: 0.8, omega: 2.3, f: 1.0}
+record: {transient: 0, periods: 3000, trajectory: {every: 7}}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_long_motion_is_drawn_by_whole_periods_from_all_of_it(tmp_path, monkeypatch, recorded):
+    """No more samples than pixels, however long the record; here one period of three."""
+    with open_sweep(run_in(tmp_path, LONG)) as dataset:
+        figure = plotting.trajectory(dataset, periods=None if recorded else 3000)
+        t, x = figure.axes[0].lines[0].get_xdata(), figure.axes[0].lines[0].get_ydata()
+        assert len(t) < 1000 * 250
+        gaps = np.flatnonzero(np.isnan(t))
+        periods = np.split(t / (2.0 * np.pi / 2.3), gaps)
+        begins = np.array([piece[0 if i == 0 else 1] for i, piece in enumerate(periods[:1000])])
+        ends = np.array([piece[-1] for piece in periods[:1000]])
+        step = 7 / config_of(dataset).steps * (1 if recorded else 0)
+        np.testing.assert_allclose(begins, 3 * np.arange(1000), atol=step + 1e-6)
+        assert (ends - begins > 1.0 - step - 1e-6).all()
+        assert np.nanmax(x) < 1e-9 and np.nanmin(x) < -0.3
+        assert "1,000 of 3,000 periods" in figure.get_suptitle()
+        if recorded:
+            monkeypatch.setattr("sweeps.analysis.trajectories._PART", 1001)
+            again = plotting.trajectory(dataset)
+            np.testing.assert_array_equal(again.axes[0].lines[0].get_xdata(), t)
 
 
 @pytest.mark.slow
@@ -216,6 +274,33 @@ def test_a_page_sets_title_and_limits(dataset):
     assert figure.get_suptitle() == "Mine"
     assert figure.axes[0].get_xlim() == (2.5, 3.0) and figure.axes[0].get_ylim() == (-0.4, 0.1)
     assert plotting.parameter_map(dataset, page=Page(title="")).get_suptitle() == ""
+
+
+@pytest.mark.parametrize("most", [10, 10**9])
+def test_the_ordinate_fits_what_is_within_the_limits_of_the_abscissa(dataset, monkeypatch, most):
+    """As markers and as a density; also below the diagram, with exact branches and of a motion."""
+    monkeypatch.setattr("sweeps.plotting.diagram.DENSITY_FROM", most)
+    page, seen = Page(xlim=(2.25, 2.45)), dataset.sel(omega=slice(2.25, 2.45), R=0.6)
+    figure = plotting.bifurcation(dataset, page=page, below=["fastest_impact"])
+    for panel, name in zip(figure.axes, ("poincare_x", "fastest_impact"), strict=False):
+        low, high = seen[name].values.min(), seen[name].values.max()
+        room = 0.05 * (high - low)
+        assert panel.get_ylim() == pytest.approx((low - room, high + room))
+    fixed = plotting.bifurcation(dataset, page=Page(xlim=page.xlim, ylim=(-9.0, 9.0)))
+    assert fixed.axes[0].get_ylim() == (-9.0, 9.0)
+
+
+def test_the_ordinate_fits_the_part_of_a_motion_and_of_branches_in_view(dataset):
+    page = Page(xlim=(0.3, 0.6))
+    panel = plotting.trajectory(dataset, at={"omega": 2.3}, page=page).axes[0]
+    t, x = panel.lines[0].get_xydata().T
+    part = x[(t >= 0.3) & (t <= 0.6)]
+    assert panel.get_ylim() == pytest.approx((part.min(), part.max()), abs=0.1 * np.ptp(part))
+    page = Page(xlim=(2.25, 2.35))
+    at, exact = {"R": 0.8}, branches(dataset, "omega", {"R": 0.8})
+    low, high = plotting.bifurcation(dataset, at=at, exact=exact, page=page).axes[0].get_ylim()
+    least, most = plotting.bifurcation(dataset, at=at, exact=exact).axes[0].get_ylim()
+    assert high - low < 0.9 * (most - least)
 
 
 @pytest.mark.parametrize(("name", "ends"), [("xlim", (5.0, 6.0)), ("ylim", (1.0, 2.0))])
@@ -262,8 +347,9 @@ def test_settings_of_the_user_are_kept(dataset, tmp_path):
         panel = figure.axes[0]
         texts = [*figure.texts, panel.xaxis.label, panel.yaxis.label, *panel.get_xticklabels()]
         assert {text.get_fontsize() for text in texts} == {6.0}
-        title = figure.texts[0].get_window_extent().height / figure.dpi
-        assert figure.get_size_inches() == pytest.approx([4.0, 2.0 + title])
+        parts = (figure.texts[0], figure.legends[0])
+        room = sum(part.get_window_extent().height for part in parts) / figure.dpi
+        assert figure.get_size_inches() == pytest.approx([4.0, 2.0 + room])
         plotting.plot(dataset, tmp_path / "a.png", kind="bifurcation")
     assert imread(tmp_path / "a.png").shape[1] == 200
     assert plotting.bifurcation(dataset).axes[0].xaxis.label.get_fontsize() == 9.0

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from commands import call
+from sweep_files import fill, load
+from sweeps import open_sweep, run_sweep
+from sweeps.analysis.bifurcations import find_bifurcations
+from sweeps.engine.run import _schema
 from sweeps.errors import Refused
 from sweeps.plotting import (
     KINDS,
     api,
     bifurcation,
+    parameter_map,
     plot,
     saving,
     section,
@@ -116,7 +122,7 @@ def without_impacts(shared_sweep):
         ),
         ({"axes": ["h"]}, "h is not a swept axis; the file has R, omega"),
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
-        ({"at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
+        ({"axes": ["omega"], "at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
         ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
         ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
         (
@@ -143,7 +149,7 @@ def without_impacts(shared_sweep):
         ),
         (
             {"below": ("status",)},
-            "status cannot be drawn below a diagram; choose from: impacts_per",
+            "status cannot be drawn below a diagram: its numbers stand for words",
         ),
         ({"below": ("rest_fraction",) * 2}, "rest_fraction is asked for twice"),
         ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
@@ -151,7 +157,16 @@ def without_impacts(shared_sweep):
             {"kind": "trajectory", "periods": -1},
             "periods must be an integer from 1 to .*, not -1",
         ),
-        ({"kind": "map", "quantity": "chatters"}, "a map does not show chatters; choose from: "),
+        (
+            {"below": ("rest_fracton",)},
+            "no rest_fracton .did you mean rest_fraction..; cho",
+        ),
+        ({"color": "poincare_x"}, "poincare_x is not a number for each point; choose from: cha"),
+        ({"kind": "trajectory", "color": "status"}, "color can be chosen for a bifurcation or sec"),
+        (
+            {"kind": "section", "color": "impulse", "at": {"R": 0.5, "omega": 1.0}},
+            "a color tells several motions apart, and only one point is left",
+        ),
         ({"kind": "section", "at": {"f": 1.0}}, "f cannot be fixed here; choose from: R, omega"),
     ],
 )
@@ -180,3 +195,69 @@ def test_nothing_to_draw_is_said(random_sweep):
         bifurcation(dataset)
     with pytest.raises(Refused, match="nothing to draw at this point: not computed yet"):
         section(dataset)
+
+
+def test_a_picture_is_over_the_axis_that_is_left(random_sweep):
+    """Of equally long axes the first is drawn, unless it is fixed."""
+    dataset = random_sweep({"R": R, "omega": [1.0, 2.0]}, diagnostics=("period",))
+    over = {"R": "coefficient of restitution $R$", "omega": r"forcing frequency $\omega$"}
+    for at, axis in (({}, "R"), ({"R": 0.8}, "omega"), ({"omega": 2.0}, "R")):
+        assert bifurcation(dataset, at=at).axes[0].get_xlabel() == over[axis]
+        along, _ = find_bifurcations(dataset, at=at)
+        assert along == axis
+    with pytest.raises(Refused, match="R cannot be fixed here; choose from: omega"):
+        bifurcation(dataset, axes=["R"], at={"R": 0.8})
+    cube = random_sweep({"R": R, "omega": [1.0, 2.0], "h": [0.1, 0.2]}, diagnostics=("period",))
+    (panel,) = parameter_map(cube, at={"R": 0.8}).axes
+    assert panel.get_ylabel() == over["omega"] and "damping" in panel.get_xlabel()
+
+
+# Files of every shape, also those of which no block is finished
+
+RECORD = "record: {transient: 20, periods: 4, impacts: 4}\n"
+FIXED_OSCILLATOR = "oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}\n"
+STARTS = "start: {x0: {start: -3, stop: 0.5, num: 3}, v0: {start: -3, stop: 3, num: 3}}\n"
+SHAPES = {
+    "point": FIXED_OSCILLATOR,
+    "map": "oscillator: {h: 0.1, R: [0.7, 0.8], omega: [2.4, 2.6], f: 1.0}\n",
+    "followed": "oscillator: {h: 0.1, R: 0.8, omega: [2.4, 2.6], f: 1.0}\n"
+    "follow: {axis: omega, direction: both}\n",
+    "starts": FIXED_OSCILLATOR + STARTS,
+    "starts over a parameter": FIXED_OSCILLATOR.replace("2.6", "[2.6, 2.7]") + STARTS,
+    "table": "points: {omega: [2.4, 2.6, 2.6], x0: [-1, -1, -2], part: [a, b, c]}\n"
+    "oscillator: {h: 0.1, R: 0.8, f: 1.0}\n",
+    "table of starts": "points: {x0: [-1, -1, -2], v0: [0, 1, 2]}\n" + FIXED_OSCILLATOR,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("shape", "blocks"),
+    [*((shape, 0) for shape in SHAPES), ("table", None), ("table of starts", None)],
+)
+def test_every_command_draws_or_refuses_every_file(shape, blocks):
+    """A refusal is one line; without a finished block only maps have something to show."""
+    config = load(SHAPES[shape] + RECORD)
+    if blocks is None:
+        run_sweep(config, "a.h5")
+    else:
+        fill("a.h5", _schema(config, 2), None, blocks)
+    for command in (["info"], ["info", "--bifurcations"], ["attractors", "--csv", "a.csv"],
+                    ["integrity", "--csv", "b.csv"], ["export", "-o", "c.csv"], ["plot"],
+                    ["plot", "--exact"], ["plot", "--quantity", "impulse"]):  # fmt: skip
+        result = call(*command, "a.h5")
+        assert result.exit_code == 0 or result.stderr.count("\n") == 1
+    drawn = set()
+    with open_sweep("a.h5") as dataset:
+        for kind in KINDS:
+            try:
+                KINDS[kind].draw(dataset)
+                drawn.add(kind)
+            except Refused as refused:
+                assert "\n" not in str(refused)
+    if blocks == 0:
+        assert drawn == {"map": {"map"}, "starts": {"map", "basins", "integrity"},
+                         "starts over a parameter": {"map", "basins", "integrity"},
+                         }.get(shape, set())  # fmt: skip
+    else:
+        assert drawn == {"table", "section", "impacts", "trajectory"}

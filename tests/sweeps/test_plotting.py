@@ -8,6 +8,7 @@ from sweeps import ConfigError
 from sweeps.plotting import (
     Page,
     bifurcation,
+    density,
     diagram,
     impacts,
     section,
@@ -60,9 +61,9 @@ def test_the_height_is_measured_from_the_stop_of_each_point(random_sweep, monkey
     panel = bifurcation(dataset, **cut).axes[0]
     assert drawn(panel) == pairs(clearance[:, None], height)
     assert plain(panel.get_ylabel()) == r"height above the stop $\sigma - x$"
-    monkeypatch.setattr(diagram, "_PART_SIZE", 10)
+    monkeypatch.setattr(density, "_PART_SIZE", 10)
     line, *_ = select_line(dataset, **cut)
-    parts = diagram.computed_parts(line, "poincare_height")
+    parts = density.computed_parts(line, "poincare_height")
     np.testing.assert_array_equal(np.concatenate([values for _, values in parts]), height)
 
 
@@ -117,6 +118,17 @@ def test_a_log_spaced_axis_is_drawn_so(random_sweep, values, scale):
     assert bifurcation(random_sweep({"omega": values})).axes[0].get_xscale() == scale
 
 
+def test_motions_that_have_not_settled_are_marked_within_the_limits(random_sweep):
+    distance = np.array([0.0, 2e-6, np.nan, 1e-6])
+    limits = Page(ylim=(-100.0, 100.0))
+    options = {"diagnostics": ["period"], "orbit_distance": distance}
+    figure = bifurcation(random_sweep({"omega": OMEGA}, **options), page=limits)
+    panel = figure.axes[0]
+    assert drawn(panel, "|") == [(1.0, 0.015)] and panel.get_ylim() == (-100.0, 100.0)
+    (text,) = figure.legends[0].get_texts()
+    assert text.get_text() == "not settled yet (1 of 4)"
+
+
 def test_points_that_failed_are_marked_and_not_drawn(random_sweep):
     status = np.array([0, Status.UNRESOLVED, Status.PENDING, Status.NON_FINITE], np.int8)
     wild = np.full((4, 5), 1e300)
@@ -153,7 +165,7 @@ def test_very_many_points_become_a_density(random_sweep, monkeypatch, values):
 def test_a_density_is_counted_in_parts_at_the_resolution_of_the_picture(random_sweep, monkeypatch):
     """Against NumPy's histogram, with a failed point and missing impacts."""
     monkeypatch.setattr(diagram, "DENSITY_FROM", 100)
-    monkeypatch.setattr(diagram, "_PART_SIZE", 50)
+    monkeypatch.setattr(density, "_PART_SIZE", 50)
     values = np.linspace(1.0, 2.0, 3000)
     status = np.zeros(3000, np.int8)
     status[1234] = Status.UNRESOLVED
@@ -254,17 +266,17 @@ def test_a_trajectory_within_the_stop_has_no_depth(random_sweep):
 
 def test_points_that_did_not_fail_are_drawn(random_sweep):
     good = [status for status in Status if not status.failed]
-    assert {Status.CERTIFIED, Status.SETTLED, Status.UNBOUNDED} <= set(good)
+    assert {Status.CERTIFIED, Status.CUT_SHORT, Status.UNBOUNDED} <= set(good)
     dataset = random_sweep({"omega": OMEGA}, status=np.array(good, np.int8))
     figure = bifurcation(dataset)
     assert drawn(figure.axes[0]) == pairs(OMEGA[:, None], dataset["poincare_x"].values)
     assert not figure.legends
 
 
-@pytest.mark.parametrize("status", [Status.COMPUTED, Status.CERTIFIED, Status.SETTLED])
+@pytest.mark.parametrize("status", [Status.COMPUTED, Status.CERTIFIED, Status.CUT_SHORT])
 def test_a_title_says_more_only_where_there_is_more_to_say(random_sweep, status):
     title = section(random_sweep({}, status=np.array([status], np.int8))).get_suptitle()
-    assert (status.meaning in title.replace("\n", " ")) == (status is Status.SETTLED)
+    assert (status.meaning in title.replace("\n", " ")) == (status is Status.CUT_SHORT)
 
 
 def test_a_configuration_of_another_version_is_refused_by_its_key(random_sweep):

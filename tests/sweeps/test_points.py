@@ -1,9 +1,11 @@
 """Sweeps over a table: the same bits as a grid, bad tables, pictures, attractors, indices."""
 
 import itertools
+import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 import yaml
@@ -95,8 +97,6 @@ def test_a_table_goes_on_where_it_was_stopped(stop_after):
 
 def test_every_form_of_a_table_is_the_same_sweep():
     """A file, columns of YAML, arrays, a DataFrame, a structured array; and the file of a sweep."""
-    import pandas as pd
-
     columns = {"omega": [2.5, 0.1 + 0.2, 3.0], "R": [0.5, 1.0, 0.0], "label": ["a", "", "007"]}
     write_csv(columns)
     frame = pd.DataFrame(columns)
@@ -148,7 +148,8 @@ def refusal(text):
         ("R,omega,H\n0.5,2,1\n", "unknown column H (did you mean h?)"),
         ("R,omega,a/b\n0.5,2,1\n", "unknown column a/b; expected"),
         ("R,omega,\n0.5,2,1\n", "unknown column (nothing); expected"),
-        ("R,R\n0.5,2\n", "'R' occurs more than once"),
+        ("R,R\n0.5,2\n", "column R is given twice; expected: once"),
+        ("R,note\n0.5,a\n0.5,b\0c\n", r"row 2, column note = b\x00c is not allowed"),
         ("R,omega\n", "the table has no row"),
         ("R\n0.5\n", "oscillator.omega is missing; expected"),
         ("R,omega,h\n0.5,2,1\n", "oscillator.h: conflicts with points; expected: one number here"),
@@ -189,12 +190,43 @@ def test_the_file_of_a_table_lies_beside_the_configuration_or_where_the_command_
         ({"R": 0.5}, "must be lists of equal length"),
         ({"R": {"start": 0.1, "stop": 1.0, "num": 3}}, "must be lists of equal length"),
         ([0.5, 0.6], "no table; expected: a CSV file, or a mapping of columns"),
+        ({"R": [[0.5, 0.6], [0.7]]}, "must be lists of equal length"),
         ({"R": ["0.5", None]}, "row 2, column R = None is not allowed"),
+        ({"R": [0.5, 10**400]}, "row 2, column R = 1000"),
+        ({"R": [b"0.5"]}, "row 1, column R = b'0.5' is not allowed; expected: a number from 0"),
+        ({"R": np.array([1], "m8[s]")}, "row 1, column R = 1 seconds is not allowed"),
+        ({"R": np.ma.array([0.5, 0.6], mask=[0, 1])}, "row 2, column R is masked; expected: a val"),
+        ({"R": [0.5], 7: [1], "7": [2]}, "column 7 is given twice"),
+        (pd.DataFrame([[0.5, 0.6]], columns=["R", "R"]), "column R is given twice; expected: once"),
     ],
-)
+)  # fmt: skip
 def test_columns_that_are_no_table_are_refused(points, part):
     with pytest.raises(ConfigError, match=part):
         load_config({"points": points, "oscillator": {"h": 0.1, "f": 1.0, "omega": 2.0}})
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        np.array([1], "m8[s]"), np.array([1], "M8[s]"), [b"a"], [{"a": 1}], ["a\0"], ["a\0b"],
+        ["\ud800"], [None], [True], [1j], np.array([True], object), np.array([np.nan], object),
+        np.array([np.timedelta64(1, "s")], object),
+    ],
+)  # fmt: skip
+def test_a_further_column_holds_numbers_and_texts(cells):
+    """Nothing else becomes a text or a number without a word."""
+    points = {"omega": [2.0], "note": cells}
+    with pytest.raises(ConfigError, match=r"row 1, column note = .* a number, or a Unicode"):
+        load_config({"points": points, "oscillator": {"h": 0.1, "R": 0.8, "f": 1.0}})
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "fifo", "."])
+def test_only_a_regular_file_is_a_table(name):
+    """A device never ends, and a FIFO waits for its writer."""
+    if name == "fifo":
+        os.mkfifo(name)
+    with pytest.raises(ConfigError, match="is not a regular file; expected: a CSV file"):
+        load_config("sweep.yaml", [f"points={name}"])
 
 
 @pytest.mark.parametrize(
@@ -232,8 +264,8 @@ def test_commands_of_a_line_or_a_plane_refuse_a_table():
     assert table in refused("info", "out.h5", "--bifurcations")
     assert "no axis to zoom into" in refused("zoom", "out.h5", "omega=2:2.05")
     assert "no rows of the table differ" in refused("attractors", "out.h5")
-    assert "or result omga (did you mean omega?)" in refused("plot", "out.h5", "--axis", "omga")
-    assert "no numeric column or result note" in refused("plot", "out.h5", "--quantity", "note")
+    assert "there is no omga (did you mean omega?)" in refused("plot", "out.h5", "--axis", "omga")
+    assert "note is not a number for each point" in refused("plot", "out.h5", "--quantity", "note")
     accepted("plot", "out.h5", "--at", "point=2")  # the motion of a row
     accepted("info", "out.h5")
 
@@ -256,6 +288,8 @@ def test_the_picture_of_a_table_has_a_panel_for_each_column_that_varies():
         with pytest.raises(Refused, match="point cannot be fixed here"):
             plotting.table_panels(dataset, at={"point": 3.0})
         plotting.plot(dataset, "out.svg")
+        svg = Path("out.svg").read_text()
+        assert "transient: " in svg and "points:" not in svg  # a million rows would take minutes
 
 
 @pytest.mark.parametrize("omega", [(1.3,), (1.3, 1.5)])

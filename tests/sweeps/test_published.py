@@ -21,7 +21,6 @@ from sweeps import load_config, open_sweep, run_sweep
 from sweeps.analysis.bifurcations import find_bifurcations
 from vibroimpact import Oscillator, bifurcation_curve, branch, integrate, one_impact_orbit, simulate
 from vibroimpact.orbits.one_impact import one_impact_orbits
-from vibroimpact.orbits.periodic import solved
 from vibroimpact.oscillator import POINT
 
 EPS = 2.0**-52
@@ -111,7 +110,7 @@ def bifurcates(kind, osc, n, sigma):
     orbits = one_impact_orbits(replace(osc, clearance=sigma), n)
     if kind == "fold":
         return 1.0 if orbits else -1.0
-    return 1.0 + orbits[-1].trace + orbits[-1].determinant
+    return np.prod(1.0 + orbits[-1].multipliers).real
 
 
 def ball(R, gamma=2.0, p=1e-6):
@@ -147,9 +146,9 @@ def speed(osc, n=1):
 def coco_grazes():
     """The graze of the orbit of COCO's example over A, and the curve of grazes over (omega, A)."""
     coco = Oscillator(h=0.05, R=0.8, omega=1.0, f=1.0, clearance=1.0)
-    orbit = one_impact_orbit(coco)
-    start = solved(coco, 1, np.array([orbit.phase]), np.array([orbit.v]))
-    (graze,) = (at for at in branch(start, "f", 0.01, 1.0).special if at.kind == "graze")
+    (graze,) = (
+        at for at in branch(one_impact_orbit(coco), "f", 0.01, 1.0).special if at.kind == "graze"
+    )
     curve = bifurcation_curve(graze.orbit, "graze", ("omega", 0.5, 1.5), ("f", 0.0, 1.0))
     omega, amplitude = curve.values.T
     assert omega.min() == 0.5 and omega.max() > 1.4

@@ -11,7 +11,7 @@ from sweeps.analysis.regimes import (
     classify,
     frequent_periods,
 )
-from vibroimpact.status import Status
+from vibroimpact.status import Evidence, Status
 
 PERIODS = 100
 OMEGA = 2.0
@@ -21,7 +21,8 @@ DURATION = PERIODS * 2 * np.pi / OMEGA
 def hand_made(status, period, rest=0.0, growth=None):
     """Return points along R with this growth of tangent vectors over the record."""
     n = len(np.atleast_1d(status))
-    fill = {"status": status, "period": period, "rest_fraction": rest}
+    evidence = np.where(np.asarray(period) > 0, Evidence.REPEATS, Evidence.NONE)
+    fill = {"status": status, "period": period, "class_evidence": evidence, "rest_fraction": rest}
     values = {name: ("R", np.broadcast_to(value, n)) for name, value in fill.items()}
     values["poincare_x"] = (("R", "section"), np.zeros((n, PERIODS)))
     if growth is not None:

@@ -79,6 +79,26 @@ def test_a_path_that_no_file_can_have_is_refused(name):
         check_target(Path(name), "picture")
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        *((f"a{character}b.h5", f"has the character {character} in") for character in '<>:"|?*\\'),
+        ("a.", "ends in a dot"),
+        ("a ", "ends in a space"),
+        ("con", "can be named con"),
+        ("Aux.h5", "can be named Aux"),
+    ],
+)
+def test_a_name_that_windows_cannot_hold_is_refused_with_the_reason(name, said):
+    with pytest.raises(
+        StoreError, match=r"on Windows no file .*; give the output another name"
+    ) as no:
+        check_target(Path(name), "output")
+    assert said in str(no.value)
+    for similar in ("constant.h5", "a.b c.h5", "-σ=1;R[1]'&.h5"):
+        check_target(Path(similar), "output")
+
+
 def test_a_name_as_long_as_any_is_taken():
     name = "é" * 127 + "x"
     written(name)

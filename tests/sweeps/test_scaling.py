@@ -34,13 +34,13 @@ def configured(*changes):
 def counted(monkeypatch):
     """Count the points passed to the kernel."""
     given = []
-    kernel = kernel_calls.integrate
+    kernel = kernel_calls.run_points
 
-    def integrate(points, **arguments):
+    def run_points(points, *arguments):
         given.append(points)
-        return kernel(points, **arguments)
+        return kernel(points, *arguments)
 
-    monkeypatch.setattr(kernel_calls, "integrate", integrate)
+    monkeypatch.setattr(kernel_calls, "run_points", run_points)
     return given
 
 

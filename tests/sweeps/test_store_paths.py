@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from filelock import FileLock, Timeout
 
 import sweeps
 from commands import accepted, call
@@ -160,7 +161,15 @@ def test_the_journal_itself_is_refused_with_the_name_to_give():
         open_sweep("out.h5.part")
 
 
-@pytest.mark.parametrize(("ending", "version"), [(b"L", 2), (b"3", 3)])
+def test_an_incomplete_sweep_is_read_through_a_link_to_its_output():
+    Path("folder").mkdir()
+    Path("link.h5").symlink_to("folder/real.h5")
+    fill_blocks("link.h5", 2)
+    assert Path("folder/real.h5.part").exists()
+    open_sweep("link.h5").close()
+
+
+@pytest.mark.parametrize(("ending", "version"), [(b"L", 2), (b"3", 3), (b"4", 4)])
 def test_files_of_older_versions_are_refused(ending, version):
     with h5py.File("out.h5", "w") as file:
         file.attrs["format"] = FORMAT
@@ -217,6 +226,18 @@ def test_a_second_writer_is_refused_by_number_and_a_dead_one_is_not():
     assert not Path("out.h5.lock").exists()
 
 
+def test_a_folder_without_room_for_a_lock_is_not_taken_for_another_writer(monkeypatch):
+    """On Windows, a folder that refuses new files looks like a lock that another process holds."""
+
+    def refuse(*_, **__):
+        raise Timeout("out.h5.lock")
+
+    monkeypatch.setattr(FileLock, "acquire", refuse)
+    with pytest.raises(StoreError, match=r"no file can be made in the folder .* of .* out\.h5$"):
+        with only_writer(Path("out.h5")):
+            pass
+
+
 @pytest.mark.parametrize("to", ["precious", "missing"])
 def test_a_link_where_the_lock_goes_is_not_followed(to):
     Path("precious").write_text("42\n")
@@ -229,7 +250,7 @@ def test_a_link_where_the_lock_goes_is_not_followed(to):
 
 
 @pytest.mark.parametrize(
-    "text", ["my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n"]
+    "text", ["my notes\n", "42\n", "vibroimpact lock of process 1\nand more\n", "\0" * 100]
 )
 def test_a_users_own_file_of_the_name_of_the_lock_stays(text):
     Path("out.h5.lock").write_text(text)
@@ -238,10 +259,12 @@ def test_a_users_own_file_of_the_name_of_the_lock_stays(text):
     assert Path("out.h5.lock").read_text() == text
 
 
-def test_an_empty_file_of_the_name_of_the_lock_is_used_and_stays():
-    Path("out.h5.lock").touch()
-    assert run().exit_code == 0
-    assert Path("out.h5.lock").read_bytes() == b""
+@pytest.mark.parametrize("text", [b"", bytes(len("vibroimpact lock of process 12345\n"))])
+def test_a_lock_that_lost_its_text_with_the_power_is_a_leftover(text):
+    fill_blocks("out.h5", 2)
+    Path("out.h5.lock").write_bytes(text)
+    fill_blocks("out.h5", resume=True)
+    assert not Path("out.h5.lock").exists()
 
 
 def test_a_pipe_where_the_lock_goes_does_not_block():

@@ -358,7 +358,7 @@ def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure,
     def fail(*_, **__):
         raise failure
 
-    for where in ("sweeps.store.journal.describe", "sweeps.engine.estimate.expected_seconds"):
+    for where in ("sweeps.store.journal.describe", "sweeps.engine.estimate.trial"):
         with monkeypatch.context() as patch:
             patch.setattr(where, fail)
             result = call("run", "sweep.yaml", "--quiet", "--overwrite")

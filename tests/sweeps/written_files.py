@@ -23,6 +23,7 @@ def spec_of(widths=WIDTHS, diagnostics=DIAGNOSTICS):
         impact="exact",
         steps_per_period=widths["sample"] - 1,
         transient=10,
+        longest=100,
         periods=widths["section"],
         phase=0.0,
         impacts=widths["impact"],

@@ -9,12 +9,11 @@ from dataclasses import asdict, replace
 from typing import NamedTuple
 
 import mpmath as mp
+import naive
 import numpy as np
-from scipy.optimize import bisect
+from scipy.optimize import bisect, brentq
 
-from vibroimpact import Oscillator, one_impact_orbit
-from vibroimpact.orbits.one_impact import one_impact_orbits
-from vibroimpact.orbits.periodic import solved
+from vibroimpact import Oscillator, one_impact_orbits
 
 TAU = 2.0 * np.pi
 
@@ -41,17 +40,27 @@ def random_oscillators(count, seed, clearance=1.0):
         yield osc, int(rng.integers(1, 4))
 
 
-def one_impact(osc, n=1, slower=False):
-    """Return the orbit with one impact in n periods from its closed form."""
-    closed = one_impact_orbits(osc, n)[0] if slower else one_impact_orbit(osc, n)
-    return solved(osc, n, np.array([closed.phase]), np.array([closed.v]))
+def peak(orbit):
+    """Return the largest local maximum of x - clearance in the flight of a one-impact orbit.
+
+    It is -inf if there is none. Not for h = p.
+    """
+    osc = orbit.oscillator
+    flight = naive.ClosedForm(osc, orbit.phase / osc.omega, osc.clearance, -osc.R * orbit.v)
+    t = flight.t0 + np.linspace(0.0, orbit.m * osc.forcing_period, 4001)
+    v = flight(t)[1]
+    tops = [
+        brentq(lambda t: flight(t)[1], t[i], t[i + 1], xtol=1e-300, rtol=1e-15)
+        for i in np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
+    ]
+    return max((float(flight(top)[0]) for top in tops), default=-np.inf) - osc.clearance
 
 
-#: Functions that change sign where a one-impact orbit bifurcates.
+#: Functions of the one-impact orbits, the slower first, that change sign where one bifurcates.
 _SIGNS = {
-    "flip": lambda orbit: np.real(np.prod(1.0 + orbit.multipliers)),
-    "graze": lambda orbit: orbit.peak,
-    "fold": lambda orbit: 1.0 if orbit.v > 0.0 else -1.0,
+    "flip": lambda orbits: np.real(np.prod(1.0 + orbits[-1].multipliers)),
+    "graze": lambda orbits: peak(orbits[-1]),
+    "fold": lambda orbits: 1.0 if orbits else -1.0,
 }
 
 
@@ -59,7 +68,7 @@ def bifurcation(osc, kind, parameter, low, high, n=1):
     """Return the parameter value at which the one-impact orbit bifurcates, by bisection."""
 
     def sign(value):
-        return _SIGNS[kind](one_impact_orbit(replace(osc, **{parameter: value}), n))
+        return _SIGNS[kind](one_impact_orbits(replace(osc, **{parameter: value}), n))
 
     return bisect(sign, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps, maxiter=200)
 
@@ -272,6 +281,28 @@ class SectionMap:
         end, impacts = self(self.state)
         assert mp.norm(end - self.state) < mp.mpf(10) ** -20
         return impacts
+
+    def cubic_coefficient(self):
+        """Return the coefficient that is negative at a subcritical flip (Kuznetsov, sec. 5.4)."""
+        D, step = self.derivative(), mp.mpf(10) ** -9
+
+        def image(change):
+            return self(self.state + step * change)[0]
+
+        def null_vector(M):
+            row = max(range(2), key=lambda i: mp.norm(M[i, :]))
+            return mp.matrix([M[row, 1], -M[row, 0]])
+
+        def second(change):
+            return (image(change) - 2 * image(mp.zeros(2, 1)) + image(-change)) / step**2
+
+        along, across = null_vector(D + mp.eye(2)), null_vector(D.T + mp.eye(2))
+        along /= mp.norm(along)
+        across /= (across.T * along)[0]
+        third = image(2 * along) - 2 * image(along) + 2 * image(-along) - image(-2 * along)
+        bend = mp.lu_solve(mp.eye(2) - D, second(along))
+        mixed = (second(along + bend) - second(along - bend)) / 4
+        return (across.T * (third / (12 * step**3) + mixed / 2))[0]
 
     def bifurcation(self, kind, parameter):
         """Solve for x, v and a parameter at a bifurcation; return the parameter."""

@@ -14,15 +14,15 @@ from oscillators import (
     bifurcation,
     fold_of_one_impact,
     in_digits,
-    one_impact,
     one_impact_motions,
+    peak,
     random_oscillators,
 )
 from vibroimpact.orbits.branch_set import BranchSet
 from vibroimpact.orbits.branches import branch, doubled_branch, grazing_branch
 from vibroimpact.orbits.chords import with_short_chords
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
-from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
+from vibroimpact.orbits.periodic import periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -47,7 +47,7 @@ def special(found, kind):
 )
 def test_a_branch_is_stable_between_its_known_flips(h, R, n, flips):
     osc = replace(LIGHT, h=h, R=R, omega=0.5 * sum(flips))
-    found = branch(one_impact(osc, n), "omega", 0.8, 7.0)
+    found = branch(one_impact_orbit(osc, n), "omega", 0.8, 7.0)
     located = special(found, "flip")
     assert located[-2:] == pytest.approx(flips, abs=1e-13 if h else 1e-6)
     inside = (located[-2] < found.values) & (found.values < located[-1])
@@ -67,7 +67,7 @@ def test_a_branch_is_stable_between_its_known_flips(h, R, n, flips):
     [(0.05, 0.8, 1.01658832780028), (0.1, 0.5, 1.11292970401963), (0.5, 1.0, 1.11561617993669)],
 )
 def test_a_branch_ends_in_its_known_graze(h, R, graze):
-    found = branch(one_impact(replace(LIGHT, h=h, R=R)), "omega", 0.9, 2.5)
+    found = branch(one_impact_orbit(replace(LIGHT, h=h, R=R)), "omega", 0.9, 2.5)
     (point,) = [point for point in found.special if point.kind == "graze"]
     assert point.value == pytest.approx(graze, abs=1e-14 * 50)
     assert found.values.min() == pytest.approx(point.value, abs=1e-14)
@@ -81,16 +81,16 @@ def test_a_flight_that_passes_the_stop_only_within_a_step_ends_the_branch():
     The orbits on both sides of the window exist.
     """
     osc = Oscillator(h=0.1, R=0.7777, omega=2.1, f=1.0, clearance=0.4)
-    peaks = [one_impact_orbit(replace(osc, omega=w), 2).peak for w in (2.144, 2.1453, 2.147)]
+    peaks = [peak(one_impact_orbit(replace(osc, omega=w), 2)) for w in (2.144, 2.1453, 2.147)]
     assert peaks[0] < 0.0 < peaks[1] < 6e-6 and peaks[2] < 0.0
-    found = branch(one_impact(osc, 2), "omega", 1.8, 2.6)
+    found = branch(one_impact_orbit(osc, 2), "omega", 1.8, 2.6)
     expected = bifurcation(osc, "graze", "omega", 2.144, 2.1453, n=2)
     assert special(found, "graze") == pytest.approx([expected], abs=1e-12)
 
 
 def test_a_branch_with_a_clearance_has_a_fold_and_ends_without_impact():
     """v = 0 where f / sqrt(D) = clearance: (1 - omega^2)^2 + 0.04 omega^2 = 1 at omega^2 = 1.96."""
-    found = branch(one_impact(replace(AHEAD, omega=1.3)), "omega", 1.2, 2.0)
+    found = branch(one_impact_orbit(replace(AHEAD, omega=1.3)), "omega", 1.2, 2.0)
     (fold,) = special(found, "fold")
     (graze,) = special(found, "graze")
     assert graze == pytest.approx(1.4, abs=1e-14)
@@ -106,7 +106,7 @@ def test_a_branch_with_a_clearance_has_a_fold_and_ends_without_impact():
 def test_no_flip_or_fold_is_where_a_branch_begins_at_a_graze(p):
     """Without damping both vanish there, but for rounding: the multipliers stay within .8."""
     osc = Oscillator(h=0.0, R=0.34036723894650905, omega=1.420415544628506, f=1.0, p=p)
-    ends = branch(one_impact(replace(osc, p=1.0)), "p", 0.7, 2.4).special
+    ends = branch(one_impact_orbit(replace(osc, p=1.0)), "p", 0.7, 2.4).special
     (graze,) = [point for point in ends if point.kind == "graze"]
     found = grazing_branch(graze.orbit, "p", 0.7, p)
     assert [point.kind for point in found.special] == ["edge"]
@@ -124,7 +124,7 @@ def test_without_restitution_a_branch_ends_where_the_mass_cannot_leave_the_stop(
 
     with mp.workdps(30):
         expected = bisect(pull, -0.06, 0.0, xtol=1e-16)
-    found = branch(one_impact(osc), "clearance", -0.5, 0.0)
+    found = branch(one_impact_orbit(osc), "clearance", -0.5, 0.0)
     assert special(found, "rest") == pytest.approx([expected], abs=1e-14)
     assert found.values.min() == special(found, "rest")[0]
 
@@ -151,10 +151,9 @@ def test_without_damping_orbits_vanish_at_a_multiple_of_the_eigenfrequency(R):
     Its speed is proportional to tan(4 pi / omega). Newton's method fails beside it.
     """
     osc = Oscillator(h=0.0, R=R, omega=4.2, f=1.0, clearance=1.0)
-    closed = one_impact_orbits(osc, 4)
-    assert closed
-    for one in closed:
-        orbit = solved(osc, 4, np.array([one.phase]), np.array([one.v]))
+    orbits = one_impact_orbits(osc, 4)
+    assert orbits
+    for orbit in orbits:
         found = branch(orbit, "omega", 3.0, 4.3)
         end, edge = found.special
         assert (end.kind, edge.kind) == ("graze", "edge")
@@ -164,7 +163,7 @@ def test_without_damping_orbits_vanish_at_a_multiple_of_the_eigenfrequency(R):
 
 def test_a_branch_without_an_end_is_lost():
     """Without damping and loss its speed grows without bound towards omega = 2 p."""
-    start = one_impact(Oscillator(h=0.0, R=1.0, omega=2.3, f=1.0, clearance=-0.4))
+    start = one_impact_orbit(Oscillator(h=0.0, R=1.0, omega=2.3, f=1.0, clearance=-0.4))
     found = branch(start, "omega", 1.5, 2.5)
     assert [point.kind for point in found.special] == ["lost", "edge"]
     assert found.special[0].value == pytest.approx(2.0, abs=1e-3)
@@ -194,21 +193,21 @@ def test_two_flips_in_one_step_are_found():
     The values are those of the closed form.
     """
     osc = Oscillator(h=0.005, R=0.48544860644798926, omega=2.0, f=1.0)
-    found = special(branch(one_impact(osc), "omega", 0.25, 4.0), "flip")
+    found = special(branch(one_impact_orbit(osc), "omega", 0.25, 4.0), "flip")
     assert found[:2] == pytest.approx([1.113553429805437, 1.164509496718609], abs=1e-13)
 
 
 def test_a_branch_without_a_stop_in_the_way_ends_where_there_is_no_force():
     osc = Oscillator(h=0.05, R=0.8, omega=2.3, f=1.0)
-    found = branch(one_impact(osc), "f", 0.0, 2.0).special
+    found = branch(one_impact_orbit(osc), "f", 0.0, 2.0).special
     assert [(point.kind, point.value) for point in found] == [("edge", 0.0), ("edge", 2.0)]
 
 
 def test_a_branch_of_too_much_work_is_lost(monkeypatch):
     """All its points are orbits; the limit of work decides their number."""
-    whole = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
+    whole = branch(one_impact_orbit(LIGHT), "omega", 1.9, 2.6)
     monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 1000)
-    found = branch(one_impact(LIGHT), "omega", 1.9, 2.6)
+    found = branch(one_impact_orbit(LIGHT), "omega", 1.9, 2.6)
     assert len(special(found, "lost")) == 2 and len(special(whole, "edge")) == 2
     assert 1 < len(found.values) < len(whole.values)
     for value, speed in zip(found.values, found.speeds, strict=True):
@@ -218,7 +217,7 @@ def test_a_branch_of_too_much_work_is_lost(monkeypatch):
 
 def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
     """The last value is the edge itself; beside it, `at` would find no orbit."""
-    start = one_impact(LIGHT)
+    start = one_impact_orbit(LIGHT)
     for high in np.linspace(2.1, 2.6, 41).tolist():
         found = branch(start, "omega", 1.9, high)
         assert found.values[[0, -1]].tolist() == [1.9, high]
@@ -226,8 +225,70 @@ def test_a_branch_ends_at_the_edge_itself_and_has_an_orbit_there():
         assert orbit.speeds[0] == pytest.approx(one_impact_orbit(orbit.oscillator).v, abs=1e-13)
 
 
+def test_a_flip_in_the_last_step_before_the_flip_of_half_the_orbit_is_found():
+    """Beyond it the orbits 12/6 are stable up to the end, in a window of 5e-5."""
+    osc = Oscillator(0.0, 0.8002196823396778, 5.60921, 1.0, clearance=-0.016302439511443775)
+    phases = 4.57770158, 6.99982853, 23.81375992, 42.28989116, 44.68433758, 61.52109688
+    speeds = 0.18796283, 0.01789645, 0.20288559, 0.185834, 0.01881639, 0.2066988
+    start = solved(osc, 12, np.array(phases), np.array(speeds))
+    assert start.stable
+    (start,) = branch(start, "omega", 5.5, 5.7).at(5.608741554973944)
+    found = branch(start, "omega", 5.5, 5.7)
+    flips = special(found, "flip")
+    assert flips[-2:] == pytest.approx([5.609185354589922, 5.609233434857062], abs=1e-12)
+    window = (flips[-2] < found.values) & (found.values < flips[-1])
+    assert window.any() and found.stable[window].all()
+
+
+def doubled_branches(seed):
+    """Yield branches of orbits of twice the period, and their ranges, from random oscillators."""
+    rng = np.random.default_rng(seed)
+    for osc, n in random_oscillators(10**6, seed, clearance=0.5):
+        osc = replace(osc, h=rng.choice([0.0, 0.1]) * rng.uniform(), R=rng.uniform(0.3, 1.0))
+        axis = str(rng.choice(["R", "omega", "p", "clearance"]))
+        value = getattr(osc, axis)
+        ends = (-0.6, 0.6) if axis == "clearance" else (max(value - 0.3, 0.05), value + 0.3)
+        ends = ends[0], min(ends[1], 1.0) if axis == "R" else ends[1]
+        queue = [
+            branch(orbit, axis, *ends) for orbit in one_impact_orbits(osc, n)[-1:] if orbit.exists
+        ]
+        while queue:
+            single = queue.pop()
+            for point in single.special:
+                if point.kind == "flip" and point.orbit.m == single.m:
+                    found = doubled_branch(point.orbit, axis, *ends)
+                    yield found, ends
+                    if found.m <= 4 * n:
+                        queue.append(found)
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"),
+    [
+        pytest.param(14, 110, marks=pytest.mark.slow),
+        pytest.param(15, 4000, marks=pytest.mark.campaign),
+    ],
+)
+def test_a_branch_has_the_same_special_points_from_wherever_it_is_followed(seed, count):
+    """Eight starts on each branch of orbits of twice the period."""
+    rng = np.random.default_rng(8)
+    for found, ends in islice(doubled_branches(seed), count):
+        # At a resonance without damping, a branch may be at a single value.
+        narrow = np.ptp(found.values) < 1e-6
+        if len(found.values) < 4 or narrow or special(found, "lost") or len(found.special) > 20:
+            continue
+        expected = [(p.kind, p.orbit.m, p.value) for p in found.special]
+        expected = sorted([*expected, ("flip", found.m // 2, found.values[0])])
+        for i in rng.integers(1, len(found.values) - 1, 8).tolist():
+            again = branch(found.orbit(i), *found.parameters, *ends)
+            listed = sorted((p.kind, p.orbit.m, p.value) for p in again.special)
+            assert [item[:2] for item in listed] == [item[:2] for item in expected]
+            values = [item[2] for item in expected]
+            assert [item[2] for item in listed] == pytest.approx(values, abs=1e-8)
+
+
 def feigenbaum(count):
-    found = branch(one_impact(Oscillator(0.0, 0.8, 2.6, 1.0)), "omega", 2.4, 3.0)
+    found = branch(one_impact_orbit(Oscillator(0.0, 0.8, 2.6, 1.0)), "omega", 2.4, 3.0)
     flip = max((p for p in found.special if p.kind == "flip"), key=lambda point: point.value)
     flips = [flip]
     for _ in range(count):
@@ -275,7 +336,7 @@ def test_a_tree_joins_all_motions_of_the_hysteresis_scene():
 def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
     osc = Oscillator(h=0.05, R=0.8, omega=2.5, f=1.0)
     tree = BranchSet("omega", 2.4, 3.5, most_periods=8)
-    assert tree.add(one_impact(osc))
+    assert tree.add(one_impact_orbit(osc))
     tree.grow()
     assert sum((one.m, one.q) == (1, 1) for one in tree.branches) == 1
     assert {(1, 1), (2, 2), (2, 1), (4, 4), (4, 2), (4, 3)} <= {
@@ -301,17 +362,15 @@ def test_a_tree_has_no_branch_twice_and_every_stable_orbit_attracts():
 )
 def test_bad_ranges_are_refused(arguments, said):
     with pytest.raises(ValueError, match=said):
-        branch(one_impact(LIGHT), *arguments)
+        branch(one_impact_orbit(LIGHT), *arguments)
 
 
 def beside(osc, n, clearances):
     """Return the branch of n/1 over the clearance, from the first value with such an orbit."""
     for clearance in clearances.tolist():
-        try:
-            start = one_impact(replace(osc, clearance=clearance), n)
-        except (OrbitError, ValueError):
-            continue
-        return branch(start, "clearance", clearances.min(), clearances.max())
+        for start in one_impact_orbits(replace(osc, clearance=clearance), n)[-1:]:
+            if start.exists:
+                return branch(start, "clearance", clearances.min(), clearances.max())
     raise AssertionError(n)
 
 
@@ -384,7 +443,7 @@ def test_random_folds_are_at_their_closed_form(axis, count):
         for osc, n in islice(cases, count):
             value = getattr(osc, axis)
             ends = sorted((0.998 * value, min(1.002 * value, 1.0 if axis == "R" else math.inf)))
-            start = one_impact(osc, n)
+            start = one_impact_orbit(osc, n)
             assert (start.m, start.q) == (n, 1)
             folds = [point for point in branch(start, axis, *ends).special if point.kind == "fold"]
             assert len(folds) == sum(
@@ -412,14 +471,13 @@ def test_random_flips_and_grazes_are_those_of_the_section_map(count):
     for osc, n in random_oscillators(60 * count, seed=31, clearance=0.5):
         if sum(compared.values()) >= count:
             break
-        closed = one_impact_orbit(osc, n)
+        orbits = one_impact_orbits(osc, n)
         axis = str(rng.choice(["h", "R", "omega", "f", "p", "clearance"]))
         value = getattr(osc, axis)
-        if osc.h == osc.p or not closed.exists or not value:
+        if osc.h == osc.p or not orbits or not orbits[-1].exists or not value:
             continue
-        start = one_impact(osc, n)
         ends = sorted((0.85 * value, min(1.15 * value, 1.0 if axis == "R" else math.inf)))
-        found = branch(start, axis, *ends)
+        found = branch(orbits[-1], axis, *ends)
         for point in found.special:
             if point.kind in compared:
                 with mp.workdps(50):

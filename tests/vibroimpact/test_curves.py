@@ -3,15 +3,17 @@
 import math
 from dataclasses import replace
 
+import mpmath as mp
 import numpy as np
 import pytest
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-from oscillators import bifurcation, one_impact
+from oscillators import SectionMap, bifurcation
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
+from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
 from vibroimpact.oscillator import Oscillator
@@ -22,7 +24,7 @@ SCENE = Oscillator(h=0.02, R=0.9, omega=0.81, f=0.35, clearance=1.0)
 
 
 def test_the_flips_without_damping_are_on_the_closed_form():
-    start = one_impact(Oscillator(h=0.0, R=0.8, omega=2.6, f=1.0))
+    start = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=2.6, f=1.0))
     found = bifurcation_curve(start, "flip", ("omega", 2.0, 3.5), ("R", 0.2, 0.98))
     omega, R = found.values.T
     curve = np.cos(math.pi / omega) ** 2 * (omega**2 - ((1.0 - R) / (1.0 + R)) ** 2)
@@ -42,7 +44,7 @@ def free_graze(omega):
 
 @pytest.mark.parametrize(
     ("kind", "omega", "f", "beside", "slower"),
-    [("flip", 0.81, 0.35, 0.008, False), ("fold", 0.799, 0.363, -0.0008, True)],
+    [("flip", 0.81, 0.35, 0.008, False), ("fold", 0.796, 0.369, -0.0032, True)],
 )
 def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
     kind, omega, f, beside, slower
@@ -52,7 +54,7 @@ def test_flips_and_folds_are_tangent_to_the_graze_where_section_5_says(
     The curve is analytic there, so that a polynomial through its seven slopes to the meeting, each
     half as far from it as the one before, leaves rounding over the least distance: 4e-12.
     """
-    start = one_impact(replace(SCENE, omega=omega, f=f), 2, slower)
+    start = one_impact_orbits(replace(SCENE, omega=omega, f=f), 2)[0 if slower else -1]
     found = bifurcation_curve(start, kind, ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
     (end,) = [p for p in found.special if p.kind == "graze" and p.orbit.speeds[0] == 0.0]
     assert end.value == pytest.approx([free_graze(MEETING), MEETING], abs=3e-15)
@@ -104,7 +106,7 @@ def test_a_curve_that_ends_short_of_the_graze_is_lost(monkeypatch, fails_below, 
         return None if X is not None and 0.0 < X[1 : 2 * self.q : 2].min() < fails_below else X
 
     monkeypatch.setattr(OrbitFamily, "corrected", fails)
-    start = one_impact(replace(SCENE, omega=0.81, f=0.35), 2)
+    start = one_impact_orbit(replace(SCENE, omega=0.81, f=0.35), 2)
     found = bifurcation_curve(start, "flip", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
     assert {point.kind for point in found.special} == {"edge", kind}
     (end,) = [point for point in found.special if point.kind == kind]
@@ -126,7 +128,9 @@ def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
 
 
 def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
-    found = bifurcation_curve(one_impact(SCENE, 2), "graze", ("f", 0.2, 0.6), ("omega", 0.7, 0.9))
+    found = bifurcation_curve(
+        one_impact_orbit(SCENE, 2), "graze", ("f", 0.2, 0.6), ("omega", 0.7, 0.9)
+    )
     f, omega = found.values.T
     assert np.abs(f - np.hypot(1.0 - omega**2, 0.04 * omega)).max() < 1e-13
     assert (found.speeds == 0.0).all()
@@ -225,7 +229,7 @@ def test_a_graze_does_not_end_where_its_own_landing_is_left_by_rounding(last, f)
 
 def test_no_flips_and_folds_meet_a_graze_where_their_condition_vanishes_all_along():
     """Without damping a touch halves a flight that is symmetric in time: c1 is rounding there."""
-    start = branch(one_impact(Oscillator(h=0.0, R=0.9, omega=1.2, f=1.0)), "omega", 0.9, 1.3)
+    start = branch(one_impact_orbit(Oscillator(h=0.0, R=0.9, omega=1.2, f=1.0)), "omega", 0.9, 1.3)
     (graze,) = [point for point in start.special if point.kind == "graze"]
     found = bifurcation_curve(graze.orbit, "graze", ("omega", 0.9, 1.3), ("R", 0.7, 0.97))
     assert len(found.values) > 10
@@ -235,7 +239,7 @@ def test_no_flips_and_folds_meet_a_graze_where_their_condition_vanishes_all_alon
 def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
     """The rounding of c1 grows with the period."""
     scene = Oscillator(h=0.0, R=0.9, omega=12 * 1.95, f=1.0)
-    start = branch(one_impact(scene, 12), "omega", 0.6 * scene.omega, 1.3 * scene.omega)
+    start = branch(one_impact_orbit(scene, 12), "omega", 0.6 * scene.omega, 1.3 * scene.omega)
     (graze,) = [point for point in start.special if point.kind == "graze"]
     ranges = ("omega", 0.5 * scene.omega, 1.5 * scene.omega), ("R", 0.2, 0.97)
     found = bifurcation_curve(graze.orbit, "graze", *ranges)
@@ -247,7 +251,7 @@ def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
 def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
     scene = Oscillator(h=0.05, R=0.8, omega=2.65888454668484, f=1.0)
     ranges = [(x, getattr(scene, x) - width, getattr(scene, x) + width) for x in ("omega", "R")]
-    found = bifurcation_curve(one_impact(scene), "flip", *ranges)
+    found = bifurcation_curve(one_impact_orbit(scene), "flip", *ranges)
     assert [point.kind for point in found.special] == ["edge", "edge"]
     assert sorted(point.value[1] for point in found.special) == [0.8 - width, 0.8 + width]
 
@@ -268,9 +272,123 @@ def test_two_folds_meet_in_a_cusp():
         assert [p.kind for p in special].count("fold") == count
 
 
+#: Folds of even orbits: h, R, omega, clearance, m, phases, speeds, and two parameters.
+EVEN_FOLDS = [
+    (
+        (0.014345535313060494, 0.822844248768931, 3.1076863628103895, -0.043165483779260154), 4,
+        (3.369118, 5.63253, 14.746635, 19.133391), (0.354232, 0.340147, 0.320452, 0.468441),
+        "R", "clearance", ["flip", "graze"],
+    ),
+    (
+        (0.021473102103706, 0.9353643039006074, 2.9663304973371893, -0.0635302791139786), 6,
+        (3.024822, 5.734295, 14.217375, 22.612327, 24.050315, 32.387493),
+        (0.337564, 0.423413, 0.620606, 0.240073, 0.248158, 0.567443),
+        "omega", "R", ["flip", "flip"],
+    ),
+    (
+        (0.0, 0.9025906780569497, 6.99709425588623, -6.465816007914199e-05), 8,
+        (3.763774, 5.415243, 27.379638, 32.064715), (0.111962, 0.108496, 0.100899, 0.126564),
+        "clearance", "omega", ["flip", "graze"],
+    ),
+    (
+        (0.004682655998969588, 0.8831028166777297, 1.0001129968124862, 0.2161704764396184), 6,
+        (4.5829, 6.297099, 10.761693, 14.040891, 17.457497, 23.203242, 24.908681, 29.53019,
+         32.586373, 36.175636),
+        (0.772571, 0.360329, 2.435801, 0.440887, 2.225761, 0.870708, 0.539945, 2.316563, 0.633524,
+         2.559831),
+        "clearance", "omega", ["flip", "graze"],
+    ),
+    (
+        (0.0, 0.7956213327887222, 3.1201084164210617, -0.05003928043741748), 4,
+        (3.169325, 5.733403, 14.892395, 18.969393), (0.377231, 0.377638, 0.345366, 0.475584),
+        "clearance", "omega", ["edge", "flip"],
+    ),
+]  # fmt: skip
+RANGES = {"R": (0.3, 1.0), "omega": (0.5, 8.0), "clearance": (-0.3, 0.3)}
+
+
+def orbits_twice(found):
+    """Return the points of a curve whose orbit, whichever impact is first, it meets elsewhere.
+
+    Its orbit lies beside a chord between other points, nearer than 5 % of the length of the chord.
+    """
+    values = (found.values - found.values.min(axis=0)) / np.ptp(found.values, axis=0)
+    orbits = np.column_stack([values, np.sort(found.speeds) / found.speeds.max()])
+    starts, chords = orbits[:-1], np.diff(orbits, axis=0)
+    lengths, again = np.linalg.norm(chords, axis=1), []
+    for i, orbit in enumerate(orbits):
+        shares = np.sum((orbit - starts) * chords, axis=1) / lengths**2
+        away = np.linalg.norm(orbit - starts - shares[:, None] * chords, axis=1) / lengths
+        away[max(i - 1, 0) : i + 1] = np.inf
+        if np.any((shares > 0.0) & (shares < 1.0) & (away < 0.05)):
+            again.append(i)
+    return again
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "m", "phases", "speeds", "first", "second", "kinds"),
+    [
+        pytest.param(*case, id=f"{case[1]}/{len(case[2])} over {case[4]}, {case[5]}")
+        for case in EVEN_FOLDS
+    ],
+)
+def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(
+    values, m, phases, speeds, first, second, kinds
+):
+    """The cubic coefficient of the flip is zero there; beyond it the halves would change places."""
+    h, R, omega, clearance = values
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    ranges = [(name, *RANGES[name]) for name in (first, second)]
+    found = bifurcation_curve(start, "fold", *ranges)
+    assert sorted(point.kind for point in found.special) == kinds
+    for point in (0, -1):
+        assert found.special[point].value.tolist() == found.values[point].tolist()
+    assert not orbits_twice(found)
+    for i in range(1, len(found.values) - 1, 6):
+        again = bifurcation_curve(found.orbit(i), "fold", *ranges)
+        specials = sorted(again.special, key=lambda p: np.abs(p.value - found.values[0]).max())
+        for point, expected in zip(specials, found.special, strict=True):
+            assert point.kind == expected.kind
+            assert point.value == pytest.approx(expected.value, abs=2e-8)
+        assert not orbits_twice(again)
+    for end in (point for point in found.special if point.kind == "flip"):
+        assert (end.orbit.m, end.orbit.q) == (m // 2, len(phases) // 2)
+        with mp.workdps(60):
+            coefficients, beside = [], mp.mpf(10) ** -5
+            for change in (0, beside):
+                half = SectionMap(end.orbit)
+                half.parameters[second] += change
+                value = half.bifurcation("flip", first)
+                coefficients.append(half.cubic_coefficient())
+                if not change:
+                    assert float(value) == pytest.approx(end.value[0], rel=1e-12, abs=1e-14)
+            away = beside * coefficients[0] / (coefficients[1] - coefficients[0])
+            assert float(away) == pytest.approx(0.0, abs=1e-8)
+
+
+def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
+    """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
+    osc = Oscillator(
+        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
+        clearance=-0.027911269810741077,
+    )  # fmt: skip
+    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+    ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
+    found = bifurcation_curve(start, "fold", *ranges)
+    assert [point.kind for point in found.special] == ["graze", "flip"]
+    assert found.special[1].value == pytest.approx([-0.03049523, 0.90218745], abs=1e-8)
+    assert not orbits_twice(found)
+    for i in range(1, len(found.values) - 1):
+        again = bifurcation_curve(found.orbit(i), "fold", *ranges)
+        assert sorted(point.kind for point in again.special) == ["flip", "graze"]
+        assert not orbits_twice(again)
+
+
 def test_the_folds_are_those_of_the_closed_form():
     osc = Oscillator(h=0.1, R=0.8, omega=1.5, f=1.0, clearance=1.0)
-    found = bifurcation_curve(one_impact(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))
+    found = bifurcation_curve(one_impact_orbit(osc), "fold", ("omega", 1.4, 2.0), ("R", 0.6, 0.9))
     assert len(found.values) > 5
     for omega, R in found.values[::3]:
         expected = bifurcation(replace(osc, R=R), "fold", "omega", 1.45, 2.0)
@@ -306,7 +424,7 @@ def test_folds_that_grow_without_bound_leave_the_other_direction_its_work(monkey
     There k^2 = (sigma / gamma)^2 - 1, gamma = 1 / (1 - omega^2): they never reach R = 1.
     """
     monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 200_000)
-    start = one_impact(Oscillator(h=0.0, R=0.75, omega=4.15, f=1.0, clearance=-0.1), 2, slower=True)
+    start = one_impact_orbits(Oscillator(0.0, 0.75, 4.15, 1.0, clearance=-0.1), 2)[0]
     ranges = ("omega", 1.0, 8.0), ("R", 0.1, 1.0)
     edge, lost = bifurcation_curve(start, "fold", *ranges).special
     if edge.kind == "lost":
@@ -319,7 +437,7 @@ def test_folds_that_grow_without_bound_leave_the_other_direction_its_work(monkey
 
 
 def test_bad_requests_are_refused():
-    start, f, omega = one_impact(SCENE, 2), ("f", 0.2, 0.6), ("omega", 0.7, 0.9)
+    start, f, omega = one_impact_orbit(SCENE, 2), ("f", 0.2, 0.6), ("omega", 0.7, 0.9)
     with pytest.raises(ValueError, match="kind must be one of flip, fold, graze"):
         bifurcation_curve(start, "torus", f, omega)
     with pytest.raises(ValueError, match="not f twice"):
@@ -329,7 +447,7 @@ def test_bad_requests_are_refused():
             OrbitError, match=f"the flip is at omega = 0.81, outside {low} to {high}"
         ):
             bifurcation_curve(start, "flip", f, ("omega", low, high))
-    steady = one_impact(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
+    steady = one_impact_orbit(Oscillator(h=0.0, R=0.8, omega=2.0, f=1.0))
     with pytest.raises(OrbitError, match="no fold"):
         bifurcation_curve(steady, "fold", ("omega", 1.8, 2.2), ("R", 0.7, 0.9))
 

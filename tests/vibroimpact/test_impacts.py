@@ -20,9 +20,9 @@ from vibroimpact.step.contact import (
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import CUBIC, REDUCED_STEP
 from vibroimpact.step.time_stepping import (
-    fly,
+    geometric_time_to_rest,
     reduced_step,
-    time_to_rest,
+    shortened_flight,
 )
 from vibroimpact.step.trigonometry import sin_cos
 
@@ -63,12 +63,14 @@ def flight(rule, integrator, x, v, theta, span, pt):
     """One flight of at most `span`: time, state, and whether it ended on the stop."""
     chosen, s, c = INTEGRATORS[integrator], math.sin(theta), math.cos(theta)
     end = chosen.step(x, v, s, c, span, pt)
-    return fly((rule, chosen.code), (x, v, s, c), end, span, pt, new_scratch().coefficients)[:4]
+    return shortened_flight(
+        (rule, chosen.code), (x, v, s, c), end, span, pt, new_scratch().coefficients
+    )[:4]
 
 
 def to_rest(v, theta, left, T, pt):
     """Return the time until the chatter is complete."""
-    return time_to_rest(v, theta, math.sin(theta), left, T, pt)
+    return geometric_time_to_rest(v, theta, math.sin(theta), left, T, pt)
 
 
 @SHORTENING

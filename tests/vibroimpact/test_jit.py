@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import fma
-from vibroimpact.jit.hooks import HOOKS
+from vibroimpact.jit import WAY, fma
 from vibroimpact.step.trigonometry import sin_cos
 
 # time_to_release() is in step/contact.py, the helper it calls in step/trigonometry.py.
@@ -115,18 +115,66 @@ def test_fma_rounds_once():
     assert (1.0 + e) * (1.0 + e) - (1.0 + 2.0 * e) == 0.0
 
 
-@pytest.mark.slow
-def test_without_the_private_parts_of_numba_the_numbers_are_the_same(tmp_path):
-    program = """
-from vibroimpact.jit.hooks import HOOKS
+#: Prints the way, how functions are compiled, and a result.
+WAY_PROGRAM = """
+from vibroimpact.jit import WAY
 from vibroimpact.step.trigonometry import sin_cos
-print(HOOKS, *map(float.hex, sin_cos(0.7)), sin_cos.targetoptions.get("_nrt"))
+print(WAY.name, sin_cos.targetoptions.get("_nrt"), *map(float.hex, sin_cos(0.7)))
 """
-    environment = os.environ | {"VIBROIMPACT_NUMBA_HOOKS": "0", "NUMBA_CACHE_DIR": str(tmp_path)}
+
+
+def way(tmp_path, change="", **environment):
+    """Run the program after a change of numba, in every process: what it prints, and stderr."""
+    (tmp_path / "sitecustomize.py").write_text(change)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")} | environment
     result = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True
+        [sys.executable, "-c", WAY_PROGRAM],
+        env=environment | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
     )
-    assert (result.returncode, result.stderr) == (0, "")
-    assert HOOKS
-    assert result.stdout.split() == ["False", *map(float.hex, sin_cos(0.7)), "None"]
-    assert list(tmp_path.glob("compiled-*/**/*sin_cos*"))
+    assert result.returncode == 0, result.stderr
+    name, references, *values = result.stdout.split()
+    assert values == [*map(float.hex, sin_cos(0.7))]
+    assert references == {"private": "False", "options": "False", "plain": "None"}[name]
+    assert list(tmp_path.glob(f"kept/compiled-*-{name}/**/*sin_cos*"))
+    return name, result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("asked", "taken"), [("options", "options"), ("0", "plain")])
+def test_every_way_of_using_numba_gives_the_same_numbers(tmp_path, asked, taken):
+    assert WAY == ("private", "this version was tried")
+    assert way(tmp_path, VIBROIMPACT_NUMBA_HOOKS=asked) == (taken, "")
+
+
+UNTRIED = "import numba; numba.__version__ = '99.0.0'\n"
+MISSING = "import numba.core.codegen; del numba.core.codegen.JITCodeLibrary\n"
+CRASHING = """
+import os
+from numba.core.compiler import CompileResult
+rebuild = CompileResult._rebuild
+def crash(context, data, *others):
+    return os.abort() if data[0] == "whole" else rebuild(context, data, *others)
+CompileResult._rebuild = crash
+"""
+NO_OPTION = "import numba.core.cpu; del numba.core.cpu._options_mixin.no_cfunc_wrapper\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "taken", "told"),
+    [
+        (UNTRIED, "private", "numba 99.0.0 is used with its private parts, .* a check held"),
+        (UNTRIED + CRASHING, "options", r"options alone, .* its process ended with -\d"),
+        (UNTRIED + MISSING + NO_OPTION, "plain", "in its plainest way, .* its options failed: Key"),
+        (MISSING, "options", "options alone, .* cannot import name 'JITCodeLibrary'"),
+    ],
+    ids=["untried", "crash", "no private part or option", "tried, name removed"],
+)
+def test_an_unknown_numba_is_checked_once_and_named(tmp_path, change, taken, told):
+    name, stderr = way(tmp_path, change)
+    lines = [line for line in stderr.splitlines() if "NumbaWarning" in line]
+    assert name == taken and len(lines) == 1 and re.search(told, lines[0]), stderr
+    if change == UNTRIED:
+        assert way(tmp_path, change) == (taken, "")

@@ -173,7 +173,7 @@ def test_asking_for_a_limit_compiles_nothing():
         "from vibroimpact.step import integrators, stability\n"
         "for name in integrators.INTEGRATORS:\n"
         "    stability.least_stable_steps(name, [0.0, 2.0], 1.0, 1.0)\n"
-        "compiled = [integrators.affine_map, integrators.step]\n"
+        "compiled = [integrators.affine_map, integrators.integrator_step]\n"
         "compiled += [run.take_plain, run.take_shortened]\n"
         "compiled += [row.step for row in integrators.INTEGRATORS.values()]\n"
         "assert not any(function.signatures for function in compiled)\n"

@@ -13,6 +13,7 @@ import pytest
 from kernel_cases import METHODS, assert_same, one, random_points, steps_for
 from vibroimpact import Oscillator, Status, integrate
 from vibroimpact.kernel import run
+from vibroimpact.kernel.integrate import run_points
 from vibroimpact.kernel.workspace import LANES
 from vibroimpact.step.recorder import trace, trajectories
 from vibroimpact.step.scheme import scheme_of
@@ -108,24 +109,20 @@ def test_an_error_in_any_thread_is_raised(monkeypatch):
 def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator):
     """What is complete has the bits of a whole run, and the rest is pending: NaN and no count."""
     points = random_points(3 * LANES)
-    arguments = {
-        "integrator": integrator,
-        "impact": rule,
-        "steps_per_period": steps_for(points, rule),
-        "transient": 4_000 if rule == "plain" else 500,
-        "periods": 5,
-    }
-    whole = integrate(points, **arguments, threads=1)
-    assert_same(integrate(points, **arguments, interrupt=np.zeros(1, np.int64)), whole)
+    method = integrator, rule, steps_for(points, rule)
+    counts = 4_000 if rule == "plain" else 500, 5, 64
+    arguments = points, scheme_of(points, *method), counts, False
+    names = dict(zip(("integrator", "impact", "steps_per_period"), method, strict=True))
+    whole = integrate(points, **names, transient=counts[0], periods=counts[1])
     began = time.perf_counter()
-    integrate(points, **arguments, threads=1)
+    assert_same(run_points(*arguments, 1, np.zeros(1, np.int64)), whole)
     delay, pending = time.perf_counter() - began, np.zeros(1, bool)
     while not pending[-1] and delay > 1e-6:  # the last block is begun last
         delay *= 0.5
         interrupt = np.zeros(1, np.int64)
         timer = threading.Timer(delay, interrupt.fill, (1,))
         timer.start()
-        out = integrate(points, **arguments, threads=1, interrupt=interrupt)
+        out = run_points(*arguments, 1, interrupt)
         timer.join()
         pending = out["status"] == Status.PENDING
     assert pending[-1]
@@ -137,14 +134,22 @@ def test_an_interrupted_run_keeps_the_points_that_are_complete(rule, integrator)
             assert (out[name][pending] == 0).all()
 
 
+def test_users_cannot_give_the_memory_that_the_kernel_polls():
+    """The kernel would read an array of another size or type outside its bounds."""
+    for wrong in (np.zeros(0, np.int64), np.zeros(1)):
+        with pytest.raises(TypeError, match="interrupt"):
+            integrate(one(), periods=1, interrupt=wrong)
+
+
 def test_a_run_of_days_ends_when_it_is_interrupted():
     """Also one whose point would take days, and one that is interrupted before it begins."""
     interrupt = np.zeros(1, np.int64)
     timer = threading.Timer(0.2, interrupt.fill, (1,))
     timer.start()
-    out = integrate(one(), transient=10**9, periods=1, interrupt=interrupt)
+    scheme = scheme_of(one(), "exact", "exact", None)
+    out = run_points(one(), scheme, (10**9, 1, 0), False, None, interrupt)
     assert interrupt[0] and out["status"] == Status.PENDING
-    scheme, extent = scheme_of(one(), "exact", "exact", None), {"transient": 10**11, "periods": 2}
+    extent = {"transient": 10**11, "periods": 2}
     log, status = trace(one(), scheme, **extent, interrupt=interrupt)
     assert status is Status.PENDING and len(log) == 0
     out = trajectories(one(), scheme, **extent, interrupt=interrupt)

@@ -1,7 +1,14 @@
 """Compiled functions: their options, single LLVM instructions, the disk cache, and threads."""
 
 from vibroimpact.jit.cache import NUMERICS, name_of
-from vibroimpact.jit.compiling import ALL_THREADS, compiled, jit, on_threads
+from vibroimpact.jit.compiling import (
+    ALL_THREADS,
+    called_before_passes,
+    compiled,
+    inlined,
+    jit,
+    on_threads,
+)
 from vibroimpact.jit.intrinsics import (
     claim,
     fma,
@@ -11,13 +18,17 @@ from vibroimpact.jit.intrinsics import (
     select,
     widest_vectors,
 )
+from vibroimpact.jit.way import WAY
 
 __all__ = [
     "ALL_THREADS",
     "NUMERICS",
+    "WAY",
+    "called_before_passes",
     "claim",
     "compiled",
     "fma",
+    "inlined",
     "is_set",
     "jit",
     "lowest_bit",

@@ -27,7 +27,8 @@ _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _DIGEST = hashlib.sha256().digest_size
 
 
-def _root() -> Path:
+def root() -> Path:
+    """Return the folder of all that is kept from one process to the next."""
     config: Any = numba.config  # its settings are made at run time, unseen by a type checker
     return Path(config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
 
@@ -69,7 +70,7 @@ def numerics_of(package: Path) -> str:
     paths = sorted(package.rglob("*.py"))
     sources = {path.relative_to(package).as_posix(): path.read_bytes() for path in paths}
     digest = hashlib.sha256(repr((numba.__version__, sources)).encode()).hexdigest()
-    kept = _root() / "numerics" / digest[:24]
+    kept = root() / "numerics" / digest[:24]
     if (known := read(kept)) is not None:
         return known.decode()
     name = name_of(sources, numba.__version__)
@@ -78,15 +79,15 @@ def numerics_of(package: Path) -> str:
     return name
 
 
-def cache_folder() -> Path:
-    """Return the folder of compiled code, named after the code from which it was compiled.
+def cache_folder(way: str) -> Path:
+    """Return the folder of compiled code, named after its source and the way of compiling it.
 
     A cache that looks only at the file of a function would return a stale kernel after an edit of a
     helper in another file; a name made from all sources cannot. The folder lies outside the
     package: on uninstall pip would leave such files, and their folder would shadow the next
     version.
     """
-    return _root() / f"compiled-{NUMERICS}"
+    return root() / f"compiled-{NUMERICS}-{way}"
 
 
 class CacheWarning(UserWarning):

@@ -7,17 +7,19 @@ No fast-math flag is set anywhere. Where a product and a sum should be fused, th
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
-from functools import partial
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
 
 from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
-from vibroimpact.jit.hooks import HOOKS, dispatcher
+from vibroimpact.jit.way import WAY
+
+if WAY.name == "private":
+    from vibroimpact.jit.hooks import dispatcher
 
 _config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 if _config.DISABLE_JIT:
@@ -31,37 +33,60 @@ ALL_THREADS: int = _config.NUMBA_NUM_THREADS
 T = TypeVar("T")
 
 
-def jit(
-    function: Callable | None = None,
-    *,
-    inline: bool = False,
-    forced_inline: bool = False,
-    refcounts: bool = True,
-) -> Any:
-    """Compile `function` with the options of this project, cached on disk.
+#: In these modules an array belongs to the caller, and the references to it are not counted: with
+#: them an impact costs twice as much.
+_BORROWING = (
+    "vibroimpact.destination.",
+    "vibroimpact.jit.trial_steps",
+    "vibroimpact.kernel.",
+    "vibroimpact.step.",
+)
+#: These modules of theirs create arrays, so they count.
+_CREATING = {
+    "vibroimpact.kernel.run",
+    "vibroimpact.step.contact",
+    "vibroimpact.step.recorder",
+    "vibroimpact.step.stepper",
+}
 
-    An `inline` function is merged into its caller before types are inferred, so branches that
-    constant arguments exclude are not compiled. LLVM merges a function with `forced_inline`,
-    because it cannot vectorise a loop around a call. Without `refcounts` an impact costs half;
-    the caller must then hold every array. NumPy's error model is set because with Python's every
-    division may raise, and no loop is vectorised.
+
+def jit(function: Callable) -> Any:
+    """Compile a function with the options of this project, cached on disk."""
+    return _compiled(function, "never")
+
+
+def inlined(function: Callable) -> Any:
+    """Merge a function into its compiled callers before types are inferred.
+
+    So no call ends the vectorisation of a loop, and branches that constant arguments exclude are
+    not compiled.
     """
-    if function is None:
-        return partial(jit, inline=inline, forced_inline=forced_inline, refcounts=refcounts)
+    return _compiled(function, "always")
+
+
+def _compiled(function: Callable, inline: str) -> Any:
+    """Compile a function in the way of this process.
+
+    NumPy's error model is set because with Python's every division may raise, and no loop is
+    vectorised.
+    """
     options: dict[str, Any] = {
         "error_model": "numpy",
         "nogil": True,  # so that several threads compute, and the main thread receives signals
-        "inline": "always" if inline else "never",
-        "forceinline": forced_inline,
+        "inline": inline,
     }
-    if HOOKS:
-        return dispatcher(function, options | {"_nrt": refcounts})
+    if WAY.name != "plain":
+        module = function.__module__
+        counted = not module.startswith(_BORROWING) or module in _CREATING
+        options |= {"_nrt": counted, "no_cfunc_wrapper": True}  # no C code calls the function
+    if WAY.name == "private":
+        return dispatcher(function, options)
     return _public(function, options)
 
 
 def _public(function: Callable, options: dict[str, Any]) -> Any:
-    """Compile with public options only, and with numba's cache in the folder of this code."""
-    folder, before = cache_folder(), _config.CACHE_DIR
+    """Compile without private parts, and with numba's cache in the folder of this code."""
+    folder, before = cache_folder(WAY.name), _config.CACHE_DIR
     try:
         make_folder(folder)
         _config.CACHE_DIR = str(folder)
@@ -85,6 +110,26 @@ def compiled(function: Any, *arguments: Any) -> Any:
             if collecting:
                 gc.enable()
     return function
+
+
+@contextmanager
+def called_before_passes(check: Callable[[], None]) -> Iterator[None]:
+    """Call `check` before every pass of the compiler in the block, so that it can end the work."""
+    try:
+        from numba.core.event import Listener, install_listener
+    except ImportError:  # in another version; then a compilation runs to its end
+        yield
+        return
+
+    class Check(Listener):
+        def on_start(self, event: object) -> None:
+            check()
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with install_listener("numba:run_pass", Check()):
+        yield
 
 
 def on_threads(

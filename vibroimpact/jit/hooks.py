@@ -1,13 +1,12 @@
 """Private parts of numba that make the start and the kernel faster, and change no result.
 
-They are used only with the versions of numba in ``TESTED``, since another version may differ in
-these parts; ``VIBROIMPACT_NUMBA_HOOKS=0`` turns them off. Without them numba's public options and
-its own cache do the same work. What each part is worth, in processor time, with AVX-512:
+``way.py`` decides whether they are used; otherwise this file is not imported. What each part is
+worth, in processor time, with AVX-512:
 
 - a function is optimised once, with all that it calls: the first run compiles in 12 s, not in 21;
 - called functions are internal: exact impacts 8 % faster, chatter 13 %;
-- references are not counted: exact impacts 68 % faster, chatter 47 %;
-- vectors have 512 bits (``intrinsics.py``): exact impacts 18 % faster, chatter 7 %;
+- functions are linked once, and passes that change nothing here are left out: a tenth less again;
+- a function is compiled once, and not again for each constant among its arguments: an eighth less;
 - code is read from disk without all that numba can compile: a run starts in 0.4 s, not in 0.65.
 """
 
@@ -15,7 +14,6 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import os
 import pickle
 from collections.abc import Callable
 from functools import cache
@@ -25,25 +23,35 @@ from typing import Any
 import numba
 from llvmlite.binding import Linkage
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler import Compiler, CompileResult, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
+from numba.core.types import unliteral
 
 from vibroimpact.jit.cache import cache_folder, read, syntax, warn_once, write
 
-#: The versions of numba with which these hooks were tested.
-TESTED = ("0.60", "0.68")
-#: Whether the hooks are used.
-HOOKS = (
-    numba.__version__.rpartition(".")[0] in TESTED
-    and os.environ.get("VIBROIMPACT_NUMBA_HOOKS") != "0"
-)
+#: Passes for what this project does not use: lifted loops, closures, raised exceptions that are
+#: computed, literal loops, overloads to merge, array expressions; and for what only a reader needs.
+_UNUSED_PASSES = {
+    "WithLifting",
+    "InlineClosureLikes",
+    "RewriteDynamicRaises",
+    "MakeFunctionToJitFunction",
+    "FindLiterallyCalls",
+    "LiteralUnroll",
+    "LiteralPropagationSubPipelinePass",
+    "InlineOverloads",
+    "NopythonRewrites",
+    "AnnotateTypes",
+    "DumpParforDiagnostics",
+}
 
 
 def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
     """Compile `function` together with all that it calls for Python, and alone for its callers."""
     whole: Any = numba.njit(function, pipeline_class=WholeCompiler, **options)
-    whole._cache = CompiledCode(function, cache_folder())
+    whole._cache = CompiledCode(function, cache_folder("private"))
 
     alone: Any = {**options, "no_cpython_wrapper": True}
 
@@ -51,7 +59,9 @@ def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
     def merged() -> Any:
         return numba.njit(function, pipeline_class=_MergingCompiler, **alone)
 
-    whole.get_call_template = lambda args, kws: merged().get_call_template(args, kws)
+    whole.get_call_template = lambda args, kws: merged().get_call_template(
+        tuple(map(unliteral, args)), kws
+    )
     whole.get_overload = lambda signature: merged().get_overload(signature)
     return whole
 
@@ -64,10 +74,12 @@ class _MergedLibrary(JITCodeLibrary):
     the others the first run compiles in half the time.
     """
 
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        """Let callers link this function, which stays without those that it calls."""
+        for function in self._final_module.functions:
+            if function.linkage == Linkage.external and not function.is_declaration:
+                function.linkage = Linkage.linkonce_odr
+        self._shared_module = self._final_module
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -89,6 +101,14 @@ class _WholeLibrary(JITCodeLibrary):
     that describe it.
     """
 
+    def finalize(self) -> None:
+        """Link every function once, after its callers: LLVM leaves out what nothing calls yet."""
+        called: dict[Any, None] = {}
+        for library in self._linking_libraries:
+            _add_callees(library, called)
+        self._linking_libraries = list(reversed(called))
+        super().finalize()
+
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr:
@@ -96,14 +116,35 @@ class _WholeLibrary(JITCodeLibrary):
         super()._optimize_final_module()
 
 
-class _MergingCompiler(Compiler):
+def _add_callees(library: Any, called: dict[Any, None]) -> None:
+    """Add a library to `called`, after all that it calls."""
+    if library not in called:
+        if isinstance(library, _MergedLibrary):
+            for callee in library._linking_libraries:
+                _add_callees(callee, called)
+        called[library] = None
+
+
+class _LeanCompiler(Compiler):
+    """Compiles with the passes that this project needs."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return numba's own passes, without those that change nothing here."""
+        manager = PassManager("lean")
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state).passes
+        manager.passes = [one for one in passes if one[0].__name__ not in _UNUSED_PASSES]
+        manager.finalize()
+        return [manager]
+
+
+class _MergingCompiler(_LeanCompiler):
     """Compiles a function for its callers in compiled code."""
 
     def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:
         super().__init__(typing, target, _MergedLibrary(target.codegen(), "merged"), *arguments)
 
 
-class WholeCompiler(Compiler):
+class WholeCompiler(_LeanCompiler):
     """Compiles a function for Python."""
 
     def __init__(self, typing: Any, target: Any, library: None, *arguments: Any) -> None:

@@ -6,7 +6,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from vibroimpact.jit.hooks import HOOKS
+from vibroimpact.jit.way import WAY
 
 
 @intrinsic
@@ -41,7 +41,7 @@ def widest_vectors(context):
 
     def generate(context, builder, signature, arguments):
         attributes = builder.function.attributes
-        if HOOKS:  # the method of the set accepts only attributes that llvmlite knows
+        if WAY.name != "plain":  # the method of the set accepts only attributes that llvmlite knows
             set.add(attributes, '"prefer-vector-width"="512"')
         attributes.add("noinline")
         attributes.alignstack = 64

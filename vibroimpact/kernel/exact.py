@@ -7,7 +7,7 @@ nothing goes through ``exact_step`` alone, as a single orbit does.
 
 from __future__ import annotations
 
-from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.jit import inlined, jit, select, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
     COLUMN_ROW,
     PAIR,
@@ -17,7 +17,7 @@ from vibroimpact.kernel.exact_impacts import (
     Y_T,
     U,
     coefficients_in,
-    correct_side_by_side,
+    correct_exact_lanes,
 )
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.workspace import (
@@ -38,13 +38,15 @@ from vibroimpact.kernel.workspace import (
     ROW,
     SLEPT,
     TANGENTS,
-    VECTOR,
     VELOCITY,
+    W,
+    Y,
     list_lanes,
     pair_in,
     put_pair,
     set_rest,
     sleeps_until,
+    whole_vectors,
 )
 from vibroimpact.step.exact import exact_step
 from vibroimpact.step.impact import ONLY, Impact
@@ -65,7 +67,7 @@ from vibroimpact.step.variational import carry_tangents, orthonormalise, propaga
 _CHECKED_EVERY = 4
 
 
-@jit(inline=True)
+@inlined
 def propagator_in(lanes, i):
     """Return the ``Propagator`` of lane `i`."""
     f = PROPAGATOR + i
@@ -75,7 +77,7 @@ def propagator_in(lanes, i):
     )  # fmt: skip
 
 
-@jit(refcounts=False)
+@jit
 def set_propagators(workspace, points, grid):
     """Give every lane its coefficients of (P), and its propagator over a step of `grid`."""
     lanes = workspace.lanes
@@ -83,7 +85,7 @@ def set_propagators(workspace, points, grid):
         k = min(i, points.size - 1)
         if i == k:
             eq = coefficients_of(points[k])
-            propagator, forcing = propagator_of(eq, grid.step, workspace.scratch.coefficients)
+            propagator, forcing = propagator_of(eq, grid.phase_step, workspace.scratch.coefficients)
         for q in range(7):
             lanes[PROPAGATOR + q * ROW + i] = propagator[q]
         for q in range(6):
@@ -95,7 +97,7 @@ def set_propagators(workspace, points, grid):
             force_lanes(lanes, workspace.added[n], grid.table[SIN, n], grid.table[COS, n])
 
 
-@jit(refcounts=False)
+@jit
 def force_lanes(lanes, added, s, c):
     """Set `added` to what a step adds to each lane, from a phase with sine `s` and cosine `c`."""
     widest_vectors()
@@ -108,7 +110,7 @@ def force_lanes(lanes, added, s, c):
         added[0, i], added[1, i] = forced(forcing, s, c)
 
 
-@jit(refcounts=False)
+@jit
 def place_of_added(workspace, grid, n):
     """Return the index in ``Workspace.added`` of what step `n` of `grid` adds to each lane.
 
@@ -120,35 +122,35 @@ def place_of_added(workspace, grid, n):
     return 0
 
 
-@jit(refcounts=False)
-def propagate_lanes(lanes, size, added, step, n):
+@jit
+def propagate_lanes(lanes, size, added, phase_step, n):
     """Take the first lanes over step `n`; a GUARD below 0 proves that there was no impact.
 
     A lane at rest has y = w = 0, so its GUARD is not negative, and it is listed at every step.
     """
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
-        y, w = lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i]
+    for i in range(whole_vectors(size)):
+        y, w = lanes[Y + old_row + i], lanes[W + old_row + i]
         y, w, lanes[REMAINDER_BOUND + i], lanes[GUARD + i] = propagate(
-            propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), step
+            propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
         )
-        lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = y, w
+        lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
 
 
-@jit(refcounts=False)
+@jit
 def propagate_all_tangents(lanes, size, n):
     """Take the tangent vectors of the first lanes over step `n`."""
     widest_vectors()
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+    for i in range(whole_vectors(size)):
         pair = propagate_tangents(
             propagator_in(lanes, i), pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)
         )
         put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
 
 
-@jit(refcounts=False)
+@jit
 def scatter(batch, lo, count, grid, n, recording, carrying):
     """Take the lanes of these columns to the end of step `n`.
 
@@ -160,15 +162,15 @@ def scatter(batch, lo, count, grid, n, recording, carrying):
     for j in range(count):
         i = workspace.met[lo + j] & (LANES - 1)
         if columns[PROVED + j] != ONLY:
-            if sleeps_until(lanes, i, theta + grid.step):
-                lanes[POSITION + new_row + i] = lanes[VELOCITY + new_row + i] = 0.0
+            if sleeps_until(lanes, i, theta + grid.phase_step):
+                lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
                 if recording:
                     lanes[SLEPT + i] += 1.0
             else:
-                resolve_scalar(batch, i, j, grid, n, recording, carrying)
+                resolve_exact_lane(batch, i, j, grid, n, recording, carrying)
             continue
-        lanes[POSITION + new_row + i] = columns[Y_T + j]
-        lanes[VELOCITY + new_row + i] = columns[W_T + j]
+        lanes[Y + new_row + i] = columns[Y_T + j]
+        lanes[W + new_row + i] = columns[W_T + j]
         if carrying:
             pair = pair_in(columns, PAIR + j, COLUMN_ROW)
             put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
@@ -177,26 +179,26 @@ def scatter(batch, lo, count, grid, n, recording, carrying):
             list_impact(record.impacts[i], record.sums[i], theta + columns[U + j], speed)
 
 
-@jit(refcounts=False)
-def resolve_scalar(batch, i, j, grid, n, recording, carrying):
+@jit
+def resolve_exact_lane(batch, i, j, grid, n, recording, carrying):
     """Take lane `i`, which is in column `j`, over step `n` with every impact in it."""
     workspace, points, record = batch
     lanes, columns, scratch = workspace.lanes, workspace.columns, workspace.scratch
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
+    pt, sums, table, phase_step = points[i], record.sums[i], grid.table, grid.phase_step
     theta = table[THETA, n]
     eq, was_resting = (
         coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1),
         lanes[LEVEL + i] == AT_REST,
     )
     y, w, resting, n_events, rested, status, grazes = exact_step(
-        eq, pt, (lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i], was_resting),
-        (lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i], lanes[REMAINDER_BOUND + i]),
+        eq, pt, (lanes[Y + old_row + i], lanes[W + old_row + i], was_resting),
+        (lanes[Y + new_row + i], lanes[W + new_row + i], lanes[REMAINDER_BOUND + i]),
         Impact(0.0, 0.0, columns[U + j], columns[W_I + j], columns[PROVED + j]),
-        (theta, table[SIN, n], table[COS, n]), step, scratch,
+        (theta, table[SIN, n], table[COS, n]), phase_step, scratch,
     )  # fmt: skip
-    lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i] = y, w
-    set_rest(lanes, i, resting, theta + step, pt)
+    lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
+    set_rest(lanes, i, resting, theta + phase_step, pt)
     sums.status = max(sums.status, status)
     if recording:
         rested /= pt.omega
@@ -207,12 +209,18 @@ def resolve_scalar(batch, i, j, grid, n, recording, carrying):
         if was_resting:
             pair = 0.0, 0.0, 0.0, 0.0
         pair = carry_tangents(
-            (eq, propagator_in(lanes, i)), pair, scratch.events, n_events, theta, step, pt.omega
+            (eq, propagator_in(lanes, i)),
+            pair,
+            scratch.events,
+            n_events,
+            theta,
+            phase_step,
+            pt.omega,
         )
         put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
 
 
-@jit(refcounts=False)
+@jit
 def stretch(pair, sums):
     """Orthonormalise two tangent vectors, and add up their growth."""
     pair, growth_1, growth_2 = orthonormalise(pair)
@@ -221,21 +229,21 @@ def stretch(pair, sums):
     return pair
 
 
-@jit(refcounts=False)
+@jit
 def judge_tangents(lanes, size, row):
     """Find tangent vectors that would soon be too short, too long or too parallel.
 
     The GUARD of a lane with such vectors is not negative.
     """
     widest_vectors()
-    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+    for i in range(whole_vectors(size)):
         ay, aw, by, bw = pair_in(lanes, row + i, 2 * ROW)
         size_2 = ay * ay + aw * aw + by * by + bw * bw
         fit = (abs(ay * bw - aw * by) >= 1e-4 * size_2) & (size_2 > 1e-100) & (size_2 < 1e100)
         lanes[GUARD + i] = select(fit, -1.0, 1.0)
 
 
-@jit(refcounts=False)
+@jit
 def stretch_lanes(batch, n):
     """Orthonormalise the tangent vectors that need it, before step `n`."""
     workspace, points, record = batch
@@ -247,20 +255,20 @@ def stretch_lanes(batch, n):
         put_pair(lanes, a, 2 * ROW, stretch(pair_in(lanes, a, 2 * ROW), record.sums[met[j]]))
 
 
-@jit(refcounts=False)
-def take_steps(batch, grid, recording, carrying):
+@jit
+def take_exact_steps(batch, grid, recording, carrying):
     """Take a batch over the steps of `grid`."""
     workspace, points, _ = batch
     lanes, size = workspace.lanes, grid.size
     for n in range(size):
         added = workspace.added[place_of_added(workspace, grid, n)]
-        propagate_lanes(lanes, points.size, added, grid.step, n)
+        propagate_lanes(lanes, points.size, added, grid.phase_step, n)
         listed = list_lanes(lanes, workspace.met, points.size)
         if carrying:
             propagate_all_tangents(lanes, points.size, n)
         for lo in range(0, listed, COLUMNS):
             count = min(COLUMNS, listed - lo)
-            correct_side_by_side(workspace, lo, count, grid, n, carrying)
+            correct_exact_lanes(workspace, lo, count, grid, n, carrying)
             scatter(batch, lo, count, grid, n, recording, carrying)
         if carrying and ((n + 1) % _CHECKED_EVERY == 0 or n + 1 == size):
             stretch_lanes(batch, n + 1)
@@ -270,18 +278,18 @@ def take_steps(batch, grid, recording, carrying):
                 lanes[i] = lanes[i + ROW]
 
 
-@jit(refcounts=False)
+@jit
 def round_states(lanes):
     """Round the states to (x, v), which go to the rows for odd steps, for the record."""
     widest_vectors()
     for i in range(LANES):
         clearance, omega = lanes[CLEARANCE + i], lanes[OMEGA + i]
-        x, v = from_dimensionless(lanes[POSITION + i], lanes[VELOCITY + i], clearance, omega)
+        x, v = from_dimensionless(lanes[Y + i], lanes[W + i], clearance, omega)
         lanes[POSITION + ROW + i], lanes[VELOCITY + ROW + i] = x, v
-        lanes[POSITION + i], lanes[VELOCITY + i] = to_dimensionless(x, v, clearance, omega)
+        lanes[Y + i], lanes[W + i] = to_dimensionless(x, v, clearance, omega)
 
 
-@jit(refcounts=False)
+@jit
 def forget_at_rest(lanes, size):
     """Remove the tangent vectors of the first lanes where they rest: a rest leaves none."""
     for i in range(size):
@@ -289,7 +297,7 @@ def forget_at_rest(lanes, size):
             put_pair(lanes, TANGENTS + i, 2 * ROW, (0.0, 0.0, 0.0, 0.0))
 
 
-@jit(refcounts=False)
+@jit
 def sum_up_tangents(batch):
     """Add up the growth that remains in the tangent vectors, in the units of (x, v)."""
     workspace, points, record = batch

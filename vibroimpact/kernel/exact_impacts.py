@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from itertools import accumulate
 
-from vibroimpact.jit import jit, widest_vectors
+from vibroimpact.jit import inlined, jit, widest_vectors
 from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
     COEFFICIENTS_SIZE,
     COLUMN_ROW,
     LANES,
-    POSITION,
     REMAINDER_BOUND,
     ROW,
     TANGENTS,
     VECTOR,
-    VELOCITY,
+    W,
+    Y,
     pair_in,
     put_pair,
 )
@@ -51,7 +51,7 @@ from vibroimpact.step.variational import tangents_through_impact
 )  # fmt: skip
 
 
-@jit(inline=True)
+@inlined
 def coefficients_in(rows, e, distance):
     """Return the ``Coefficients`` whose numbers begin at `e`, `distance` apart."""
     return Coefficients(
@@ -60,7 +60,7 @@ def coefficients_in(rows, e, distance):
     )  # fmt: skip
 
 
-@jit(inline=True)
+@inlined
 def _series_in(c, j):
     """Return the series of column `j`."""
     k, d = _SERIES + j, COLUMN_ROW
@@ -71,7 +71,7 @@ def _series_in(c, j):
     )  # fmt: skip
 
 
-@jit(inline=True)
+@inlined
 def _put_series(c, j, terms):
     """Set the series of column `j`."""
     k, d = _SERIES + j, COLUMN_ROW
@@ -82,20 +82,20 @@ def _put_series(c, j, terms):
     ) = terms  # fmt: skip
 
 
-@jit(refcounts=False)
-def correct_columns(c, vectors, waves, step):
+@jit
+def correct_columns(c, vectors, waves, phase_step):
     """Correct the columns of `vectors` vectors as ``single_impact`` does, stage by stage."""
     widest_vectors()
     count = VECTOR * vectors  # shows LLVM that no column is left over
     for j in range(count):
         start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
-        c[_LATE + j], c[_T + j] = guess(start, end, step)
+        c[_LATE + j], c[_T + j] = guess(start, end, phase_step)
     for j in range(count):
         start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
         _put_series(c, j, expand_near(eq, start, end, waves, c[_LATE + j]))
     for j in range(count):
-        c[_T + j] = approach(_series_in(c, j), c[_T + j], step)
+        c[_T + j] = approach(_series_in(c, j), c[_T + j], phase_step)
     for j in range(count):
         v = _VALUES + j
         c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW] = all_terms(_series_in(c, j), c[_T + j])
@@ -103,7 +103,7 @@ def correct_columns(c, vectors, waves, step):
         v, start, guessed = _VALUES + j, (c[Y_0 + j], c[W_0 + j]), (c[_LATE + j], c[_T + j])
         c[U + j], c[_R + j], c[W_I + j], c[PROVED + j] = first_impact(
             start, c[Y_T + j], c[BOUND + j], guessed, _series_in(c, j),
-            (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), step,
+            (c[v], c[v + COLUMN_ROW], c[v + 2 * COLUMN_ROW]), phase_step,
         )  # fmt: skip
     for j in range(count):
         eq, free = (
@@ -111,12 +111,12 @@ def correct_columns(c, vectors, waves, step):
             (c[Y_T + j], c[W_T + j], c[BOUND + j]),
         )
         c[Y_T + j], c[W_T + j], c[PROVED + j] = rebound(
-            eq, free, c[_R + j], c[W_I + j], c[PROVED + j], step
+            eq, free, c[_R + j], c[W_I + j], c[PROVED + j], phase_step
         )
 
 
-@jit(refcounts=False)
-def carry_columns(c, vectors, wave, step):
+@jit
+def carry_columns(c, vectors, wave, phase_step):
     """Carry the tangent vectors of the columns of `vectors` vectors through their impacts."""
     widest_vectors()
     for j in range(VECTOR * vectors):
@@ -124,12 +124,12 @@ def carry_columns(c, vectors, wave, step):
             coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW),
             pair_in(c, PAIR + j, COLUMN_ROW),
         )
-        pair = tangents_through_impact(eq, pair, c[U + j], c[W_I + j], wave, step)
+        pair = tangents_through_impact(eq, pair, c[U + j], c[W_I + j], wave, phase_step)
         put_pair(c, PAIR + j, COLUMN_ROW, pair)
 
 
-@jit(refcounts=False)
-def correct_side_by_side(workspace, lo, count, grid, n, carrying):
+@jit
+def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
     """Copy `count` listed lanes, from index `lo` on, into columns, and correct step `n` there."""
     lanes, met, c = workspace.lanes, workspace.met, workspace.columns
     table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
@@ -139,12 +139,12 @@ def correct_side_by_side(workspace, lo, count, grid, n, carrying):
             c[COLUMN_COEFFICIENTS + q * COLUMN_ROW + j] = lanes[
                 COEFFICIENTS + COEFFICIENTS_SIZE * i + q
             ]
-        c[Y_0 + j], c[W_0 + j] = lanes[POSITION + old_row + i], lanes[VELOCITY + old_row + i]
-        c[Y_T + j], c[W_T + j] = lanes[POSITION + new_row + i], lanes[VELOCITY + new_row + i]
+        c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
+        c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
         c[BOUND + j] = lanes[REMAINDER_BOUND + i]
         if carrying:
             put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
     wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
-    correct_columns(c, vectors, (*wave, table[SIN, n + 1], table[COS, n + 1]), grid.step)
+    correct_columns(c, vectors, (*wave, table[SIN, n + 1], table[COS, n + 1]), grid.phase_step)
     if carrying:
-        carry_columns(c, vectors, wave, grid.step)
+        carry_columns(c, vectors, wave, grid.phase_step)

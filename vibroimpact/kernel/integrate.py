@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from vibroimpact.destination.find import no_destinations
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.run import KernelJob, lanes_per_batch, run_batches
 from vibroimpact.oscillator import POINT, checked_integer, refuse_invalid
 from vibroimpact.status import Status
-from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, scheme_of
+from vibroimpact.step.contact import impulse_and_loss
+from vibroimpact.step.scheme import EXACT, MOST_PERIODS, MOST_RECORDED, Scheme, scheme_of
 
 
 def integrate(
@@ -25,7 +29,6 @@ def integrate(
     impacts: int = 64,
     lyapunov: bool = False,
     threads: int | None = None,
-    interrupt: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Run every parameter point from its start and record its attractor.
 
@@ -38,12 +41,12 @@ def integrate(
     points : ndarray of dtype ``POINT``, shape (n,)
         Valid parameter points; ``Oscillator.at`` makes one.
     integrator, impact : str
-        Names in ``INTEGRATORS`` and ``IMPACT_RULES``.
+        Keys of `vibroimpact.INTEGRATORS` and `vibroimpact.IMPACT_RULES`.
     steps_per_period : int, optional
-        Steps of length T = 2 pi / (omega steps_per_period), stable or not; the default is that of
-        ``default_steps``.
+        Steps of length T = 2 pi / (omega steps_per_period), from 1 to 1,000,000, stable or not. The
+        default is that of `simulate`, the largest for all points.
     transient, periods : int
-        Forcing periods left out, at most ``MOST_PERIODS``; recorded, at most ``MOST_RECORDED``.
+        Forcing periods left out, at most 1,000,000,000; recorded, at most 1,000,000.
     phase : float
         omega t mod 2 pi of the stroboscopic section, in [0, 2 pi) [rad]. It is always a point of
         the grid of steps.
@@ -51,14 +54,11 @@ def integrate(
         Whether the start is the state at a passage of `phase` instead of at t = 0. A run that
         starts at the last section of another run continues it.
     impacts : int
-        How many of the last impacts to keep, at most ``MOST_RECORDED``.
+        How many of the last impacts to keep, at most 1,000,000.
     lyapunov : bool
         Whether to compute the Lyapunov exponents; with the rule ``exact`` only.
     threads : int, optional
         Threads to use; all by default. The results do not depend on it.
-    interrupt : ndarray of int64, shape (1,), optional
-        Once another thread makes it non-zero, the run ends within a forcing period. Points that are
-        not complete then have NaN and the status ``PENDING``.
 
     Returns
     -------
@@ -91,8 +91,42 @@ def integrate(
         comes with another integrator, or it has too few steps per period.
     MemoryError
         If the memory is too small for the results.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator
+    >>> points = Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0).at().repeat(3)
+    >>> points["omega"] = [2.3, 2.5, 2.7]
+    >>> integrate(points, periods=2)["poincare_x"].round(4)
+    array([[-0.5534, -0.5534],
+           [-0.3891, -0.3891],
+           [-0.1716, -0.4215]])
     """
     refuse_invalid(points, beyond_stop=at_section and impact == "plain")
+    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section)
+    if lyapunov and scheme.method[0] != EXACT:
+        raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
+    counts = transient, periods, impacts
+    return run_points(points, scheme, counts, bool(lyapunov), threads, np.zeros(1, np.int64))
+
+
+def run_points(
+    points: np.ndarray,
+    scheme: Scheme,
+    counts: tuple[int, int, int],
+    lyapunov: bool,
+    threads: int | None,
+    interrupt: np.ndarray,
+    classes: bool = False,
+) -> dict[str, np.ndarray]:
+    """Do what ``integrate`` does, for valid points of which the scheme is known.
+
+    `counts` are the periods left out, the periods recorded, and the impacts to keep. With `classes`
+    there is also ``destination``, of dtype ``DESTINATION``. Once another
+    thread sets `interrupt`, an array of one int64, the run ends within a forcing period. Points
+    that are not complete then have NaN and the status ``PENDING``.
+    """
+    transient, periods, impacts = counts
     points = np.array(points, POINT)  # contiguous and writable, as the kernel is compiled for
     transient = checked_integer("transient", transient, 0, MOST_PERIODS)
     periods = checked_integer("periods", periods, 1, MOST_RECORDED)
@@ -100,11 +134,7 @@ def integrate(
     threads = (
         ALL_THREADS if threads is None else checked_integer("threads", threads, 1, MOST_RECORDED)
     )
-    scheme = scheme_of(points, integrator, impact, steps_per_period, phase, at_section)
-    rule = scheme.method[0]
-    if lyapunov and rule != EXACT:
-        raise ValueError(f"lyapunov needs the impact rule 'exact', not {impact!r}")
-    n = points.size
+    n, rule = points.size, scheme.method[0]
     record = Record(
         sections=np.empty((n, periods, 2)),
         impacts=np.empty((n, impacts, 2)),
@@ -112,20 +142,47 @@ def integrate(
     )
     record.sums["slowest_impact"] = np.inf
     record.sums["status"] = Status.CERTIFIED if rule == EXACT else Status.COMPUTED
-    if interrupt is None:
-        interrupt = np.zeros(1, np.int64)
-    lanes = lanes_per_batch(n, threads)
-    # No thread without lanes: starting a thread takes longer than computing a few lanes.
-    threads = min(threads, max(1, -(-n // lanes)))
-    claimed = np.zeros(1, np.int64)
+    lanes, claimed = lanes_per_batch(n, threads), np.zeros(1, np.int64)
+    found = no_destinations(n if classes else 0)
     job = KernelJob(
-        points, scheme, transient, periods, bool(lyapunov), lanes, record, claimed, interrupt
-    )
-    run_batches(threads, job)
+        points, scheme, transient, periods, lyapunov, lanes, record, claimed, interrupt, found,
+        only_find=False,
+    )  # fmt: skip
+    _run(threads, job)
     results = _results(points, periods, record)
     if not lyapunov:
         del results["lyapunov"]
-    return results
+    return results | ({"destination": found} if classes else {})
+
+
+def find_destinations(
+    points: np.ndarray,
+    scheme: Scheme,
+    results: Mapping[str, np.ndarray],
+    threads: int | None,
+    interrupt: np.ndarray,
+) -> np.ndarray:
+    """Find where motions go, given the results of a run; returns dtype ``DESTINATION``, (n,)."""
+    n, periods = results["poincare_x"].shape
+    sums, status = np.zeros(n, SUMS), results["status"]
+    # A motion that grows without bound goes nowhere.
+    sums["status"] = np.where(status == Status.UNBOUNDED, Status.UNRESOLVED, status)
+    sums["impacts"] = np.rint(np.nan_to_num(results["impacts_per_period"]) * periods)
+    sums["chatters"], sums["rested"] = results["chatters"], results["rest_fraction"]
+    sections = np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
+    threads, found = ALL_THREADS if threads is None else threads, no_destinations(n)
+    job = KernelJob(
+        np.array(points, POINT), scheme, 0, periods, False, lanes_per_batch(n, threads),
+        Record(sections, np.empty((n, 0, 2)), sums), np.zeros(1, np.int64), interrupt, found,
+        only_find=True,
+    )  # fmt: skip
+    _run(threads, job)
+    return found
+
+
+def _run(threads: int, job: KernelJob) -> None:
+    """Run the kernel with no thread without lanes: starting one takes longer than a few lanes."""
+    run_batches(min(threads, max(1, -(-job.points.size // job.lanes))), job)
 
 
 def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.ndarray]:
@@ -136,14 +193,11 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
         sections[pending], record.impacts[pending] = np.nan, np.nan
     sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
     no_impact, R = sums["impacts"] == 0, points["R"]
-    # The energy of a finite motion may overflow. So may the period if omega is below the smallest
-    # normal number.
+    impulse, lost = impulse_and_loss(R, sums["speeds"], sums["squared_speeds"])
+    # The period may overflow if omega is below the smallest normal number.
     with np.errstate(over="ignore", invalid="ignore"):
         duration = periods * 2.0 * np.pi / points["omega"]
         share = np.minimum(sums["rested"] / duration, 1.0)
-        squares = np.where(R < 1.0, sums["squared_speeds"], 0.0)
-        lost = 0.5 * (1.0 - R) * (1.0 + R) * squares
-        impulse = (1.0 + R) * sums["speeds"] / periods
     # After an impact with R = 0 the vectors are parallel: the area between them is rounding.
     area_lost = (R == 0.0) & ~no_impact
     growth_2 = np.where(area_lost, -np.inf, sums["growth_2"])
@@ -152,7 +206,7 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
         "impacts_per_period": sums["impacts"] / periods,
         "slowest_impact": np.where(no_impact, np.nan, sums["slowest_impact"]),
         "fastest_impact": np.where(no_impact, np.nan, sums["fastest_impact"]),
-        "impulse": impulse,
+        "impulse": impulse / periods,
         "energy_lost": lost / periods,
         "max_penetration": sums["max_penetration"],
         "rest_fraction": share,

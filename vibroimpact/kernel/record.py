@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import jit
+from vibroimpact.jit import inlined
 from vibroimpact.status import Status
 from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
 
@@ -30,7 +30,6 @@ SUMS = np.dtype(
 )
 
 _UNRESOLVED, _NON_FINITE = int(Status.UNRESOLVED), int(Status.NON_FINITE)
-_PENDING = int(Status.PENDING)
 
 
 class Record(NamedTuple):
@@ -44,7 +43,7 @@ class Record(NamedTuple):
     sums: np.ndarray  #: Of dtype ``SUMS``, shape (n,).
 
 
-@jit(inline=True)
+@inlined
 def list_impact(ring, sums, phase, speed):
     """Count an impact, and write it into the ring buffer of its lane."""
     if ring.shape[0] > 0:
@@ -60,7 +59,7 @@ def list_impact(ring, sums, phase, speed):
     sums.impacts += 1
 
 
-@jit(inline=True)
+@inlined
 def record_step(events, n, x_T, rested, theta, pt, row, record):
     """Add the events of one step to the record of the lane in that row."""
     sums = record.sums[row]
@@ -80,7 +79,7 @@ def record_step(events, n, x_T, rested, theta, pt, row, record):
     sums.max_penetration = max(sums.max_penetration, depth)
 
 
-@jit(inline=True)
+@inlined
 def record_section(x, v, row, k, record):
     """Store the state of a point as section `k`, or NaN if it overflowed."""
     finite = math.isfinite(x) and math.isfinite(v)
@@ -90,29 +89,7 @@ def record_section(x, v, row, k, record):
         record.sums[row].status = _NON_FINITE
 
 
-@jit
-def put_in_order(ring, count):
-    """Put a ring buffer that received `count` impacts into time order, with NaN in unused rows."""
-    size = ring.shape[0]
-    for k in range(count, size):
-        ring[k, 0] = ring[k, 1] = math.nan
-    if count > size:
-        kept = ring.copy()
-        for k in range(size):
-            slot = (count + k) % size
-            ring[k, 0], ring[k, 1] = kept[slot, 0], kept[slot, 1]
-
-
-@jit(inline=True)
+@inlined
 def rows_of(record, lo, hi):
     """Return the rows from `lo` to before `hi` of a record."""
     return Record(record.sections[lo:hi], record.impacts[lo:hi], record.sums[lo:hi])
-
-
-@jit
-def close_records(record, given_up):
-    """Put the impacts of every point in order; points that were interrupted are ``PENDING``."""
-    for i in range(record.sums.size):
-        put_in_order(record.impacts[i], record.sums[i].impacts)
-        if given_up:
-            record.sums[i].status = _PENDING

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.jit import inlined, jit, select, widest_vectors
 from vibroimpact.kernel.workspace import COLUMN_ROW, VECTOR
-from vibroimpact.step.integrators import INTEGRATORS, Parameters, step
+from vibroimpact.step.integrators import INTEGRATORS, Parameters, integrator_step
 from vibroimpact.step.time_stepping import single_linear_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.
@@ -26,7 +26,7 @@ from vibroimpact.step.time_stepping import single_linear_impact
 ) = range(0, 21 * COLUMN_ROW, COLUMN_ROW)  # fmt: skip
 
 
-@jit(inline=True)
+@inlined
 def parameters_of(c, j):
     """Return the parameters of column `j`."""
     return Parameters(
@@ -34,48 +34,49 @@ def parameters_of(c, j):
     )
 
 
-@jit(refcounts=False)
-def shorten_steps(c, count, step):
+@jit
+def shorten_steps(c, count, phase_step):
     """Take the first columns to their impacts by eqs (6)-(9)."""
     widest_vectors()
     for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
         pt = parameters_of(c, j)
-        T = step / pt.omega
+        T = phase_step / pt.omega
         T_r, c[V_TR + j], c[S_TR + j], c[C_TR + j], sure = single_linear_impact(
             c[X_0 + j], c[V_0 + j], c[X_T + j], c[V_T + j], c[THETA_0 + j], T, pt
         )
         c[T_R + j], c[REMAINDER + j], c[SINGLE + j] = T_r, T - T_r, select(sure, 1.0, 0.0)
 
 
-@jit(inline=True)
+@inlined
 def launch(c, j):
     """Return the arguments of an integrator for the remainder of the step of column `j`."""
     pt = parameters_of(c, j)
     return pt.clearance, -pt.R * c[V_TR + j], c[S_TR + j], c[C_TR + j], c[REMAINDER + j], pt
 
 
-@jit(inline=True)
+@inlined
 def land(c, j, end):
     """Put the state at the end of the step into column `j`."""
     c[X_T + j], c[V_T + j] = end
     c[SINGLE + j] = select(end[0] < c[OF_CLEARANCE + j], c[SINGLE + j], 0.0)
 
 
-@jit(inline=True)
+@inlined
 def _one_by_one(c, count, integrator):
     for j in range(count):
         x, v, sin, cos, T, pt = launch(c, j)
-        land(c, j, step(integrator, x, v, sin, cos, T, pt))
+        land(c, j, integrator_step(integrator, x, v, sin, cos, T, pt))
 
 
 def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
     """Return a loop over the columns with the step `chosen` if the integrator has that code."""
 
-    @jit(inline=True)
+    @inlined
     def loop(c, count, integrator):
         if integrator == code:
             for j in range((count + VECTOR - 1) // VECTOR * VECTOR):
-                land(c, j, chosen(*launch(c, j)))
+                x, v, sin, cos, T, pt = launch(c, j)
+                land(c, j, chosen(x, v, sin, cos, T, pt))
         else:
             otherwise(c, count, integrator)
 
@@ -88,12 +89,12 @@ for _row in INTEGRATORS.values():
         _chosen_loop = _choice(_row.code, _row.step, _chosen_loop)
 
 
-@jit(refcounts=False)
+@jit
 def take_remainders(c, count, integrator):
     """Take the first columns from their rebounds to the ends of the steps.
 
-    Each integrator of order 2 or more has its own loop, because a loop around ``step`` is not
-    vectorised. Neither is the exact flow, which is a loop itself.
+    Each integrator of order 2 or more has its own loop, because a loop around ``integrator_step``
+    is not vectorised. Neither is the exact flow, which is a loop itself.
     """
     widest_vectors()
     _chosen_loop(c, count, integrator)

@@ -6,9 +6,9 @@ corrected. Each thread takes batch after batch, without holding Python's global 
 - ``run_batches``: starts the threads.
 - ``take_exact``, ``take_plain``, ``take_shortened``: the work of one thread, compiled for one rule.
   It allocates the workspace.
-- ``run_exact`` and so on: one batch, from its start to the end of the record. From here on nothing
-  is allocated, so references to arrays need not be counted.
-- ``take_steps`` of ``exact.py`` or ``time_stepping.py``: one forcing period.
+- ``run_exact`` and so on of ``batch.py``: one batch, from its start to the end of the record. From
+  here on nothing is allocated, so references to arrays need not be counted.
+- ``take_exact_steps`` or ``take_strides``: one forcing period.
 """
 
 from __future__ import annotations
@@ -18,24 +18,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import claim, compiled, is_set, jit, on_threads
-from vibroimpact.kernel import exact, time_stepping
+from vibroimpact.destination.find import find_repetitions, find_with_exact_impacts
+from vibroimpact.destination.repetition import TRIED
+from vibroimpact.destination.section_map import MOST_SECTIONS
+from vibroimpact.jit import claim, compiled, inlined, is_set, jit, on_threads
+from vibroimpact.kernel.batch import run_exact, run_plain, run_shortened
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS
-from vibroimpact.kernel.record import Record, close_records, record_section, rows_of
+from vibroimpact.kernel.record import Record, rows_of
 from vibroimpact.kernel.reduced_step_impacts import REDUCED_STEP_COLUMNS
 from vibroimpact.kernel.workspace import (
+    KEPT,
     LANES,
-    POSITION,
+    LANES_SIZE,
     ROW,
-    SLEPT,
     VECTOR,
-    VELOCITY,
-    WAKE,
     Batch,
-    new_workspace,
-    set_start,
+    Workspace,
 )
-from vibroimpact.step.scheme import EXACT, PLAIN, Scheme, sine_at_start
+from vibroimpact.status import Status
+from vibroimpact.step.contact import new_scratch
+from vibroimpact.step.scheme import EXACT, PLAIN, Scheme
+
+_PENDING = int(Status.PENDING)
 
 #: Fewest points that a thread takes side by side, if there are so many. With exact impacts, fewer
 #: points take nearly as long.
@@ -54,6 +58,9 @@ class KernelJob(NamedTuple):
     record: Record  #: Receives the results.
     claimed: np.ndarray  #: Number of batches taken by the threads so far, shape (1,).
     interrupt: np.ndarray  #: Once it is set, the remaining points become ``PENDING``. Shape (1,).
+    #: Receives where every motion goes, see ``destination``; empty if that is not asked for.
+    found: np.ndarray
+    only_find: bool  #: Whether `record` is complete, and only the destinations are missing.
 
 
 def lanes_per_batch(points: int, threads: int) -> int:
@@ -63,102 +70,83 @@ def lanes_per_batch(points: int, threads: int) -> int:
     return max(FEWEST_LANES, -(-share // (batches * VECTOR)) * VECTOR)
 
 
-@jit(refcounts=False)
-def end_period(batch, k, row, step):
-    """Store the states as section `k` of the record; `row` is 0 or ROW, where the states lie."""
-    workspace, points, record = batch
-    lanes = workspace.lanes
-    for i in range(LANES):
-        lanes[WAKE + i] -= 2.0 * math.pi  # the phases of the grid begin again
-    if k >= 0:
-        for i in range(points.size):
-            record_section(lanes[POSITION + row + i], lanes[VELOCITY + row + i], i, k, record)
-            if lanes[SLEPT + i] > 0.0:
-                record.sums[i].rested += lanes[SLEPT + i] * step / points[i].omega
-                lanes[SLEPT + i] = 0.0
+@jit
+def aligned(size):
+    """Return an array of `size` zeros that begins at a cache line.
 
-
-@jit(inline=True)
-def run_batch(batch, job, exactly, plain):
-    """Run a batch of at most ``LANES`` points from its start to the end of the record.
-
-    `exactly` and `plain` say whether the rule is ``exact`` or ``plain``. They are literals, so only
-    the loop of that rule is compiled.
+    A vector of 512 bits across two lines would be read twice. The memory is set to zero because
+    lanes without a point are computed, too: left-over bits may be subnormal numbers, with which a
+    processor takes ten times as long.
     """
-    workspace, points, _ = batch
-    lanes, transient, (method, lead, grid) = workspace.lanes, job.transient, job.scheme
-    set_start(lanes, points, method[0], sine_at_start(lead, grid))
-    # The lead-in counts as the period before the transient, so `take_steps` is compiled only once.
-    for k in range(-transient - 1, job.periods):
-        if is_set(job.interrupt):
-            break
-        steps = lead if k < -transient else grid
-        if exactly:
-            if steps.size > 0 and k <= -transient:
-                exact.set_propagators(workspace, points, steps)
-            if k == 0:
-                exact.forget_at_rest(lanes, points.size)
-            exact.take_steps(batch, steps, k >= 0, k >= 0 and job.lyapunov)
-            if k >= -transient:
-                exact.round_states(lanes)
-        else:
-            if k <= -transient:
-                time_stepping.set_maps(lanes, points, method[1], steps)
-            time_stepping.take_steps(batch, method, plain, steps, k >= 0)
-        if k >= -transient:
-            end_period(batch, k, ROW if exactly else 0, steps.step)
-    if exactly and job.lyapunov:
-        exact.sum_up_tangents(batch)
-    if plain:
-        time_stepping.sum_up_plain(batch)
+    memory = np.zeros(size + 7)
+    skipped = -(memory.ctypes.data // 8) % 8
+    return memory[skipped : skipped + size]
 
 
-@jit(refcounts=False)
-def run_exact(batch, job):
-    """Run a batch with the rule ``exact``."""
-    run_batch(batch, job, True, False)
+@jit
+def new_workspace(columns):
+    """Return the workspace of a thread; `columns` is the number of values in its columns."""
+    met = np.zeros(LANES, np.int64)
+    added = aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW))
+    return Workspace(aligned(LANES_SIZE), met, aligned(columns), added, new_scratch())
 
 
-@jit(refcounts=False)
-def run_plain(batch, job):
-    """Run a batch with the rule ``plain``."""
-    run_batch(batch, job, False, True)
+@jit
+def put_in_order(ring, count):
+    """Put a ring buffer that received `count` impacts into time order, with NaN in unused rows."""
+    size = ring.shape[0]
+    for k in range(count, size):
+        ring[k, 0] = ring[k, 1] = math.nan
+    if count > size:
+        kept = ring.copy()
+        for k in range(size):
+            slot = (count + k) % size
+            ring[k, 0], ring[k, 1] = kept[slot, 0], kept[slot, 1]
 
 
-@jit(refcounts=False)
-def run_shortened(batch, job):
-    """Run a batch with the rule ``reduced-step`` or ``cubic``."""
-    run_batch(batch, job, False, False)
+@jit
+def close_records(record, given_up):
+    """Put the impacts of every point in order; points that were interrupted are ``PENDING``."""
+    for i in range(record.sums.size):
+        put_in_order(record.impacts[i], record.sums[i].impacts)
+        if given_up:
+            record.sums[i].status = _PENDING
 
 
-@jit(inline=True)
-def take_batches(job, run, columns):
+@inlined
+def take_batches(job, run, find, columns):
     """Run batch after batch until the threads have taken all of them."""
     workspace, lanes = new_workspace(columns), job.lanes
+    # The memory in which destinations are found.
+    memory = workspace.scratch, np.zeros((MOST_SECTIONS, 2)), np.zeros(TRIED, np.int64)
     lo = lanes * claim(job.claimed)
     while lo < job.points.size:  # terminates: the counter only rises
         record = rows_of(job.record, lo, lo + lanes)
-        run(Batch(workspace, job.points[lo : lo + lanes], record), job)
-        close_records(record, is_set(job.interrupt))
+        points = job.points[lo : lo + lanes]
+        if not job.only_find:
+            run(Batch(workspace, points, record), job)
+            close_records(record, is_set(job.interrupt))
+        if job.found.size > 0:
+            find(points, record, job.scheme.grid, memory, job.found[lo : lo + lanes])
         lo = lanes * claim(job.claimed)
 
 
 @jit
 def take_exact(job):
     """Do the work of one thread with the rule ``exact``."""
-    take_batches(job, run_exact, EXACT_COLUMNS)
+    take_batches(job, run_exact, find_with_exact_impacts, EXACT_COLUMNS)
 
 
 @jit
 def take_plain(job):
     """Do the work of one thread with the rule ``plain``."""
-    take_batches(job, run_plain, 0)
+    take_batches(job, run_plain, find_repetitions, 0)
 
 
 @jit
 def take_shortened(job):
     """Do the work of one thread with the rules ``reduced-step`` and ``cubic``."""
-    take_batches(job, run_shortened, REDUCED_STEP_COLUMNS)
+    take_batches(job, run_shortened, find_repetitions, REDUCED_STEP_COLUMNS)
 
 
 def run_batches(threads: int, job: KernelJob) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import jit, select, widest_vectors
+from vibroimpact.jit import inlined, jit, select, widest_vectors
 from vibroimpact.kernel.record import list_impact, record_step
 from vibroimpact.kernel.reduced_step_impacts import (
     C_0,
@@ -46,11 +46,11 @@ from vibroimpact.kernel.workspace import (
     RESTITUTION,
     ROW,
     SPEEDS,
-    VECTOR,
     VELOCITY,
     list_lanes,
     set_rest,
     sleeps_until,
+    whole_vectors,
 )
 from vibroimpact.step.integrators import affine_map, apply_map
 from vibroimpact.step.scheme import COS, REDUCED_STEP, SIN, THETA
@@ -60,17 +60,17 @@ from vibroimpact.step.stepper import take_step
 STRIDE = 4
 
 
-@jit(inline=True)
+@inlined
 def set_maps(lanes, points, integrator, grid):
     """Give every lane its affine map of one step of `grid`."""
     for i in range(LANES):
         pt = points[min(i, points.size - 1)]
-        rows = affine_map(integrator, grid.step / pt.omega, pt)
+        rows = affine_map(integrator, grid.phase_step / pt.omega, pt)
         for k in range(8):
             lanes[MAP + k * ROW + i] = rows[k]
 
 
-@jit(refcounts=False)
+@jit
 def map_of(lanes, i):
     """Return the two rows of the affine map of lane `i`."""
     m = MAP + i
@@ -80,7 +80,7 @@ def map_of(lanes, i):
     )
 
 
-@jit(refcounts=False)
+@jit
 def step_lane(lanes, i, x, v, s, c):
     """Take lane `i` from (x, v) over a step; return the state, and whether x is below its LEVEL."""
     to_x, to_v = map_of(lanes, i)
@@ -88,9 +88,9 @@ def step_lane(lanes, i, x, v, s, c):
     return x_T, v_T, x_T < lanes[LEVEL + i]  # False for a NaN
 
 
-@jit(inline=True)
+@inlined
 def _step_span(lanes, size, table, n, span):
-    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+    for i in range(whole_vectors(size)):
         x, v, safe = lanes[POSITION + i], lanes[VELOCITY + i], True
         for q in range(span):
             x, v, below = step_lane(lanes, i, x, v, table[SIN, n + q], table[COS, n + q])
@@ -100,7 +100,7 @@ def _step_span(lanes, size, table, n, span):
         lanes[GUARD + i] = select(safe, -1.0, 1.0)
 
 
-@jit(refcounts=False)
+@jit
 def step_lanes(lanes, size, table, n, span):
     """Take the first lanes over a stride from step `n`, or over a single step.
 
@@ -113,7 +113,7 @@ def step_lanes(lanes, size, table, n, span):
         _step_span(lanes, size, table, n, 1)
 
 
-@jit(refcounts=False)
+@jit
 def plain_step(lanes, i, x, v, table, n, place, recording):
     """Take lane `i` from (x, v) over step `n` with the rule (2)-(5): selects instead of branches.
 
@@ -132,9 +132,9 @@ def plain_step(lanes, i, x, v, table, n, place, recording):
     return lanes[CLEARANCE + i] if impact else x_T, -lanes[RESTITUTION + i] * v_T if impact else v_T
 
 
-@jit(inline=True)
+@inlined
 def _plain_span(lanes, size, table, n, span, recording):
-    for i in range((size + VECTOR - 1) // VECTOR * VECTOR):
+    for i in range(whole_vectors(size)):
         x, v = lanes[POSITION + i], lanes[VELOCITY + i]
         if recording:
             lanes[GUARD + i] = -1.0
@@ -146,7 +146,7 @@ def _plain_span(lanes, size, table, n, span, recording):
         lanes[POSITION + i], lanes[VELOCITY + i] = x, v
 
 
-@jit(refcounts=False)
+@jit
 def plain_lanes(lanes, size, table, n, span, recording):
     """Take the first lanes over a stride from step `n`, or a single step, with the rule ``plain``.
 
@@ -161,7 +161,7 @@ def plain_lanes(lanes, size, table, n, span, recording):
         _plain_span(lanes, size, table, n, STRIDE, False)
 
 
-@jit(refcounts=False)
+@jit
 def list_plain_impacts(batch, listed, grid, n, span):
     """Record the impacts of the listed lanes in a stride from step `n`."""
     lanes, record = batch.workspace.lanes, batch.record
@@ -170,11 +170,11 @@ def list_plain_impacts(batch, listed, grid, n, span):
         for q in range(span):
             speed = lanes[SPEEDS + q * ROW + i]
             if speed < math.inf:
-                phase = grid.table[THETA, n + q] + grid.step
+                phase = grid.table[THETA, n + q] + grid.phase_step
                 list_impact(record.impacts[i], record.sums[i], phase, speed)
 
 
-@jit(refcounts=False)
+@jit
 def sum_up_plain(batch):
     """Record the greatest penetrations."""
     workspace, points, record = batch
@@ -183,7 +183,7 @@ def sum_up_plain(batch):
         record.sums[i].max_penetration = lanes[GREATEST + i] - lanes[CLEARANCE + i]
 
 
-@jit(refcounts=False)
+@jit
 def gather(batch, lo, count, table, n):
     """Fill the columns: take each lane from step `n` to the step that may take it to its stop."""
     workspace, points, _ = batch
@@ -204,8 +204,8 @@ def gather(batch, lo, count, table, n):
         columns[OF_F + j], columns[OF_P + j], columns[OF_CLEARANCE + j] = pt.f, pt.p, pt.clearance
 
 
-@jit(refcounts=False)
-def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording):
+@jit
+def correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, recording):
     """Take `count` listed lanes, from index `lo` on, over the stride from step `n`.
 
     A lane for which a single impact is not certain is not moved; it is listed again, after the
@@ -214,7 +214,7 @@ def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
     workspace, points, record = batch
     lanes, met, c, table = workspace.lanes, workspace.met, workspace.columns, grid.table
     gather(batch, lo, count, table, n)
-    shorten_steps(c, count, grid.step)
+    shorten_steps(c, count, grid.phase_step)
     take_remainders(c, count, integrator)
     for j in range(count):
         i = met[lo + j]
@@ -235,34 +235,34 @@ def correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
     return left
 
 
-@jit(refcounts=False)
-def resolve_scalar(batch, i, method, grid, n, span, recording):
+@jit
+def resolve_stepped_lane(batch, i, method, grid, n, span, recording):
     """Take lane `i` over `span` steps from step `n` with every impact in them."""
     workspace, points, record = batch
     lanes, scratch = workspace.lanes, workspace.scratch
-    pt, sums, table, step = points[i], record.sums[i], grid.table, grid.step
+    pt, sums, table, phase_step = points[i], record.sums[i], grid.table, grid.phase_step
     rows = map_of(lanes, i)
     state = lanes[POSITION + i], lanes[VELOCITY + i], lanes[LEVEL + i] == AT_REST
     for k in range(n, n + span):
         theta = table[THETA, k]
-        if sleeps_until(lanes, i, theta + step):
+        if sleeps_until(lanes, i, theta + phase_step):
             if recording:
-                sums.rested += step / pt.omega
+                sums.rested += phase_step / pt.omega
             continue
         phase = theta, table[SIN, k], table[COS, k]
         x, v, resting, n_events, rested, status = take_step(
-            method, rows, state, phase, step, pt, scratch
+            method, rows, state, phase, phase_step, pt, scratch
         )
         state = x, v, resting
-        set_rest(lanes, i, resting, theta + step, pt)
+        set_rest(lanes, i, resting, theta + phase_step, pt)
         sums.status = max(sums.status, status)
         if recording and (n_events > 0 or rested > 0.0):
             record_step(scratch.events, n_events, x, rested, theta, pt, i, record)
     lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
 
 
-@jit(inline=True)
-def take_steps(batch, method, plain, grid, recording):
+@inlined
+def take_strides(batch, method, plain, grid, recording):
     """Take a batch over the steps of `grid` stride by stride, and singly over those left over.
 
     `plain` says whether the rule is ``plain``. It is a literal, so only that loop is compiled.
@@ -285,7 +285,7 @@ def take_steps(batch, method, plain, grid, recording):
             left = 0
             for lo in range(0, listed, COLUMNS):
                 count = min(COLUMNS, listed - lo)
-                left = correct_side_by_side(batch, lo, count, left, integrator, grid, n, recording)
+                left = correct_stepped_lanes(batch, lo, count, left, integrator, grid, n, recording)
             listed = left
         for j in range(listed):
-            resolve_scalar(batch, met[j], method, grid, n, span, recording)
+            resolve_stepped_lane(batch, met[j], method, grid, n, span, recording)

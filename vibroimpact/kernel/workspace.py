@@ -13,11 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import jit, lowest_bit, not_negative
+from vibroimpact.jit import inlined, jit, lowest_bit, not_negative
 from vibroimpact.kernel.record import Record
-from vibroimpact.step.contact import Scratch, new_scratch, start, time_to_release
-from vibroimpact.step.scheme import PLAIN
-from vibroimpact.step.stepper import to_state
+from vibroimpact.step.contact import Scratch, time_to_release
 
 #: Most points in a batch, a power of 2; and impacts corrected at a time.
 LANES, COLUMNS = 128, 64
@@ -33,8 +31,8 @@ COEFFICIENTS_SIZE = 8
 # Where the rows of the lanes begin; row + i belongs to lane i. All rows lie in one flat array,
 # because the compiler then knows the distances between them.
 (
-    # The state, (x, v) or with exact impacts (y, w), and the tangent vectors. Each number has two
-    # rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
+    # The state (x, v), which is (y, w) with exact impacts, and the tangent vectors. Each number has
+    # two rows: one for the start of even steps, one for odd steps. Time stepping uses the first.
     POSITION, VELOCITY, TANGENTS,
     # GUARD is not negative if the lane may have met its stop, or is at rest. LEVEL is the stop that
     # time stepping watches, or AT_REST. WAKE is the phase before which a resting lane is not
@@ -50,7 +48,10 @@ COEFFICIENTS_SIZE = 8
 ) = accumulate(  # of the number of rows of each
     (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 1, 8, 1, 1, 4)))
 )  # fmt: skip
-_SIZE = COEFFICIENTS + COEFFICIENTS_SIZE * LANES
+#: The rows of the state with exact impacts, in the units of ``propagator.py``.
+Y, W = POSITION, VELOCITY
+#: Numbers in the rows of the lanes together.
+LANES_SIZE = COEFFICIENTS + COEFFICIENTS_SIZE * LANES
 
 #: The LEVEL of a lane at rest: below every displacement, so time stepping lists the lane each time.
 #: The WAKE of a lane that is not at rest.
@@ -76,72 +77,41 @@ class Batch(NamedTuple):
     record: Record
 
 
-@jit
-def aligned(size):
-    """Return an array of `size` zeros that begins at a cache line.
+@inlined
+def whole_vectors(size):
+    """Return the number of lanes of whole vectors that hold `size` lanes.
 
-    A vector of 512 bits across two lines would be read twice. The memory is set to zero because
-    lanes without a point are computed, too: left-over bits may be subnormal numbers, with which a
-    processor takes ten times as long.
+    Without the bounds, the LLVM of numba 0.61 does not vectorise a loop over them.
     """
-    memory = np.zeros(size + 7)
-    skipped = -(memory.ctypes.data // 8) % 8
-    return memory[skipped : skipped + size]
+    return min(LANES, (size + VECTOR - 1) & -VECTOR)
 
 
-@jit
-def new_workspace(columns):
-    """Return the workspace of a thread; `columns` is the number of values in its columns."""
-    met = np.zeros(LANES, np.int64)
-    added = aligned(2 * KEPT * ROW).reshape((KEPT, 2, ROW))
-    return Workspace(aligned(_SIZE), met, aligned(columns), added, new_scratch())
-
-
-@jit(inline=True)
+@inlined
 def pair_in(rows, a, distance):
     """Return the two tangent vectors whose numbers begin at `a`, `distance` apart."""
     return rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance]
 
 
-@jit(inline=True)
+@inlined
 def put_pair(rows, a, distance, pair):
     """Set two tangent vectors; arguments as for ``pair_in``."""
     rows[a], rows[a + distance], rows[a + 2 * distance], rows[a + 3 * distance] = pair
 
 
-@jit(refcounts=False)
-def set_start(lanes, points, rule, s):
-    """Put every lane at its start, where the phase has the sine `s`."""
-    for i in range(LANES):
-        pt = points[min(i, points.size - 1)]  # a short batch repeats its last point
-        x, v, resting = start(pt, s)
-        lanes[POSITION + i], lanes[VELOCITY + i], _ = to_state(rule, x, v, resting, pt)
-        lanes[LEVEL + i] = AT_REST if resting and rule != PLAIN else pt.clearance
-        lanes[CLEARANCE + i], lanes[OMEGA + i], lanes[RESTITUTION + i] = (
-            pt.clearance,
-            pt.omega,
-            pt.R,
-        )
-        lanes[WAKE + i], lanes[SLEPT + i], lanes[GREATEST + i] = AWAKE, 0.0, pt.clearance
-        # Zeros in lanes without a point: numbers that become subnormal would slow all lanes down.
-        one = 1.0 if i < points.size else 0.0
-        put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one / pt.omega))
-
-
-@jit(inline=True)
+@inlined
 def set_rest(lanes, i, resting, theta, pt):
     """Note whether lane `i` is at rest at the phase `theta`, and until when."""
     lanes[LEVEL + i] = AT_REST if resting else pt.clearance
     lanes[WAKE + i] = theta + pt.omega * time_to_release(theta, pt) if resting else AWAKE
 
 
-@jit(inline=True)
+@inlined
 def sleeps_until(lanes, i, theta):
     """Whether lane `i` rests until the phase `theta` at least."""
     return theta < lanes[WAKE + i] - 1e-9
 
 
-@jit(refcounts=False)
+@jit
 def list_lanes(lanes, met, size):
     """List those of the first `size` lanes whose GUARD is not negative; return their number."""
     listed = 0

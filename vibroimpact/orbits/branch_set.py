@@ -38,11 +38,9 @@ class BranchSet:
     parameter: str
     low: float
     high: float
-    most_branches: int = 100
-    most_periods: int = 64  # longest orbits that are followed
-    classes: Collection[
-        tuple[int, int]
-    ] = ()  # m and q of the orbits that are followed; if empty, all
+    most_branches: int = 100  # of the chosen classes, and as many of all others
+    most_periods: int = 64  # longest orbits that are followed, unless their class is chosen
+    classes: Collection[tuple[int, int]] = ()  # m and q of the chosen orbits; if empty, all
     check: Callable[[], object] = lambda: None  # is called before each branch; may raise
     branches: list[Branch] = field(default_factory=list)
     given_up: Counter[str] = field(default_factory=Counter)  # what, in words, and how often
@@ -51,10 +49,19 @@ class BranchSet:
     def add(self, orbit: PeriodicOrbit) -> bool:
         """Add the branch of an orbit; return False if there was no room for it."""
         if not self.holds(orbit):
-            if len(self.branches) >= self.most_branches:
+            if not self._has_room(orbit.m, orbit.q):
                 return False
             self._follow("", orbit, 0)
         return True
+
+    def is_chosen(self, m: int, q: int) -> bool:
+        """Whether a class is chosen; others are followed as chosen ones may begin there."""
+        return not self.classes or (m, q) in self.classes
+
+    def _has_room(self, m: int, q: int) -> bool:
+        chosen = self.is_chosen(m, q)
+        count = sum(self.is_chosen(grown.m, grown.q) == chosen for grown in self.branches)
+        return count < self.most_branches
 
     def grow(self) -> None:
         """Add all branches that the branches lead to, shorter orbits first."""
@@ -62,10 +69,11 @@ class BranchSet:
             *_, depth, kind, start = heapq.heappop(self._queue)
             if self._has(start, kind):
                 continue
-            if len(self.branches) < self.most_branches:
+            m, q = _class_from(start, kind)
+            if self._has_room(m, q):
                 self._follow(kind, start, depth)
             else:
-                self.given_up[f"branches beyond the first {self.most_branches}"] += 1
+                self._give_up(f"branches beyond the first {self.most_branches}", m, q)
 
     def _follow(self, kind: str, start: PeriodicOrbit, depth: int) -> None:
         """Add the branch that begins at an orbit, and queue the orbits where others begin."""
@@ -73,22 +81,23 @@ class BranchSet:
         try:
             grown = _FOLLOW[kind](start, self.parameter, self.low, self.high)
         except OrbitError as error:
-            self.given_up[str(error)] += 1
+            self._give_up(str(error), *_class_from(start, kind))
             return
         self.branches.append(grown)
         depth = 0 if grown.stable.any() else depth + 1
         for number, (kind_, onward) in enumerate(_onward(grown)):
-            turns = 2 if kind_ == "flip" else 1
-            m, q = turns * onward.m, turns * onward.q
-            if self.classes and (m, q) not in self.classes:
-                continue
-            if m > self.most_periods:
-                self.given_up[f"orbits of more than {self.most_periods} periods"] += 1
+            m, q = _class_from(onward, kind_)
+            if m > self.most_periods and (m, q) not in self.classes:
+                self._give_up(f"orbits of more than {self.most_periods} periods", m, q)
             elif depth > 1:
-                self.given_up["branches between unstable ones"] += 1
+                self._give_up("branches between unstable ones", m, q)
             else:
                 order = m, onward.q, len(self.branches), number
                 heapq.heappush(self._queue, (*order, depth, kind_, onward))
+
+    def _give_up(self, what: str, m: int, q: int) -> None:
+        if self.is_chosen(m, q):
+            self.given_up[what] += 1
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Whether an orbit is on one of the branches."""
@@ -101,17 +110,24 @@ class BranchSet:
 
     def _has(self, orbit: PeriodicOrbit, kind: str) -> bool:
         """Whether a branch of the class that would begin at an orbit already has a point there."""
-        turns = 2 if kind == "flip" else 1
-        speeds, near = np.tile(orbit.speeds, turns), _VALUE_TOLERANCE * (self.high - self.low)
+        m, q = _class_from(orbit, kind)
+        speeds = np.tile(orbit.speeds, m // orbit.m)
+        near = _VALUE_TOLERANCE * (self.high - self.low)
         value = float(getattr(orbit.oscillator, self.parameter))
         return any(
             _alike(speeds, there)
-            for grown in self._of_class(turns * orbit.m, turns * orbit.q)
+            for grown in self._of_class(m, q)
             for there in grown.speeds[np.abs(grown.values - value) < near]
         )
 
     def _of_class(self, m: int, q: int) -> Iterator[Branch]:
         return (grown for grown in self.branches if (grown.m, grown.q) == (m, q))
+
+
+def _class_from(orbit: PeriodicOrbit, kind: str) -> tuple[int, int]:
+    """Return m and q of the branch that begins at an orbit, by a key of ``_FOLLOW``."""
+    turns = 2 if kind == "flip" else 1
+    return turns * orbit.m, turns * orbit.q
 
 
 def _onward(grown: Branch) -> Iterator[tuple[str, PeriodicOrbit]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -40,16 +41,17 @@ class SpecialPoint(NamedTuple):
     ----------
     kind : str
         On a branch ``flip`` or ``fold``. On a curve of folds ``cusp``; on a curve of grazes
-        ``flip`` and ``fold``, where curves of these kinds meet it. The ends are ``graze``: an
-        impact has speed zero (on a curve another impact, to 1e-5 of the unit of speed), or a flight
-        touches the stop; ``penetration``: a flight crosses the stop, and no touch is found;
-        ``rest``: the mass cannot leave the stop; ``edge`` of a range; and ``lost``: Newton's method
-        fails or the path is too long.
+        ``flip`` and ``fold``, where curves of these kinds meet it. The end of a curve of folds is a
+        ``flip`` where the orbit of half the period has a degenerate one. The other ends are
+        ``graze``: an impact has speed zero (on a curve another impact, to 1e-5 of the unit of
+        speed), or a flight touches the stop; ``penetration``: a flight crosses the stop, and no
+        touch is found; ``rest``: the mass cannot leave the stop; ``edge`` of a range; and ``lost``:
+        Newton's method fails or the path is too long.
     value : float, or ndarray of shape (2,)
         Value of the parameter, or of the two parameters of a curve.
     orbit : PeriodicOrbit
-        At the graze of a branch it has the impact of speed zero. At the flip in which a branch
-        ends it is the orbit of half the period.
+        At the graze of a branch it has the impact of speed zero. At the flip in which a branch or
+        a curve of folds ends it is the orbit of half the period.
     """
 
     kind: str
@@ -79,6 +81,14 @@ class Branch:
         In the order of the branch.
     oscillator : Oscillator
         The oscillator that gives the other parameters.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator, one_impact_orbit
+    >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
+    >>> found = branch(orbit, "omega", 2.3, 3.2)
+    >>> found.m, found.q, found.stable[[0, -1]]
+    (1, 1, array([ True, False]))
     """
 
     kind: str
@@ -93,19 +103,37 @@ class Branch:
     oscillator: Oscillator
 
     def oscillator_at(self, value: Any) -> Oscillator:
-        """Return the oscillator at a value of the parameter, or at two values of a curve."""
+        """Return the oscillator at a value of the parameter, or at two values of a curve.
+
+        >>> from vibroimpact import Oscillator, one_impact_orbit
+        >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
+        >>> branch(orbit, "omega", 2.3, 3.2).oscillator_at(2.5).omega
+        2.5
+        """
         values = np.atleast_1d(value).tolist()
         return replace(self.oscillator, **dict(zip(self.parameters, values, strict=True)))
 
     def orbit(self, i: int) -> PeriodicOrbit:
-        """Return the orbit at a point of the branch."""
+        """Return the orbit at a point of the branch.
+
+        >>> from vibroimpact import Oscillator, one_impact_orbit
+        >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
+        >>> branch(orbit, "omega", 2.3, 3.2).orbit(-1).oscillator.omega
+        3.2
+        """
         osc = self.oscillator_at(self.values[i])
         if self.q == 0:
             return free_orbit(osc)
         return orbit_of(osc, self.m, self.phases[i], self.speeds[i])
 
     def at(self, value: float) -> list[PeriodicOrbit]:
-        """Return the orbits of a branch at a value of its parameter, in the order of the branch."""
+        """Return the orbits of a branch at a value of its parameter, in the order of the branch.
+
+        >>> from vibroimpact import Oscillator, one_impact_orbit
+        >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
+        >>> [there.speeds.round(6) for there in branch(orbit, "omega", 2.3, 3.2).at(2.6)]
+        [array([0.492335])]
+        """
         osc, orbits_there = self.oscillator_at(value), []
         away = self.values - value
         crossed = (away[:-1] * away[1:] < 0.0) | (away[:-1] == 0.0)
@@ -128,8 +156,8 @@ class Branch:
 def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Branch:
     """Follow a periodic orbit along a parameter, through its folds, in both directions.
 
-    A direction ends ``lost`` after ``MOST_POINTS`` points, or after ``MOST_WORK`` time steps of all
-    its orbits together.
+    A direction ends ``lost`` after 2,000 points, or after 16,777,216 time steps of all its orbits
+    together.
 
     Parameters
     ----------
@@ -150,6 +178,13 @@ def branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float) -> Bra
         If a repetition of the orbit is too long to be solved for, as in `periodic_orbit`.
     TypeError, ValueError
         If an argument has the wrong type, the range is not valid, or the orbit is outside it.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator, one_impact_orbit
+    >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.4, f=1.0))
+    >>> [(point.kind, round(point.value, 6)) for point in branch(orbit, "omega", 2.3, 3.2).special]
+    [('edge', 2.3), ('flip', 2.663945), ('edge', 3.2)]
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)
@@ -233,14 +268,17 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
     for step in continue_branch(family, start):
         if step.length > 0.0:
             half = halving(step)
-            if half is not None:
-                points.append((half[0], False))
-                note("flip", half[1])
-                break
-            for kind, X in special_points(step):
+            located = list(special_points(step, None if half is None else half[0]))
+            for kind, X in located:
                 if not family.kind:  # the branch may change its stability there
                     points.append((X, False))
                 note(kind, family.orbit(X))
+            if half is not None:
+                if located:  # the stability from the last of them to the end
+                    points += _middle(family, points[-1][0], half[0])
+                points.append((half[0], False))
+                note("flip", half[1])
+                break
             points.append((step.end.X, family.stable(step.end)))
         if step.closed:
             return Path(points, special, closed=True)
@@ -249,6 +287,13 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
             points[-1] = X, kind == "edge" and family.stable(family.point(X, tangent))
             note(kind, orbit)
     return Path(points, special, closed=False)
+
+
+def _middle(family: OrbitFamily, X: np.ndarray, Y: np.ndarray) -> Iterator[tuple[np.ndarray, bool]]:
+    """Yield the point between two points of a branch, with its stability, if it is found."""
+    middle = family.corrected(0.5 * (X + Y), (Y - X)[None, :])
+    if middle is not None:
+        yield middle, family.stable(family.point(middle, Y - X))
 
 
 def _as_branch(family: OrbitFamily, path: Path) -> Branch:

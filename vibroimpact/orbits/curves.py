@@ -33,6 +33,9 @@ def bifurcation_curve(
 ) -> Branch:
     """Follow a bifurcation of an orbit in two parameters, as far as `branch` follows an orbit.
 
+    A curve of folds also ends where the two halves of its orbit become equal: the orbit of half the
+    period has a degenerate flip there, at which its flips change from supercritical to subcritical.
+
     Parameters
     ----------
     orbit : PeriodicOrbit
@@ -54,6 +57,15 @@ def bifurcation_curve(
         of the orbit is too long to be solved for, as in `periodic_orbit`.
     TypeError, ValueError
         If an argument is not valid.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator, one_impact_orbit
+    >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.66, f=1.0))
+    >>> curve = bifurcation_curve(orbit, "flip", ("omega", 2.2, 3.2), ("R", 0.6, 0.95))
+    >>> curve.values[[0, -1]].round(6)  # omega and R at both ends
+    array([[2.654507, 0.95    ],
+           [2.68076 , 0.6     ]])
     """
     refuse_other("orbit", orbit, PeriodicOrbit)
     refuse_long(orbit.oscillator, orbit.m, orbit.q)

@@ -59,7 +59,7 @@ HEADING = 1e-5
 
 
 @jit
-def _unlike(X, m, q):
+def halves_apart(X, m, q):
     """Return the mean square difference of the two halves of an orbit; 1 if it has no halves.
 
     NaN if they are equal to rounding.
@@ -87,7 +87,7 @@ def _fill(system, X, bounds, values):
         if system.condition == NONE:
             # Where an orbit becomes one of half its period, the double root of the fold is
             # divided out.
-            first, second = c0 - c1 + c2, (c0 + c1 + c2) / _unlike(X, system.m, q)
+            first, second = c0 - c1 + c2, (c0 + c1 + c2) / halves_apart(X, system.m, q)
         else:  # c1 and its rounding decay with the flow over the m periods; undo this
             p = parameters_at(system, X)
             T = 2.0 * math.pi * system.m / p[2]

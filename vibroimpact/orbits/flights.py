@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import jit
+from vibroimpact.jit import inlined, jit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
@@ -55,7 +55,7 @@ class TimeSteps(NamedTuple):
 
     n: int
     T: float
-    step: float
+    phase_step: float
     eq: Coefficients
 
 
@@ -89,7 +89,7 @@ def _divide(tau, pt, least):
 def _advance(flight, phase, y, u, pt, c):
     """Expand a flight over the step from a phase; return x - clearance and x' at its end."""
     sine, cosine = sin_cos(phase)
-    expand(flight.eq, y, u / pt.omega, sine, cosine, flight.step, c)
+    expand(flight.eq, y, u / pt.omega, sine, cosine, flight.phase_step, c)
     y, slope = value_and_slope(c, 0, 1.0)
     return y, slope / flight.T
 
@@ -98,7 +98,7 @@ def _advance(flight, phase, y, u, pt, c):
 def _land(flight, theta, v, pt, coefficients, M):
     """Follow a flight from an impact; return x - clearance and x' at its end, and set M."""
     y, u, eq = 0.0, -pt.R * v, flight.eq
-    of_y, vv = impulse(eq.of_w, eq.of_y, flight.step)
+    of_y, vv = impulse(eq.of_w, eq.of_y, flight.phase_step)
     xx, xv, vx = vv - eq.of_w * of_y, of_y / pt.omega, eq.of_y * of_y * pt.omega
     M[0, 0], M[0, 1], M[1, 0], M[1, 1] = 1.0, 0.0, 0.0, 1.0
     for k in range(flight.n):
@@ -108,7 +108,7 @@ def _land(flight, theta, v, pt, coefficients, M):
     return y, u
 
 
-@jit(inline=True)
+@inlined
 def phase_of_landing(m, X, q, i):
     """Return the phase at the end of flight i."""
     return X[0] + 2.0 * math.pi * m if i + 1 == q else X[2 * i + 2]
@@ -242,27 +242,6 @@ def first_penetration(values, m, speed, X, q):
                 length = phase_of_landing(m, X, q, i) - X[2 * i]
                 return i, X[2 * i] + length * (k + crossing) / n, highest
     return -1, 0.0, highest
-
-
-@jit
-def highest_turn(values, theta, v, tau):
-    """Return the greatest local maximum of x - clearance in a flight of length tau; -inf if none.
-
-    The flight begins with the impact at phase `theta` with the speed `v` before it.
-    """
-    pt = parameters(values)
-    flight, c = _divide(tau, pt, 1), np.empty(TERMS)
-    y, u, highest = 0.0, -pt.R * v, -math.inf
-    for k in range(flight.n):
-        y, u = _advance(flight, theta + pt.omega * flight.T * k, y, u, pt, c)
-        depth = 0.0
-        for j in range(TERMS):
-            depth += abs(c[j])
-        # This far below the stop no root is found, so the search sees every turning point.
-        c[0] -= 2.0 * depth
-        _, turn = first_crossing(c, 0, 1.0)
-        highest = max(highest, turn + 2.0 * depth)
-    return highest
 
 
 @jit

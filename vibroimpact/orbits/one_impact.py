@@ -36,75 +36,22 @@ is no fold.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
-from vibroimpact.orbits.flights import highest_turn, values_of
-from vibroimpact.orbits.orbit import determinant, dynamic_stiffness, multipliers_of
+from vibroimpact.orbits.flights import MOST_ORBIT_STEPS
+from vibroimpact.orbits.orbit import PeriodicOrbit, dynamic_stiffness
+from vibroimpact.orbits.periodic import OrbitError, refuse_long
 from vibroimpact.oscillator import Oscillator, checked_integer, refuse_other
-from vibroimpact.step.contact import pressing
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 
 _EPS = float(np.finfo(float).eps)
-#: Most forcing periods between two impacts; more are refused.
-MOST_FLIGHT_PERIODS = 100_000
-# Longest flight, in radians of all its rates together. A longer one would take seconds to search
-# for a touch.
-_LONGEST_FLIGHT = 2e6
-
-
-@dataclass(frozen=True)
-class OneImpactOrbit:
-    """A periodic orbit with one impact in `n` forcing periods; all NaN if there is none.
-
-    Attributes
-    ----------
-    n : int
-        Forcing periods per impact.
-    v : float
-        Speed before the impact [length/time].
-    phase : float
-        omega t of the impact, in [0, 2 pi).
-    trace, determinant : float
-        Of the monodromy matrix.
-    peak : float
-        Largest local maximum of x - clearance strictly between the impacts [length]; -inf if there
-        is none. Zero is a graze.
-    """
-
-    n: int
-    v: float = math.nan
-    phase: float = math.nan
-    trace: float = math.nan
-    determinant: float = math.nan
-    peak: float = math.nan
-
-    @property
-    def multipliers(self) -> np.ndarray:
-        """Both Floquet multipliers, complex, the larger first."""
-        return multipliers_of(self.trace, self.determinant)
-
-    @property
-    def exists(self) -> bool:
-        """Whether x < clearance strictly between the impacts."""
-        return self.peak < 0.0
-
-    @property
-    def stable(self) -> bool:
-        """Whether the orbit exists and both multipliers are inside the unit circle."""
-        return self.exists and bool(np.all(np.abs(self.multipliers) < 1.0))
-
-
-def _radians(osc: Oscillator, n: int) -> float:
-    """Return the length of the flight in radians, (2h + p + omega) t."""
-    return (2.0 * osc.h + osc.p + osc.omega) * n * osc.forcing_period
 
 
 def _rounding(osc: Oscillator, n: int) -> float:
     """Return the relative error of the flow over the flight."""
-    return 4.0 * _EPS * (4.0 + _radians(osc, n))
+    return 4.0 * _EPS * (4.0 + (2.0 * osc.h + osc.p + osc.omega) * n * osc.forcing_period)
 
 
 def _flow(osc: Oscillator, n: int) -> tuple[list[float], float]:
@@ -149,19 +96,18 @@ def _one_minus_xx(xx: float, xv: float, osc: Oscillator, T: float) -> float:
     return below_1 / (1.0 + root) - osc.h * xv
 
 
-def _solve(osc: Oscillator, n: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return the map of the flight, and each (v, sin, cos) where the line cuts the cylinder."""
+def _solve(osc: Oscillator, n: int) -> list[np.ndarray]:
+    """Return each (v, sin, cos) where the line cuts the cylinder, the smaller v first."""
     T = n * osc.forcing_period
-    (xx, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = _flow(osc, n)
+    (_, xv, xs, xc, vx, vv, vs, vc), one_minus_xx = _flow(osc, n)
     R, sigma = osc.R, osc.clearance
     first, second = np.array([-R * xv, xs, xc]), np.array([-1.0 - R * vv, vs, vc])
     line = np.cross(first, second)
     # Size of the terms in the last two components of the line, before they cancel.
     terms = (1.0 + R) * math.hypot(xs, xc) + R * min(T, 1.0 / osc.p) * math.hypot(vs, vc)
     across = math.hypot(line[1], line[2])
-    flow = np.array([[xx, xv], [vx, vv]])
     if not across > _rounding(osc, n) * terms:  # the line is parallel to the cylinder
-        return flow, []
+        return []
     reach = line / across
     radial = np.array([0.0, reach[1], reach[2]])
     # Cramer's rule for the point of the line nearest to the axis of the cylinder.
@@ -169,12 +115,12 @@ def _solve(osc: Oscillator, n: int) -> tuple[np.ndarray, list[np.ndarray]]:
     middle /= across
     discriminant = 1.0 - middle[1] ** 2 - middle[2] ** 2
     if not discriminant >= 0.0:
-        return flow, []
+        return []
     root = math.sqrt(discriminant)
-    return flow, [middle + sign * reach for sign in ((-root, root) if root else (root,))]
+    return [middle + sign * reach for sign in ((-root, root) if root else (root,))]
 
 
-def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]:
+def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[PeriodicOrbit, ...]:
     """Return all orbits with one impact in `n` forcing periods, the slower first.
 
     All solutions of the impact conditions with v > 0 are returned, even if their flight passes the
@@ -189,58 +135,52 @@ def one_impact_orbits(osc: Oscillator, n: int = 1) -> tuple[OneImpactOrbit, ...]
 
     Returns
     -------
-    tuple of OneImpactOrbit
-        Zero to two orbits; at most one at clearance 0.
+    tuple of PeriodicOrbit
+        Zero to two orbits with m = n and q = 1; at most one at clearance 0.
 
     Raises
     ------
+    OrbitError
+        If the flight is too long to be solved for, as in `periodic_orbit`.
     TypeError
         If `osc` is not an Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``; if the flight is too long,
-        because omega is far below h or p; or if its numbers overflow or underflow.
+        If `n` is not an integer from 1 to 32,768, or if the numbers overflow or underflow.
 
     Notes
     -----
     For clearance 0 and h = 0 the speed is given, with k = pi n p / omega, by
     v^2 {[(1 + R) cot(k) / (2 p)]^2 + [(1 - R) / (2 omega)]^2} = f^2 / (p^2 - omega^2)^2.
+
+    Examples
+    --------
+    >>> orbits = one_impact_orbits(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0))
+    >>> [(orbit.speeds.round(6).tolist(), orbit.exists) for orbit in orbits]
+    [([1.09758], True)]
     """
     refuse_other("osc", osc, Oscillator)
-    n = checked_integer("n", n, 1, MOST_FLIGHT_PERIODS)
-    if not _radians(osc, n) <= _LONGEST_FLIGHT:
-        raise ValueError(
-            f"the flight between two impacts would be searched over more than "
-            f"{_LONGEST_FLIGHT:g} radians of (2h + p + omega) t; omega is too small against h and p"
-        )
+    n = checked_integer("n", n, 1, MOST_ORBIT_STEPS)
+    refuse_long(osc, n, 1)
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            flow, solutions = _solve(osc, n)
+            solutions = _solve(osc, n)
     except ArithmeticError:
         raise ValueError(f"the numbers of the orbit are too large or too small: {osc}") from None
     slowest = _rounding(osc, n) * (osc.f / osc.omega + osc.p * abs(osc.clearance))
     return tuple(
-        _orbit(osc, n, flow, *solution.tolist()) for solution in solutions if solution[0] > slowest
+        PeriodicOrbit(osc, n, np.array([_wrapped(math.atan2(s, c))]), np.array([v]))
+        for v, s, c in solutions
+        if v > slowest
     )
 
 
-def _orbit(
-    osc: Oscillator, n: int, flow: np.ndarray, v: float, s: float, c: float
-) -> OneImpactOrbit:
-    """Return the orbit with this speed, sin theta and cos theta."""
-    phase = math.atan2(s, c) % (2.0 * math.pi)
-    phase = 0.0 if phase == 2.0 * math.pi else phase
-    kick = (1.0 + osc.R) * pressing(math.sin(phase), osc.at(osc.clearance)[0]) / v
-    return OneImpactOrbit(
-        n=n,
-        v=v,
-        phase=phase,
-        trace=float(kick * flow[0, 1] - osc.R * (flow[0, 0] + flow[1, 1])),
-        determinant=determinant(osc.h, osc.R, osc.omega, n, 1),
-        peak=highest_turn(values_of(osc), phase, v, n * osc.forcing_period),
-    )
+def _wrapped(phase: float) -> float:
+    """Return a phase in [0, 2 pi)."""
+    turn = 2.0 * math.pi
+    return phase % turn % turn  # the first remainder is 2 pi for a tiny negative phase
 
 
-def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
+def one_impact_orbit(osc: Oscillator, n: int = 1) -> PeriodicOrbit:
     """Return the orbit with one impact in `n` forcing periods; if there are two, the faster.
 
     The slower of two is a saddle and never stable; `one_impact_orbits` returns it, too.
@@ -253,16 +193,31 @@ def one_impact_orbit(osc: Oscillator, n: int = 1) -> OneImpactOrbit:
 
     Returns
     -------
-    OneImpactOrbit
-        If the impact conditions have no solution with v > 0, all its numbers are NaN, and `exists`
-        and `stable` are False.
+    PeriodicOrbit
+        With m = n and q = 1. If its flight passes the stop, `exists` and `stable` are False.
 
     Raises
     ------
+    OrbitError
+        If the impact conditions have no solution with v > 0, or if the flight is too long to be
+        solved for, as in `periodic_orbit`.
     TypeError
         If `osc` is not an Oscillator.
     ValueError
-        If `n` is not an integer from 1 to ``MOST_FLIGHT_PERIODS``; if the flight is too long,
-        because omega is far below h or p; or if its numbers overflow or underflow.
+        If `n` is not an integer from 1 to 32,768, or if the numbers overflow or underflow.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator, branch, one_impact_orbit
+    >>> orbit = one_impact_orbit(Oscillator(h=0.05, R=0.8, omega=2.6, f=1.0))
+    >>> print(f"{orbit.v:.6f} {orbit.exists} {orbit.stable}")
+    0.500672 True True
+    >>> [(point.kind, round(point.value, 6)) for point in branch(orbit, "omega", 2.4, 2.8).special]
+    [('edge', 2.4), ('flip', 2.658885), ('edge', 2.8)]
     """
-    return max(one_impact_orbits(osc, n), key=lambda o: o.v, default=OneImpactOrbit(int(n)))
+    found = one_impact_orbits(osc, n)
+    if not found:
+        raise OrbitError(
+            f"the impact conditions have no solution with one impact in {n} forcing periods"
+        )
+    return found[-1]

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from vibroimpact.orbits.corrector import characteristic
-from vibroimpact.orbits.flights import residuals, state_after, values_of
+from vibroimpact.orbits.flights import first_penetration, residuals, state_after, values_of
 from vibroimpact.oscillator import Oscillator
 
 
@@ -31,6 +31,13 @@ class PeriodicOrbit:
         omega t of the impacts, increasing, over less than 2 pi m; the first is in [0, 2 pi).
     speeds : ndarray, shape (q,)
         Speeds before the impacts [length/time], >= 0; zero where an impact grazes.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator, one_impact_orbit
+    >>> orbit = one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.7, f=1.0))
+    >>> orbit.m, orbit.q, orbit.speeds.round(6), orbit.stable
+    (1, 1, array([0.399905]), False)
     """
 
     oscillator: Oscillator
@@ -42,6 +49,30 @@ class PeriodicOrbit:
     def q(self) -> int:
         """Impacts per repetition; 0 for the free oscillation."""
         return len(self.phases)
+
+    @property
+    def v(self) -> float:
+        """Speed before the first impact [length/time]; NaN for the free oscillation."""
+        return float(self.speeds[0]) if self.q else math.nan
+
+    @property
+    def phase(self) -> float:
+        """omega t of the first impact; NaN for the free oscillation."""
+        return float(self.phases[0]) if self.q else math.nan
+
+    @cached_property
+    def exists(self) -> bool:
+        """Whether it is proved to stay below the stop between its impacts.
+
+        False for a solution of the impact conditions that passes the stop; only
+        `one_impact_orbits` returns such orbits.
+        """
+        o = self.oscillator
+        if self.q == 0:
+            return abs(steady_response(o)) < o.clearance
+        X, speed = scaled(self)
+        meets = first_penetration(values_of(o), self.m, speed, X, self.q)[0] >= 0
+        return not meets and float(self.speeds.min()) >= 0.0
 
     @cached_property
     def multipliers(self) -> np.ndarray:
@@ -64,13 +95,17 @@ class PeriodicOrbit:
 
     @property
     def stable(self) -> bool:
-        """Whether both multipliers are inside the unit circle."""
-        return bool(np.all(np.abs(self.multipliers) < 1.0))
+        """Whether the orbit exists and both multipliers are inside the unit circle."""
+        return bool(np.all(np.abs(self.multipliers) < 1.0)) and self.exists
 
     def sections(self, phase: float = 0.0) -> np.ndarray:
         """Return x and v at omega t = `phase` mod 2 pi, in time order, shape (m, 2).
 
         For an impact at `phase` itself this is the state after it.
+
+        >>> from vibroimpact import Oscillator, one_impact_orbit
+        >>> one_impact_orbit(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0)).sections().round(6)
+        array([[-0.553435,  1.296107]])
         """
         at = phase % (2.0 * math.pi) + 2.0 * math.pi * np.arange(self.m)
         return np.array([self._state(theta) for theta in at.tolist()])

@@ -52,7 +52,16 @@ _VIOLATIONS = {
 
 
 class OrbitError(ValueError):
-    """There is no periodic orbit where one was sought; the text gives the reason."""
+    """There is no periodic orbit where one was sought; the text gives the reason.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator
+    >>> try:
+    ...     periodic_orbit(Oscillator(h=0.1, R=0.3, omega=0.5, f=1.0), x=0.0, v=0.0)
+    ... except OrbitError as error:
+    ...     print(error)
+    """
 
 
 def periodic_orbit(
@@ -61,8 +70,8 @@ def periodic_orbit(
     """Find the periodic orbit of `m` forcing periods to which a section state leads.
 
     The motion is followed over `m` forcing periods; Newton's method starts from its impacts. If
-    this does not lead to an orbit, the motion is followed longer, several times over, up to 16
-    times ``MOST_ORBIT_STEPS`` time steps.
+    this does not lead to an orbit, the motion is followed longer, several times over, up to
+    524,288 time steps.
 
     Parameters
     ----------
@@ -71,7 +80,7 @@ def periodic_orbit(
         State at the section from which to begin [length, length/time].
     m : int
         Forcing periods after which the orbit repeats; it may also repeat after a divisor of them.
-        They must take at most ``MOST_ORBIT_STEPS`` time steps: m (1 + (2 h + p) / omega) < 6831.
+        They must take at most 32,768 time steps: m (1 + (2 h + p) / omega) < 6831.
     phase : float
         omega t mod 2 pi of the section, in [0, 2 pi) [rad].
 
@@ -85,10 +94,17 @@ def periodic_orbit(
     OrbitError
         If there is no such orbit: the motion rests on the stop, or Newton's method does not end at
         an orbit. If the orbit is not sought, because `m` periods take too many time steps or have
-        more than ``MOST_IMPACTS`` impacts, or because the motion has too many impacts.
+        more than 4,096 impacts, or because the motion has too many impacts.
     TypeError, ValueError
         If `osc` is not an Oscillator, the state is not numeric or is beyond the stop, or `m` or
         `phase` is out of range.
+
+    Examples
+    --------
+    >>> from vibroimpact import Oscillator
+    >>> orbit = periodic_orbit(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0), x=-0.55, v=1.3)
+    >>> orbit.m, orbit.q, orbit.speeds.round(6), orbit.stable
+    (1, 1, array([1.09758]), True)
     """
     refuse_other("osc", osc, Oscillator)
     m = checked_integer("m", m, 1, MOST_ORBIT_STEPS)

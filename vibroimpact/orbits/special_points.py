@@ -7,20 +7,23 @@ half its period where its two halves change places.
 
 Cusps are points on a curve of folds where both parameters turn back together. A curve of grazes
 meets curves of flips and folds where the middle coefficient of det(S + mu T) vanishes. The curves
-of flips and folds end there, and wherever else their orbit grazes.
+of flips and folds end there, and wherever else their orbit grazes. A curve of folds of an orbit
+with equal halves ends in a degenerate flip of the half (Kuznetsov, *Elements of Applied Bifurcation
+Theory*, sec. 9.3).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from vibroimpact.orbits.continuation import PathStep
 from vibroimpact.orbits.corrector import linearised, null_vector, parameters_at
-from vibroimpact.orbits.detection import HEADING, ROUNDING
+from vibroimpact.orbits.detection import HEADING, ROUNDING, halves_apart
 from vibroimpact.orbits.family import OrbitFamily, Violation
 from vibroimpact.orbits.flights import state_after
 from vibroimpact.orbits.orbit import PeriodicOrbit
@@ -28,22 +31,34 @@ from vibroimpact.orbits.orbit import PeriodicOrbit
 #: A bifurcation that was found belongs to the path if it is closer to it than this, in scaled
 #: unknowns.
 NEARBY_DISTANCE = 1e-3
+#: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
+#: of it, may be rounding.
+_ALIKE = 1e-4
+#: Where the difference of the halves falls below this, a curve of folds is about to end.
+_ALMOST_ALIKE = 0.05
+#: Root mean square differences of the halves at the points from which this end is extrapolated.
+_BESIDE = (0.02, 0.03, 0.04, 0.05, 0.06)
 #: At the end of a path, an impact slower than this, in the unit of speed, grazes; so does a flight
 #: that turns as near to the stop. The value is not smaller because Newton's method fails at 1e-6
 #: where all impacts of a long orbit graze at once.
 _GRAZES = 1e-5
 
 
-def special_points(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
+def special_points(
+    step: PathStep, half: np.ndarray | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the kinds and the unknowns of the special points within a step, in order.
 
     These are the flips and folds of a branch, the cusps of a curve of folds, and on a curve of
-    grazes the ``flip`` and ``fold`` where curves of these kinds meet it.
+    grazes the ``flip`` and ``fold`` where curves of these kinds meet it. If the orbit halves its
+    period at `half`, they are those before it.
     """
     if step.family.kind == "":
-        located = [(step.place(X), kind, X) for kind, X in _bifurcations(step)]
-        for _, kind, X in sorted(located, key=lambda item: item[0]):
-            yield kind, X
+        end = math.inf if half is None else step.place(half)
+        located = [(step.place(X), kind, X) for kind, X in _bifurcations(step, end)]
+        for place, kind, X in sorted(located, key=lambda item: item[0]):
+            if place < end:
+                yield kind, X
     elif step.family.kind == "graze":
         # Without damping the coefficient may be zero along the whole curve; its sign is then
         # rounding.
@@ -52,16 +67,13 @@ def special_points(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
         if meeting is not None:
             yield from (("flip", meeting), ("fold", meeting))
     elif step.family.kind == "fold":
-        before, after = (_heading(step, point.X) for point in (step.begin, step.end))
-        if before @ after < 0.0 and max(np.abs(before).max(), np.abs(after).max()) > HEADING:
-            turn = after - before
-            cusp = step.root(lambda X: float(_heading(step, X) @ turn))
-            if cusp is not None:
-                yield "cusp", cusp
+        cusp = _cusp(step if half is None else _cut(step, half))
+        if cusp is not None:
+            yield "cusp", cusp
 
 
-def _bifurcations(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the flip and the fold within a step of a branch."""
+def _bifurcations(step: PathStep, end: float) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the flip and the fold within a step of a branch that ends at a place of it."""
     family = step.family
     for test, kind in ((-2, "flip"), (-1, "fold")):
         share = _crossing(step, test)
@@ -69,17 +81,43 @@ def _bifurcations(step: PathStep) -> Iterator[tuple[str, np.ndarray]]:
             continue
         guess = step.between(share)
         X = family.bifurcation(guess, kind)
-        if X is None or not (-0.01 <= step.place(X) <= 1.01 and family.distance(X, guess) < 0.1):
+        known = X is not None and -0.01 <= step.place(X) <= min(1.01, end)
+        if X is None or not (known and family.distance(X, guess) < 0.1):
             X = step.root(partial(family.test, test))
-        if X is not None:
+        if X is not None and not (kind == "fold" and _is_twice_its_half(family, X)):
             yield kind, X
 
 
 def _crossing(step: PathStep, test: int) -> float | None:
     """Return about where within a step a test function changes its sign; None if it does not."""
     a, b = (float(point.tests[0, test]) for point in (step.begin, step.end))
-    changes = a * b < 0.0 and max(abs(a), abs(b)) > ROUNDING
+    # Zero counts as positive, so a path in both directions from a root has it once.
+    changes = a * b <= 0.0 and (a < 0.0) != (b < 0.0) and max(abs(a), abs(b)) > ROUNDING
     return a / (a - b) if changes else None
+
+
+def _cusp(step: PathStep) -> np.ndarray | None:
+    """Return the cusp within a step on a curve of folds, or None."""
+    family = step.family
+    before, after = (_heading(step, point.X) for point in (step.begin, step.end))
+    # The slopes of the condition vanish with this, but their rounding does not.
+    apart = min(1.0, halves_apart(step.end.X, family.m, family.q))
+    seen = max(np.abs(before).max(), np.abs(after).max()) * apart > HEADING
+    if not (before @ after < 0.0 and seen):
+        return None
+    turn = after - before
+    return step.root(lambda X: float(_heading(step, X) @ turn))
+
+
+def _cut(step: PathStep, half: np.ndarray) -> PathStep:
+    """Return the part of a step on a curve of folds that ends short of its end at `half`."""
+    size = math.sqrt(np.mean(_unlike(step.family, step.begin.X) ** 2))
+    X, tangent = step.begin.X, step.begin.tangent
+    if size > _BESIDE[0]:
+        guess = X + (1.0 - _BESIDE[0] / size) * (half - X)
+        found = step.family.corrected(guess, tangent[None, :])
+        X = X if found is None else found
+    return replace(step, end=step.end._replace(X=X), length=step.place(X) * step.length)
 
 
 def _heading(step: PathStep, X: np.ndarray) -> np.ndarray:
@@ -167,27 +205,72 @@ def _with_touch(
 
 
 def halving(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return the point in a step of a branch where the orbit halves its period, and the half orbit.
-
-    None if the step has no such point.
-    """
-    family, q = step.family, step.family.q
-    if family.kind or family.m % 2 or q % 2:
+    """Return the point in a step where an orbit halves its period, and the half orbit, or None."""
+    family = step.family
+    if family.kind not in ("", "fold") or family.m % 2 or family.q % 2:
         return None
     unlike = [_unlike(family, X) for X in (step.begin.X, step.end.X)]
     sizes = [float(np.abs(part).max()) for part in unlike]
-    change_places = np.sum(unlike[0] * unlike[1]) < 0.0 or sizes[1] ** 2 < ROUNDING
-    if not change_places or sizes[0] < ROUNDING:
+    if sizes[0] < ROUNDING:
         return None
-    X = step.between(sizes[0] / sum(sizes))
-    z = X[: 2 * q].reshape(q, 2)
-    mean = z[: q // 2] + 0.5 * _unlike(family, X)
-    half = PeriodicOrbit(family.oscillator(X), family.m // 2, mean[:, 0], mean[:, 1] * family.speed)
+    change_places = np.sum(unlike[0] * unlike[1]) < 0.0
+    if family.kind == "fold":
+        falls_to_zero = sizes[1] < min(_ALMOST_ALIKE, sizes[0])
+        return _degenerate_flip(step) if change_places or falls_to_zero else None
+    if not change_places and sizes[1] ** 2 >= ROUNDING:
+        return None
+    half = _half(family, step.between(sizes[0] / sum(sizes)))
     halves = OrbitFamily(half, family.parameters)
-    Y = halves.bifurcation(halves.start, "flip")
+    return _doubled(family, halves, halves.bifurcation(halves.start, "flip"))
+
+
+def _degenerate_flip(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return the end of a curve of folds within or just beyond a step, as `halving` does.
+
+    The equations of folds are singular there, so points beside it are extrapolated. They are even
+    in the difference of the halves.
+    """
+    family = step.family
+    first, last = (_unlike(family, X) for X in (step.begin.X, step.end.X))
+    first_size, last_size = math.sqrt(np.mean(first**2)), np.mean(first * last)
+    last_size /= first_size
+    plane = np.concatenate([-first.ravel(), first.ravel(), np.zeros(2)])
+    points = []
+    for size in _BESIDE:
+        guess = step.between((first_size - size) / (first_size - last_size))
+        X = family.corrected(guess, plane[None, :])
+        if X is None:
+            return None
+        points.append(X)
+    squares = np.square(_BESIDE)
+    factors = squares / (squares - squares[:, None] + np.diag(squares))
+    half = _half(family, np.prod(factors, axis=1) @ np.array(points))
+    halves = OrbitFamily(half, family.parameters, "flip")
+    Y = halves.corrected(halves.start, halves.tangent(halves.start)[None, :])
+    near = Y is not None and halves.distance(Y, halves.start) < NEARBY_DISTANCE
+    return _doubled(family, halves, Y if near else None)
+
+
+def _half(family: OrbitFamily, X: np.ndarray) -> PeriodicOrbit:
+    """Return the mean of the halves of an orbit."""
+    mean = X[: family.q].reshape(-1, 2) + 0.5 * _unlike(family, X)
+    return PeriodicOrbit(family.oscillator(X), family.m // 2, mean[:, 0], mean[:, 1] * family.speed)
+
+
+def _doubled(
+    family: OrbitFamily, halves: OrbitFamily, Y: np.ndarray | None
+) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return a flip of the half orbits as `halving` does; None if it is not a flip."""
     if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
         return None
     return doubling(halves, Y, family.speed)[0], halves.orbit(Y)
+
+
+def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
+    """Whether the halves of an orbit are so nearly equal that its test of a fold is rounding."""
+    if family.m % 2 or family.q % 2:
+        return False
+    return float(np.abs(_unlike(family, X)).max()) < _ALIKE
 
 
 def _unlike(family: OrbitFamily, X: np.ndarray) -> np.ndarray:

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from vibroimpact.kernel.integrate import integrate
+from vibroimpact.kernel.integrate import run_points
 from vibroimpact.oscillator import mesh
+from vibroimpact.points.destinations import classified
 from vibroimpact.points.following import follow
-from vibroimpact.points.period_class import period_class
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import computed_once
+from vibroimpact.points.transient import run_with_own_transients
 from vibroimpact.step.recorder import trajectories
 from vibroimpact.step.scheme import scheme_of
 
@@ -29,8 +30,8 @@ def compute_box(
     `advance` is given the number of points computed since its last call: after every value of a
     followed axis, otherwise once. `threads` is None for all. Returns arrays of shape (points, ...),
     in C order, two directions one after the other. They are named as by `vibroimpact.integrate`;
-    ``trajectory_t``, ``trajectory_x``, ``trajectory_v``, ``period`` and ``period_impacts`` are
-    added where `spec` asks for them.
+    ``trajectory_t``, ``trajectory_x``, ``trajectory_v`` and the results of `classified` are added
+    where `spec` asks for them.
     """
     points = mesh(axes, fixed)
     if spec.followed is None:
@@ -44,7 +45,8 @@ def compute_box(
     box = points.reshape(tuple(map(len, axes.values())))
     along = list(axes).index(spec.followed)
     results = follow(box, along, spec.followed, spec.directions, run, advance)
-    return _classified(spec, np.tile(points, len(spec.directions)), results)
+    points = np.tile(points, len(spec.directions))
+    return classified(spec, points, results, threads, interrupt) if spec.period else results
 
 
 def compute_points(
@@ -61,21 +63,17 @@ def compute_points(
     are then not those of a start at rest, and nothing is scaled.
     """
 
+    def part(spec: RunSpec, points: np.ndarray, later: bool) -> dict[str, np.ndarray]:
+        return _run(spec, points, threads, at_section or later, interrupt)
+
     def run(points: np.ndarray) -> dict[str, np.ndarray]:
-        return _classified(spec, points, _run(spec, points, threads, at_section, interrupt))
+        if spec.longest is None:
+            results = part(spec, points, False)
+        else:
+            results = run_with_own_transients(spec, points, part)
+        return classified(spec, points, results, threads, interrupt) if spec.period else results
 
     return computed_once(points, run) if spec.scaled and not at_section else run(points)
-
-
-def _classified(
-    spec: RunSpec, points: np.ndarray, results: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Add the period class if `spec` asks for it."""
-    if spec.period:
-        names = ("poincare_x", "poincare_v", "impacts_per_period")
-        classes = period_class(points, *(results[name] for name in names))
-        results |= dict(zip(("period", "period_impacts"), classes, strict=True))
-    return results
 
 
 def _run(
@@ -86,23 +84,13 @@ def _run(
     interrupt: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
     """Compute points without scaling, following or period class."""
-    results = integrate(
-        points,
-        integrator=spec.integrator,
-        impact=spec.impact,
-        steps_per_period=spec.steps_per_period,
-        transient=spec.transient,
-        periods=spec.periods,
-        phase=spec.phase,
-        at_section=at_section,
-        impacts=spec.impacts,
-        lyapunov=spec.lyapunov,
-        threads=threads,
-        interrupt=interrupt,
+    if interrupt is None:
+        interrupt = np.zeros(1, np.int64)
+    scheme = scheme_of(
+        points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section
     )
+    counts = spec.transient, spec.periods, spec.impacts
+    results = run_points(points, scheme, counts, spec.lyapunov, threads, interrupt, spec.period)
     if spec.every is not None:
-        scheme = scheme_of(
-            points, spec.integrator, spec.impact, spec.steps_per_period, spec.phase, at_section
-        )
         results |= trajectories(points, scheme, spec.periods, spec.transient, spec.every, interrupt)
     return results

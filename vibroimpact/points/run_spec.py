@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -14,6 +14,7 @@ class RunSpec:
     impact: str
     steps_per_period: int
     transient: int
+    longest: int | None  #: Longest transient if each point has its own, see ``transient.py``.
     periods: int
     phase: float
     impacts: int
@@ -26,3 +27,9 @@ class RunSpec:
     #: directions: ``up``, ``down`` or both.
     followed: str | None
     directions: tuple[str, ...]
+
+    def part(self, transient: int, periods: int, impacts: int, lyapunov: bool) -> RunSpec:
+        """Return the specification of a part of the run."""
+        return replace(
+            self, transient=transient, periods=periods, impacts=impacts, lyapunov=lyapunov
+        )

@@ -25,6 +25,8 @@ SCALED = (
     "fastest_impact",
     "impulse",
     "max_penetration",
+    "orbit_x",
+    "orbit_v",
 )
 #: Results proportional to f squared.
 SCALED_SQUARED = ("energy_lost",)

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.contact import pressing, time_to_release
 from vibroimpact.step.impact import all_terms, series
@@ -32,14 +32,14 @@ from vibroimpact.step.trigonometry import sin_cos
 _SHORTEST_TAIL = 1e-5
 # Above this R a chatter takes too many bounces to follow, or never ends. Bounces whose epsilon
 # times the rates of the system is below ``_SHORTEST_BOUNCE`` are then taken for rest, and the point
-# is not certified: Status.SETTLED.
+# is not certified: Status.CUT_SHORT.
 _ENDLESS = 0.999
 _SHORTEST_BOUNCE = 1e-3
 # A bounce is short if its length times the rates of the system is below ``_SHORT``: its series up
 # to the eighth power is enough. Below ``_SHORTEST`` the terms of the reversion alone are enough.
 _SHORT, _SHORTEST = 0.03, 1e-3
 
-_CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
+_CERTIFIED, _CUT_SHORT = int(Status.CERTIFIED), int(Status.CUT_SHORT)
 
 
 class Launch(NamedTuple):
@@ -51,22 +51,22 @@ class Launch(NamedTuple):
     c: float
 
 
-@jit(inline=True)
+@inlined
 def rates_of(eq):
     """Return the sum of the rates of the system, (2h + p + omega) / omega."""
     return math.sqrt(-eq.of_y) - eq.of_w + 1.0
 
 
-@jit(inline=True)
-def is_first(w, w_i, t, bound, step):
+@inlined
+def is_first(w, w_i, t, bound, phase_step):
     """Whether the return at `t` is proved to be the first of a flight from the stop with w < 0."""
-    n = t / step
+    n = t / phase_step
     n *= n
     return (w_i > 0.0) & (fma(bound, n * n, (w - w_i) * t * (1.0 / 3.0)) < 0.0)
 
 
-@jit(refcounts=False)
-def bounce(eq, launch, bound, left, step):
+@jit
+def bounce(eq, launch, bound, left, phase_step):
     """Return the length of a rebound that returns within half a step, and w at its end.
 
     They are -1 and 0 if there is no proof.
@@ -74,7 +74,7 @@ def bounce(eq, launch, bound, left, step):
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
     rest = (*k[1:], 0.0)
-    longest = min(left, 0.5 * step)
+    longest = min(left, 0.5 * phase_step)
     t = -w / k[2]
     bent = 4.0 * t * k[3] / k[2]
     if not (w < 0.0 and k[2] > 0.0 and bent > -1.0):
@@ -91,13 +91,13 @@ def bounce(eq, launch, bound, left, step):
         # slope would be about its square.
         if abs(change) <= 1e-6 * t:
             w_i = t * fma(-2.0 * e, change, d)
-            if t < longest and is_first(w, w_i, t, bound, step):
+            if t < longest and is_first(w, w_i, t, bound, phase_step):
                 return t, w_i
             break
     return -1.0, 0.0
 
 
-@jit(refcounts=False)
+@jit
 def short_bounce(eq, launch):
     """As ``bounce``, for a short rebound, by series reversion; -1 and 0 if it is not short."""
     w, fs, fc = launch.w, eq.of_sin * launch.s, eq.of_sin * launch.c
@@ -135,7 +135,7 @@ def short_bounce(eq, launch):
     return t, fma(t, w_i, w)
 
 
-@jit(inline=True)
+@inlined
 def wave_after(s, c, dtheta, theta):
     """Return sine and cosine of the phase `theta`, given those of theta - dtheta, `s` and `c`."""
     if dtheta >= _SHORT:
@@ -153,7 +153,7 @@ def time_to_rest(v, theta, s, c, left, pt):
     The chatter begins at phase `theta`, with sine `s` and cosine `c`. The time is inf if the
     chatter is not complete within the time `left`, or if its sum is not yet exact to rounding. If R
     is so near to 1 that the chatter would take too many bounces, the time is 0 once the bounces are
-    short, and the status is ``SETTLED``.
+    short, and the status is ``CUT_SHORT``.
     """
     a = pressing(s, pt)
     if not a > 0.0:
@@ -165,7 +165,7 @@ def time_to_rest(v, theta, s, c, left, pt):
     rates = abs(beta) + pt.h + pt.p + pt.omega * (1.0 + math.sqrt(pt.f / a))
     shortness = rates * v / a
     if pt.R > _ENDLESS and shortness < _SHORTEST_BOUNCE:
-        return 0.0, _SETTLED
+        return 0.0, _CUT_SHORT
     if not shortness < _SHORTEST_TAIL * (1.0 - pt.R):
         return math.inf, _CERTIFIED
     eta = v / a / (1.0 - pt.R)
@@ -174,7 +174,7 @@ def time_to_rest(v, theta, s, c, left, pt):
     return tail if complete else math.inf, _CERTIFIED
 
 
-@jit(inline=True)
+@inlined
 def phase_to_rest(eq, launch, theta, left, pt):
     """As ``time_to_rest``, but as a phase; calls it only if the time may be finite."""
     press = fma(eq.of_sin, launch.s, eq.of_1)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import jit
+from vibroimpact.jit import inlined, jit
 from vibroimpact.step.series import TERMS
 from vibroimpact.step.trigonometry import sin_cos
 
@@ -114,7 +114,18 @@ def speeds_until_rest(v, wait, s, c, pt):
     return max(push - v, 0.0) / (1.0 + pt.R)
 
 
-@jit(inline=True)
+def impulse_and_loss(
+    R: np.ndarray, speeds: np.ndarray, squares: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the impulse of impacts and the energy lost, per mass; they may overflow to inf.
+
+    `speeds` and `squares` are the sums of the speeds before the impacts, and of their squares.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (1.0 + R) * speeds, 0.5 * (1.0 - R) * (1.0 + R) * np.where(R < 1.0, squares, 0.0)
+
+
+@inlined
 def log_event(events, n, kind, tau, v, x):
     """Write row `n` of the events of a step; return the new number of rows."""
     events[n, KIND] = kind

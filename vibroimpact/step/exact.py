@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from vibroimpact.jit import jit
+from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.chatter import (
     Launch,
@@ -44,6 +44,7 @@ from vibroimpact.step.contact import (
     time_to_release,
 )
 from vibroimpact.step.impact import FIRST, ONLY, single_impact
+from vibroimpact.step.propagator import extent
 from vibroimpact.step.series import (
     LONGEST_STEP,
     SMALLEST_NORMAL,
@@ -54,14 +55,14 @@ from vibroimpact.step.series import (
 )
 from vibroimpact.step.trigonometry import sin_cos
 
-#: A turning point closer to the stop than this share of the flight's scale is a near graze. The
-#: scale is the sum of the absolute Taylor coefficients of the flight. Where rounding decides in
-#: which of two steps a turning point lies, it may be counted in both or in neither.
+#: A turning point below the stop, and closer to it than this share of the ``extent`` of the motion,
+#: is a near graze. It is missed if it comes after an impact in its step and within about this share
+#: of the step before its end.
 NEAR_GRAZE = 1e-9
 # Improvements of the guess for an impact that is not found to rounding after one.
 _POLISH = 4
 
-_CERTIFIED, _SETTLED = int(Status.CERTIFIED), int(Status.SETTLED)
+_CERTIFIED, _CUT_SHORT = int(Status.CERTIFIED), int(Status.CUT_SHORT)
 
 
 def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -69,14 +70,14 @@ def steps_needed(h: np.ndarray, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
     return np.ceil(2.0 * np.pi * ((2.0 * h + p) / omega + 1.0) / LONGEST_STEP)
 
 
-@jit(refcounts=False)
-def is_below(flight, end, bound, pieces):
+@jit
+def stays_below(flight, end, bound, pieces, scale):
     """Whether a flight that starts on or below the stop is proved to stay below, in equal pieces.
 
-    See ``propagator.py`` for the proof. A slack excludes near grazes, also at the ends of the
-    pieces: the undamped free oscillation turns there.
+    See ``propagator.py`` for the proof. `scale` is the ``extent`` of the motion. A slack excludes
+    near grazes, also at the ends of the pieces: the undamped free oscillation turns there.
     """
-    width, scale = end / pieces, 0.0
+    width = end / pieces
     for k in range(TERMS):
         scale += abs(flight[k])
     slack = 10.0 * NEAR_GRAZE * scale
@@ -94,7 +95,7 @@ def is_below(flight, end, bound, pieces):
     return True
 
 
-@jit(inline=True)
+@inlined
 def next_impact(flight, end):
     """Find where a flight meets the stop before u = `end`; return m, u and turn.
 
@@ -116,50 +117,49 @@ def next_impact(flight, end):
     return m, u, turn
 
 
-@jit(inline=True)
-def is_near_graze(flight, turn):
-    """Whether a turning point at y = `turn` is a near graze on the scale of the flight."""
-    if turn == -math.inf:
-        return False
-    scale = 0.0
-    for k in range(TERMS):
-        scale += abs(flight[k])
-    return abs(turn) <= NEAR_GRAZE * scale
+@inlined
+def is_near_graze(eq, turn):
+    """Whether a turning point at y = `turn` is a near graze; above 0 there is an impact instead."""
+    return turn <= 0.0 and -turn <= NEAR_GRAZE * extent(eq)
 
 
-@jit(inline=True)
-def polished(eq, start, free, impact, phase, step):
+@inlined
+def polished(eq, start, free, impact, phase, phase_step):
     """Search again, with more iterations, for an impact that is not proved; as ``single_impact``.
 
     Most of these impacts are slow.
     """
     if not (start[0] < 0.0 < free[0] and impact.proved < FIRST):
         return impact
-    s_T, c_T = sin_cos(phase[0] + step)
-    return single_impact(eq, start, free, (phase[1], phase[2], s_T, c_T), step, _POLISH)
+    s_T, c_T = sin_cos(phase[0] + phase_step)
+    return single_impact(eq, start, free, (phase[1], phase[2], s_T, c_T), phase_step, _POLISH)
 
 
-@jit(inline=True)
-def end_of_step(end, m, dtheta):
-    """Return the state at the `end` of a step whose last flight does not meet the stop."""
+@inlined
+def end_of_step(flight, m, dtheta, left, phase_step):
+    """Return the state after the time `left` of a flight that does not meet the stop.
+
+    The flight itself decides whether the mass turns before the end of the step: the next step
+    begins with the same speed, so the turning point is counted once.
+    """
     if m == 4:
         return 0.0, 0.0
     if math.isnan(dtheta):
         return math.nan, math.nan
-    # By the rounding of the map, the end of the step may lie beyond the stop.
-    return min(end[0], 0.0), end[1]
+    y, slope = value_and_slope(flight, 0, left / phase_step)
+    return min(y, 0.0), slope / phase_step  # by rounding, the end may lie beyond the stop
 
 
-@jit(inline=True)
-def expand_flight(eq, launch, released, step, flight):
+@inlined
+def expand_flight(eq, launch, released, phase_step, flight):
     """Expand a flight; after a release its speed and acceleration are zero at the start."""
-    expand(eq, launch.y, launch.w, launch.s, launch.c, step, flight)
+    expand(eq, launch.y, launch.w, launch.s, launch.c, phase_step, flight)
     if released:
         flight[0] = flight[1] = flight[2] = 0.0  # remove their rounding errors
 
 
-@jit(refcounts=False)
-def fly(eq, launch, released, bound, left, step, flight):
+@jit
+def exact_flight(eq, launch, released, bound, left, phase_step, flight):
     """Follow a flight to the stop, for at most `left`; return its length, w_i, m and turn.
 
     The length is -1 if the flight does not meet the stop, NaN after an overflow; m and turn are as
@@ -169,30 +169,30 @@ def fly(eq, launch, released, bound, left, step, flight):
     if launched:
         dtheta, w_i = short_bounce(eq, launch)
         if not dtheta >= 0.0:
-            dtheta, w_i = bounce(eq, launch, bound, left, step)
-        if 0.0 < dtheta < left and is_first(launch.w, w_i, dtheta, bound, step):
+            dtheta, w_i = bounce(eq, launch, bound, left, phase_step)
+        if 0.0 < dtheta < left and is_first(launch.w, w_i, dtheta, bound, phase_step):
             return dtheta, w_i, 1, -math.inf
-    expand_flight(eq, launch, released, step, flight)
-    end = left / step
+    expand_flight(eq, launch, released, phase_step, flight)
+    end = left / phase_step
     if launched or launch.y < 0.0:
         for pieces in (2, 4):
-            if is_below(flight, end, bound, pieces):
+            if stays_below(flight, end, bound, pieces, extent(eq)):
                 return -1.0, 0.0, 0, -math.inf
     m, u, turn = next_impact(flight, end)
     w_i = launch.w
     if u > 0.0:
-        w_i = max(u**m * value_and_slope(flight, m, u)[1] / step, 0.0)
-    return u * step if u > 0.0 else u, w_i, m, turn
+        w_i = max(u**m * value_and_slope(flight, m, u)[1] / phase_step, 0.0)
+    return u * phase_step if u > 0.0 else u, w_i, m, turn
 
 
-@jit(inline=True)
+@inlined
 def log_impact(events, impact, pt):
     """Write the impact of a step that has only this event; return the number of rows."""
     return log_event(events, 0, IMPACT, impact.u / pt.omega, impact.w_i * pt.omega, pt.clearance)
 
 
-@jit(refcounts=False)
-def exact_step(eq, pt, start, free, impact, phase, step, scratch):
+@jit
+def exact_step(eq, pt, start, free, impact, phase, phase_step, scratch):
     """Take one step with every impact in it.
 
     `start` is (y, w, resting); `free` is y_T, w_T and the bound from ``propagate``; `impact` is
@@ -204,9 +204,8 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
     (y, w, resting), (theta_0, s, c) = start, phase
     stop, per_time = pt.clearance, 1.0 / pt.omega
     passed, n, grazes, rested, status = 0.0, 0, 0, 0.0, _CERTIFIED
-    undisturbed = True  # no impact yet: `end` is still the state at the end of the step
-    end, bound = (free[0], free[1]), free[2]
-    impact = polished(eq, (y, w), free, impact, phase, step)
+    bound = free[2]
+    impact = polished(eq, (y, w), free, impact, phase, phase_step)
     if impact.proved == ONLY:
         return impact.y, impact.w, False, log_impact(events, impact, pt), 0.0, status, 0
     dtheta, w_i = impact.u if impact.proved >= FIRST else -1.0, impact.w_i
@@ -214,32 +213,31 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
         released = resting
         if resting:
             wait = pt.omega * time_to_release(theta_0 + passed, pt)
-            if step - passed - wait <= RELEASE_MARGIN:
-                return 0.0, 0.0, True, n, rested + (step - passed), status, grazes
+            if phase_step - passed - wait <= RELEASE_MARGIN:
+                return 0.0, 0.0, True, n, rested + (phase_step - passed), status, grazes
             passed += wait
             rested += wait
             s, c = sin_cos(theta_0 + passed)
             n = log_event(events, n, RELEASE, passed * per_time, 0.0, stop)
-            y, w, resting, undisturbed = 0.0, 0.0, False, False
-        left = step - passed
+            y, w, resting = 0.0, 0.0, False
+        left = phase_step - passed
         if not dtheta >= 0.0:
-            dtheta, w_i, m, turn = fly(eq, Launch(y, w, s, c), released, bound, left, step, flight)
-            grazes += is_near_graze(flight, turn)
+            dtheta, w_i, m, turn = exact_flight(
+                eq, Launch(y, w, s, c), released, bound, left, phase_step, flight
+            )
+            grazes += is_near_graze(eq, turn)
             if dtheta == 0.0 and m > 1:  # the flight starts on the stop and is pressed against it
                 resting = True
                 n = log_event(events, n, REST, passed * per_time, 0.0, stop)
                 dtheta = -1.0
                 continue
             if not dtheta >= 0.0:
-                if not undisturbed:
-                    y, slope = value_and_slope(flight, 0, left / step)
-                    end = y, slope / step
-                y, w = end_of_step(end, m, dtheta)
+                y, w = end_of_step(flight, m, dtheta, left, phase_step)
                 return y, w, False, n, rested, status, grazes
         passed += dtheta
         left -= dtheta
         n = log_event(events, n, IMPACT, passed * per_time, w_i * pt.omega, stop)
-        y, w, undisturbed = 0.0, -pt.R * w_i, False
+        y, w = 0.0, -pt.R * w_i
         s, c = wave_after(s, c, dtheta, theta_0 + passed)
         dtheta = -1.0
         wait, outcome = phase_to_rest(eq, Launch(y, w, s, c), theta_0 + passed, left, pt)
@@ -250,4 +248,4 @@ def exact_step(eq, pt, start, free, impact, phase, step, scratch):
             resting = True
             n = log_event(events, n, REST, passed * per_time, speeds, stop)
     n = log_event(events, n, REST, passed * per_time, 0.0, stop) - resting  # no second REST
-    return 0.0, 0.0, True, n, rested + (step - passed), _SETTLED, grazes
+    return 0.0, 0.0, True, n, rested + (phase_step - passed), _CUT_SHORT, grazes

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import fma, jit, select
+from vibroimpact.jit import fma, inlined, jit, select
 from vibroimpact.step.propagator import INVERSE_FACTORIALS, impulse
 
 #: Newton's method has converged if the estimated error of the time of impact is below ``_RESIDUAL``
@@ -47,7 +47,7 @@ class Impact(NamedTuple):
     proved: float  #: ``NOTHING``, ``FIRST`` or ``ONLY``.
 
 
-@jit(forced_inline=True)
+@inlined
 def series(eq, y, w, s, c):
     """Return the coefficients of the Taylor series of y about a state, up to the 16th power.
 
@@ -76,7 +76,7 @@ def series(eq, y, w, s, c):
     )  # fmt: skip
 
 
-@jit(forced_inline=True)
+@inlined
 def first_terms(k, t):
     """Return value, slope and half the second derivative of the terms of a series up to t^8."""
     e, d, y = 0.0, k[8], fma(k[8], t, k[7])
@@ -86,7 +86,7 @@ def first_terms(k, t):
     return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
 
 
-@jit(forced_inline=True)
+@inlined
 def all_terms(k, t):
     """As ``first_terms``, but with all 17 terms."""
     e, d, y = 0.0, k[16], fma(k[16], t, k[15])
@@ -96,8 +96,8 @@ def all_terms(k, t):
     return fma(y, t, k[0]), fma(d, t, y), fma(e, t, d)
 
 
-@jit(forced_inline=True)
-def guess(start, end, step):
+@inlined
+def guess(start, end, phase_step):
     """Guess where a step from `start` to `end`, states (y, w), rises through 0.
 
     Returns 0. if that is in the first half of the step, 1. if in the second, and the time from the
@@ -105,7 +105,7 @@ def guess(start, end, step):
     """
     # The place of the root and w at both ends, in units of the step and of the rise.
     inverse = 1.0 / (end[0] - start[0])
-    u, a, b = -start[0] * inverse, start[1] * inverse * step, end[1] * inverse * step
+    u, a, b = -start[0] * inverse, start[1] * inverse * phase_step, end[1] * inverse * phase_step
     steep = (a > 0.25) & (b > 0.25)
     cubic = u * (1.0 - u) * fma((1.0 - u) * b, 1.0 - a, -u * a * (1.0 - b))
     # Single precision is enough for a guess, and faster.
@@ -113,10 +113,10 @@ def guess(start, end, step):
     over, under = select(steep, cubic, 2.0 * u), select(steep, a * b, a + np.float64(root))
     u = select(steep, u, 0.0) + np.float64(np.float32(over) / np.float32(under))
     late = select(u > 0.5, 1.0, 0.0)
-    return late, (u - late) * step
+    return late, (u - late) * phase_step
 
 
-@jit(forced_inline=True)
+@inlined
 def expand_near(eq, start, end, waves, late):
     """Expand a step as ``series`` does, about its start (`late` is 0) or its end (`late` is 1)."""
     (s_0, c_0, s_T, c_T), at_end = waves, late > 0.0
@@ -124,7 +124,7 @@ def expand_near(eq, start, end, waves, late):
     return series(eq, y, w, select(at_end, s_T, s_0), select(at_end, c_T, c_0))
 
 
-@jit(forced_inline=True)
+@inlined
 def newton_step(y, d, e, j, per_step):
     """Return the excess of t over a root of y, and the estimated relative error of this excess.
 
@@ -139,24 +139,24 @@ def newton_step(y, d, e, j, per_step):
     return n * (1.0 + fma(2.0 * q, q, q - r)), most * max(max(abs(q), abs(u)), most)
 
 
-@jit(forced_inline=True)
-def approach(k, t, step):
+@inlined
+def approach(k, t, phase_step):
     """Improve the guess `t` of a root, with the terms of a series up to t^8."""
     y, d, e = first_terms(k, t)
     j = fma(fma(fma(20.0 * k[6], t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
-    change, _ = newton_step(y, d, e, j, 1.0 / step)
+    change, _ = newton_step(y, d, e, j, 1.0 / phase_step)
     return t - change
 
 
-@jit(forced_inline=True)
-def first_impact(start, y_T, bound, guessed, k, values, step):
+@inlined
+def first_impact(start, y_T, bound, guessed, k, values, phase_step):
     """Find an impact to rounding, and prove that it is the first.
 
     `guessed` is the improved ``guess``, `k` the series about the end of the step that it refers to,
     `values` the result of ``all_terms`` there. Returns the time of the impact since the start of
     the step, the time from it to the end, w_i, and ``NOTHING`` or ``FIRST``.
     """
-    (y_0, w_0), (late, t), (y, d, e), per_step = start, guessed, values, 1.0 / step
+    (y_0, w_0), (late, t), (y, d, e), per_step = start, guessed, values, 1.0 / phase_step
     j = fma(fma(fma(fma(35.0 * k[7], t, 20.0 * k[6]), t, 10.0 * k[5]), t, 4.0 * k[4]), t, k[3])
     change, left = newton_step(y, d, e, j, per_step)
     fourth = fma(fma(60.0 * k[6], t, 20.0 * k[5]), t, 4.0 * k[4])  # derivative, over 3!
@@ -164,8 +164,8 @@ def first_impact(start, y_T, bound, guessed, k, values, step):
     t -= change
     change = abs(change) * per_step
     converged = (left * change < _RESIDUAL) & (change < _LAST_CHANGE)
-    begin = late * step
-    u, r = t + begin, (step - begin) - t
+    begin = late * phase_step
+    u, r = t + begin, (phase_step - begin) - t
     n = u * per_step
     n *= n
     middle = fma(bound, n * n, fma((w_0 - w_i) * (1.0 / 3.0), u, y_0))
@@ -174,13 +174,13 @@ def first_impact(start, y_T, bound, guessed, k, values, step):
     return u, r, w_i, select(first, FIRST, NOTHING)
 
 
-@jit(forced_inline=True)
-def rebound(eq, free, r, w_i, proved, step):
+@inlined
+def rebound(eq, free, r, w_i, proved, phase_step):
     """Continue from an impact to the end of the step, and prove that there is no other.
 
     Parameters as returned by ``first_impact``, results as of ``single_impact``.
     """
-    (y_T, w_T, bound), per_step = free, 1.0 / step
+    (y_T, w_T, bound), per_step = free, 1.0 / phase_step
     of_y, of_w = impulse(eq.of_w, eq.of_y, r)
     launch = eq.R * w_i
     kick = w_i + launch
@@ -192,19 +192,19 @@ def rebound(eq, free, r, w_i, proved, step):
     return y, w, select(only & (proved == FIRST), ONLY, proved)
 
 
-@jit(forced_inline=True)
-def single_impact(eq, start, free, waves, step, polish):
+@jit
+def single_impact(eq, start, free, waves, phase_step, polish):
     """Correct a step that may have met the stop; return its ``Impact``.
 
     `start` is (y, w), `free` is y_T, w_T and the bound from ``propagate``. `waves` are sine and
     cosine of the phase at the start, then at the end. The guess is improved `polish` times; once is
     mostly enough.
     """
-    late, t = guess(start, free, step)
+    late, t = guess(start, free, phase_step)
     k = expand_near(eq, start, free, waves, late)
     for _ in range(polish):
-        t = approach(k, t, step)
+        t = approach(k, t, phase_step)
     values, (y_T, _, bound) = all_terms(k, t), free
-    u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, values, step)
-    y, w, proved = rebound(eq, free, r, w_i, proved, step)
+    u, r, w_i, proved = first_impact(start, y_T, bound, (late, t), k, values, phase_step)
+    y, w, proved = rebound(eq, free, r, w_i, proved, phase_step)
     return Impact(y, w, u, w_i, proved)

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.step.trigonometry import sin_cos, sine_after
 
 
@@ -42,13 +42,13 @@ def _eigenvalue(zeta: np.ndarray) -> np.ndarray:
     return -z - np.sqrt(z - 1.0) * np.sqrt(z + 1.0)
 
 
-@jit(forced_inline=True)
+@inlined
 def acceleration(x, v, s, pt):
     """Return x'' from eq. (1), at a phase with the sine `s`."""
     return -2.0 * pt.h * v - pt.p * pt.p * x - pt.f * s
 
 
-@jit(forced_inline=True)
+@inlined
 def euler(x, v, s, c, T, pt):
     """Euler's explicit method, order 1.
 
@@ -59,7 +59,7 @@ def euler(x, v, s, c, T, pt):
     return x + T * v, v + T * acceleration(x, v, s, pt)
 
 
-@jit(forced_inline=True)
+@inlined
 def semi_implicit_euler(x, v, s, c, T, pt):
     """Symplectic Euler: the new velocity moves the displacement, order 1.
 
@@ -71,7 +71,7 @@ def semi_implicit_euler(x, v, s, c, T, pt):
     return x + T * v_T, v_T
 
 
-@jit(forced_inline=True)
+@inlined
 def verlet(x, v, s, c, T, pt):
     """The central difference method, order 2.
 
@@ -85,7 +85,7 @@ def verlet(x, v, s, c, T, pt):
     return x_T, (v_half - 0.5 * T * (pt.p * pt.p * x_T + pt.f * s_T)) / (1.0 + pt.h * T)
 
 
-@jit(forced_inline=True)
+@inlined
 def newmark(x, v, s, c, T, pt):
     """Newmark's constant average acceleration (beta = 1/4, gamma = 1/2), order 2.
 
@@ -101,7 +101,7 @@ def newmark(x, v, s, c, T, pt):
     return x_half + 0.25 * T * T * a_T, v_half + 0.5 * T * a_T
 
 
-@jit(forced_inline=True)
+@inlined
 def rk4(x, v, s, c, T, pt):
     """The classical Runge-Kutta method, order 4.
 
@@ -234,16 +234,16 @@ INTEGRATORS: Mapping[str, Integrator] = {
 def _choice(code: int, chosen: Callable, otherwise: Callable) -> Callable:
     """Return a step function: `chosen` for the integrator with this code, else `otherwise`."""
 
-    @jit(inline=True)
-    def step(integrator, x, v, s, c, T, pt):
+    @inlined
+    def chosen_or_next(integrator, x, v, s, c, T, pt):
         if integrator == code:
             return chosen(x, v, s, c, T, pt)
         return otherwise(integrator, x, v, s, c, T, pt)
 
-    return step
+    return chosen_or_next
 
 
-@jit(inline=True)
+@inlined
 def _no_step(integrator, x, v, s, c, T, pt):
     return math.nan, math.nan
 
@@ -254,7 +254,7 @@ for _row in INTEGRATORS.values():
 
 
 @jit
-def step(integrator, x, v, s, c, T, pt):
+def integrator_step(integrator, x, v, s, c, T, pt):
     """Return (x_T, v_T) after one step of the integrator with that code in ``INTEGRATORS``."""
     return _chosen_step(integrator, x, v, s, c, T, pt)
 
@@ -262,14 +262,14 @@ def step(integrator, x, v, s, c, T, pt):
 @jit
 def affine_map(integrator, T, pt):
     """Return the map of one step: factors of (x, v, sin, cos) for x_T, then those for v_T."""
-    xx, vx = step(integrator, 1.0, 0.0, 0.0, 0.0, T, pt)
-    xv, vv = step(integrator, 0.0, 1.0, 0.0, 0.0, T, pt)
-    xs, vs = step(integrator, 0.0, 0.0, 1.0, 0.0, T, pt)
-    xc, vc = step(integrator, 0.0, 0.0, 0.0, 1.0, T, pt)
+    xx, vx = integrator_step(integrator, 1.0, 0.0, 0.0, 0.0, T, pt)
+    xv, vv = integrator_step(integrator, 0.0, 1.0, 0.0, 0.0, T, pt)
+    xs, vs = integrator_step(integrator, 0.0, 0.0, 1.0, 0.0, T, pt)
+    xc, vc = integrator_step(integrator, 0.0, 0.0, 0.0, 1.0, T, pt)
     return xx, xv, xs, xc, vx, vv, vs, vc
 
 
-@jit(inline=True)
+@inlined
 def apply_map(row, x, v, s, c):
     """Apply one row of the map to a state: row . (x, v, sin, cos).
 

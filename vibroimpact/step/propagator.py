@@ -30,9 +30,9 @@ between its ends. The **guard** bounds all of them over a whole step: with P = y
 and Q = y_1 - w_1 step / 3, a step from y_0 <= 0 is safe if max(P, Q) + E / 2 < 0 and y_1 < 0.
 
 All proofs use the remainder bound of ``propagate``: the E of a whole step, plus a slack for
-rounding of 2 ``SLACK`` times the scale of the step, |y| + |w| + (|of_sin| + |of_1|) step^2. The
-slack also keeps a near graze from being taken for safe. The bound of a part t of the step is that
-of the whole step times (t / step)^4.
+rounding of 2 ``SLACK`` times |y| + |w| + S. The ``extent`` S of the motion does not depend on the
+step. The slack also keeps a near graze from being taken for safe. The bound of a part t of the step
+is that of the whole step times (t / step)^4.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.step.series import expand, value_and_slope
 
-#: A curve is proved to be below the stop only if it stays away from the stop by this share of the
-#: scale of the step.
+#: A curve is proved to be below the stop only if it stays away from the stop by this share of
+#: |y| + |w| + S.
 SLACK = 1e-8
 
 #: 1 / k!, the coefficients of the exponential series.
@@ -95,76 +95,85 @@ def coefficients_of(pt):
     return Coefficients(-2.0 * pt.h / pt.omega, -pp / ww, -pt.f / ww, -pp * pt.clearance / ww, pt.R)
 
 
+@inlined
+def extent(eq):
+    """Return (f + p^2 |clearance|) / (omega^2 + 2 h omega + p^2), the extent of the motion.
+
+    A free oscillation that touches the stop has an amplitude of half to three times the extent.
+    """
+    return (abs(eq.of_sin) + abs(eq.of_1)) / (1.0 - eq.of_w - eq.of_y)
+
+
 @jit
-def propagator_of(eq, step, c):
-    """Return ``Propagator`` and ``Forcing`` of steps of length `step`; `c` is scratch memory."""
+def propagator_of(eq, phase_step, c):
+    """Return ``Propagator`` and ``Forcing`` of a `phase_step`; `c` is scratch memory."""
     unloaded = Coefficients(eq.of_w, eq.of_y, eq.of_sin, 0.0, eq.R)
-    expand(unloaded, 1.0, 0.0, 0.0, 0.0, step, c)
+    expand(unloaded, 1.0, 0.0, 0.0, 0.0, phase_step, c)
     c[0] = 0.0
     yy, wy = value_and_slope(c, 0, 1.0)
-    expand(unloaded, 0.0, 1.0, 0.0, 0.0, step, c)
+    expand(unloaded, 0.0, 1.0, 0.0, 0.0, phase_step, c)
     yw, _ = value_and_slope(c, 0, 1.0)
     c[1] = 0.0
     _, ww = value_and_slope(c, 0, 1.0)
-    expand(unloaded, 0.0, 0.0, 1.0, 0.0, step, c)
+    expand(unloaded, 0.0, 0.0, 1.0, 0.0, phase_step, c)
     ys, ws = value_and_slope(c, 0, 1.0)
-    expand(unloaded, 0.0, 0.0, 0.0, 1.0, step, c)
+    expand(unloaded, 0.0, 0.0, 0.0, 1.0, phase_step, c)
     yc, wc = value_and_slope(c, 0, 1.0)
-    expand(eq, 0.0, 0.0, 0.0, 0.0, step, c)
+    expand(eq, 0.0, 0.0, 0.0, 0.0, phase_step, c)
     y1, w1 = value_and_slope(c, 0, 1.0)
-    bound_y, bound_w, bound_1 = bound_factors(eq, step)
-    propagator = Propagator(yy, yw, wy / step, ww / step, bound_y, bound_w, bound_1)
-    return propagator, Forcing(ys, yc, y1, ws / step, wc / step, w1 / step)
+    bound_y, bound_w, bound_1 = bound_factors(eq, phase_step)
+    propagator = Propagator(yy, yw, wy / phase_step, ww / phase_step, bound_y, bound_w, bound_1)
+    return propagator, Forcing(ys, yc, y1, ws / phase_step, wc / phase_step, w1 / phase_step)
 
 
-@jit(inline=True)
-def bound_factors(eq, step):
+@inlined
+def bound_factors(eq, phase_step):
     """Return the factors of |y|, |w| and 1 in the remainder bound of a whole step."""
     a, b, f = -eq.of_w, -eq.of_y, -eq.of_sin
     root, greatest = math.sqrt(b), f + abs(eq.of_1)
     # The factors of V and of 1 in the bounds of the derivatives.
-    V_0 = greatest * step
+    V_0 = greatest * phase_step
     two_V, two_1 = a + root, (a + root) * V_0 + greatest
     three_V, three_1 = a * two_V + b, a * two_1 + b * V_0 + f
-    share = step**4 / 72.0 * (1.0 + 1e-9)  # rounded up
+    share = phase_step**4 / 72.0 * (1.0 + 1e-9)  # rounded up
     of_V, of_1 = share * (a * three_V + b * two_V), share * (a * three_1 + b * two_1 + f)
     slack = 2.0 * SLACK
-    return of_V * root + slack, of_V + slack, of_1 + slack * greatest * step * step
+    return of_V * root + slack, of_V + slack, of_1 + slack * extent(eq)
 
 
-@jit(inline=True)
+@inlined
 def forced(forcing, s, c):
     """Return what a step from the phase with sine `s` and cosine `c` adds to y and w."""
     added_y = fma(forcing.ys, s, fma(forcing.yc, c, forcing.y1))
     return added_y, fma(forcing.ws, s, fma(forcing.wc, c, forcing.w1))
 
 
-@jit(inline=True)
-def propagate(propagator, y, w, added, step):
+@inlined
+def propagate(propagator, y, w, added, phase_step):
     """Take a state over a step as if there were no stop; return y_T, w_T, the bound and the guard.
 
     `added` is from ``forced``. A guard below 0 proves that the mass did not meet the stop.
     """
-    third = step * (1.0 / 3.0)
+    third = phase_step * (1.0 / 3.0)
     y_T = y + fma(propagator.yy, y, fma(propagator.yw, w, added[0]))
     w_T = w + fma(propagator.wy, y, fma(propagator.ww, w, added[1]))
     bound = fma(propagator.bound_w, abs(w), fma(propagator.bound_y, abs(y), propagator.bound_1))
     return y_T, w_T, bound, max(fma(0.5, bound, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
 
 
-@jit(inline=True)
+@inlined
 def to_dimensionless(x, v, clearance, omega):
     """Return the state (y, w) for (x, v)."""
     return x - clearance, v / omega
 
 
-@jit(inline=True)
+@inlined
 def from_dimensionless(y, w, clearance, omega):
     """Return the state (x, v) for (y, w)."""
     return y + clearance, w * omega
 
 
-@jit(forced_inline=True)
+@inlined
 def impulse(of_w, of_y, r):
     """Return the response of y and of w to a unit impulse, after the time `r` of at most a step.
 

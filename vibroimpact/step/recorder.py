@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from vibroimpact.jit import is_set, jit
+from vibroimpact.jit import inlined, is_set, jit
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     DISPLACEMENT,
@@ -20,7 +20,14 @@ from vibroimpact.step.contact import (
     start,
 )
 from vibroimpact.step.scheme import EXACT, PLAIN, THETA, Scheme, sine_at_start
-from vibroimpact.step.stepper import from_state, prepare, take_grid_step, to_state
+from vibroimpact.step.stepper import (
+    from_state,
+    prepare,
+    prepare_exact,
+    take_exact_grid_step,
+    take_grid_step,
+    to_state,
+)
 
 # Kinds of row besides the kinds of event: a state on the grid, and the end of a period.
 _STATE, SECTION = 10, 11
@@ -57,19 +64,20 @@ def _put_start(log, t, pt, resting):
     return _put(log, 0, REST if resting else _STATE, t, pt.x0, pt.v0)
 
 
-@jit
-def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
+@inlined
+def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt, prepare, take):
     """Run one point as the kernel's lanes do, and log the recorded periods.
 
-    Once `interrupt` is set the run ends within a forcing period. Once it has more rows than
-    `most_rows` it ends within a step. Its status is then ``PENDING``. Returns the number of rows
-    that the log needs (rows beyond its length are not written), and the status.
+    `prepare` and `take` are the functions of the rule, so that those of the others are not
+    compiled. Once `interrupt` is set the run ends within a forcing period. Once it has more rows
+    than `most_rows` it ends within a step. Its status is then ``PENDING``. Returns the number of
+    rows that the log needs (rows beyond its length are not written), and the status.
     """
     scratch, (method, lead, grid) = new_scratch(), scheme
-    rule, integrator = method
+    rule = method[0]
     x, v, resting = start(pt, sine_at_start(lead, grid))
     state, status = to_state(rule, x, v, resting and rule != PLAIN, pt), 0
-    size, T = grid.size, grid.step / pt.omega
+    size, T = grid.size, grid.phase_step / pt.omega
     t = (2.0 * math.pi * transient + grid.table[THETA, 0]) / pt.omega
     rows = 0
     for k in range(-transient - 1, periods):
@@ -77,7 +85,7 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
             return 0, _PENDING
         phases = lead if k < -transient else grid
         if k <= -transient:
-            prepared = prepare(integrator, phases, pt)
+            prepared = prepare(method, phases, pt)
         if k == 0 and transient == 0 and lead.size == 0:
             rows = _put_start(log, t, pt, state[2])
         elif k == 0:
@@ -86,9 +94,7 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
         for n in range(phases.size):
             if rows > most_rows:
                 return 0, _PENDING
-            state, n_events, outcome = take_grid_step(
-                method, prepared, state, phases, n, pt, scratch
-            )
+            state, n_events, outcome = take(method, prepared, state, phases, n, pt, scratch)
             status = max(status, outcome)
             x, v = from_state(rule, state, pt)
             last = n + 1 == size
@@ -107,6 +113,23 @@ def _trace(pt, scheme, periods, transient, every, most_rows, log, interrupt):
     return rows, status
 
 
+@jit
+def _trace_exact(pt, scheme, periods, transient, every, most_rows, log, interrupt):
+    """Run one point with the rule ``exact``."""
+    return _trace(
+        pt, scheme, periods, transient, every, most_rows, log, interrupt,
+        prepare_exact, take_exact_grid_step,
+    )  # fmt: skip
+
+
+@jit
+def _trace_steps(pt, scheme, periods, transient, every, most_rows, log, interrupt):
+    """Run one point with a rule of time stepping."""
+    return _trace(
+        pt, scheme, periods, transient, every, most_rows, log, interrupt, prepare, take_grid_step
+    )
+
+
 def trace(
     points: np.ndarray,
     scheme: Scheme,
@@ -120,20 +143,20 @@ def trace(
 
     The log has the shape (rows, 4): kind of row, t, x, v, with NaN after a failure. It holds every
     `every`-th state of the grid, and both sides of every impact. A run that ends early, because of
-    `interrupt` as for ``integrate`` or because its log has more than `most_rows`, has an empty log
+    `interrupt` as for ``run_points`` or because its log has more than `most_rows`, has an empty log
     and the status ``PENDING``.
     """
     if periods * (scheme.grid.size // every) > most_rows:
         return np.empty((0, 4)), Status.PENDING
     if interrupt is None:
         interrupt = np.zeros(1, np.int64)
-    outcome = Status.CERTIFIED if scheme.method[0] == EXACT else Status.COMPUTED
+    run, outcome = _trace_steps, Status.COMPUTED
+    if scheme.method[0] == EXACT:
+        run, outcome = _trace_exact, Status.CERTIFIED
     rows, log = periods * (scheme.grid.size // every + 8) + 1, np.empty((0, 4))
     while rows > len(log):  # terminates: the second pass needs as many rows as the first
         log = np.empty((rows, 4))
-        rows, status = _trace(
-            points[0], scheme, periods, transient, every, most_rows, log, interrupt
-        )
+        rows, status = run(points[0], scheme, periods, transient, every, most_rows, log, interrupt)
     log = log[:rows]
     if status == Status.PENDING:
         return log, Status.PENDING

@@ -56,11 +56,11 @@ class PhaseGrid(NamedTuple):
     """A run of equal steps, given by the phases of the force.
 
     ``table`` has the shape (3, size + 1): theta = omega t, its sine and its cosine, at the start of
-    each step and at the end of the last one. ``step`` is omega T, ``size`` the number of steps.
+    each step and at the end of the last one. ``phase_step`` is omega T; ``size`` is their number.
     """
 
     table: np.ndarray
-    step: float
+    phase_step: float
     size: int
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import fma, inlined, jit
 
 #: Number of Taylor coefficients.
 TERMS = 22
@@ -37,8 +37,8 @@ _NARROWEST = 2.0**-17
 _MOST_INTERVALS = 2**19 + 20
 
 
-@jit(refcounts=False)
-def expand(eq, y, w, s, c, step, coefficients):
+@jit
+def expand(eq, y, w, s, c, phase_step, coefficients):
     """Set the Taylor coefficients of y(u) for a flight from (y, w), at sine `s` and cosine `c`.
 
     Differentiating (P) k times: y(k+2) = of_w y(k+1) + of_y y(k) + of_sin sin(k)(theta).
@@ -48,10 +48,10 @@ def expand(eq, y, w, s, c, step, coefficients):
         coefficients[k] = y * weight
         y, w = w, fma(eq.of_w, w, fma(eq.of_y, y, fma(eq.of_sin, s, constant)))
         s, c, constant = c, -s, 0.0
-        weight *= step / (k + 1)
+        weight *= phase_step / (k + 1)
 
 
-@jit(refcounts=False)
+@jit
 def value_and_slope(c, m, u):
     """Return sum_k c[m + k] u^k and its derivative.
 
@@ -74,7 +74,7 @@ def value_and_slope(c, m, u):
     return fma(u, p, q), fma(2.0 * u, fma(u, dp, dq), p)
 
 
-@jit(inline=True)
+@inlined
 def _curvature(c, m, u):
     """Return the second derivative of sum_k c[m + k] u^k."""
     if u == 0.0:
@@ -85,7 +85,7 @@ def _curvature(c, m, u):
     return second
 
 
-@jit(inline=True)
+@inlined
 def _greatest_third_derivative(c, m):
     """Return a bound of the third derivative of sum_k c[m + k] u^k on [0, 1]."""
     even, odd = 0.0, 0.0  # two sums, to shorten the chain of additions
@@ -96,7 +96,7 @@ def _greatest_third_derivative(c, m):
     return even + odd + (k - m) * (k - m - 1) * (k - m - 2) * abs(c[k])
 
 
-@jit(inline=True)
+@inlined
 def _first_guess(low, value_low, slope_low, high, value, slope):
     """Guess the root of a rising polynomial by inverse cubic interpolation from its ends."""
     rise = value - value_low
@@ -109,7 +109,7 @@ def _first_guess(low, value_low, slope_low, high, value, slope):
     return low + (high - low) * (t + bend)
 
 
-@jit(refcounts=False)
+@jit
 def _root(c, m, low, high, u):
     """Return the only root in (low, high) of a polynomial that rises through it.
 
@@ -131,7 +131,7 @@ def _root(c, m, low, high, u):
     return u
 
 
-@jit(refcounts=False)
+@jit
 def _turning_point(c, m, low, high):
     """Return where the slope of a polynomial falls through zero between `low` and `high`."""
     for _ in range(60):
@@ -154,7 +154,7 @@ def _turning_point(c, m, low, high):
     return 0.5 * (low + high)
 
 
-@jit(refcounts=False)
+@jit
 def first_crossing(c, m, end):
     """Return the first u in (0, end <= 1] at which a flight meets the stop, and its highest turn.
 

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import jit
+from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.contact import (
     IMPACT,
@@ -43,7 +43,7 @@ from vibroimpact.step.contact import (
     speeds_until_rest,
     time_to_release,
 )
-from vibroimpact.step.integrators import step
+from vibroimpact.step.integrators import integrator_step
 from vibroimpact.step.scheme import CUBIC
 from vibroimpact.step.series import first_crossing
 from vibroimpact.step.trigonometry import sin_cos
@@ -67,7 +67,7 @@ _ROUNDING = 2e-14
 _COMPUTED, _UNRESOLVED = int(Status.COMPUTED), int(Status.UNRESOLVED)
 
 
-@jit(inline=True)
+@inlined
 def plain(x_T, v_T, T, pt, scratch):
     """Rule (2)-(5) at the end (x_T, v_T) of a step that may have met the stop."""
     if not ((x_T >= pt.clearance) & (v_T > 0.0)):
@@ -75,27 +75,27 @@ def plain(x_T, v_T, T, pt, scratch):
     return pt.clearance, -pt.R * v_T, log_event(scratch.events, 0, IMPACT, T, v_T, x_T)
 
 
-@jit(inline=True)
+@inlined
 def crossed(x, v, clearance):
     """Whether a step that ended at (x, v) must be shortened."""
     return (x > clearance) | ((x == clearance) & (v > 0.0))
 
 
-@jit(inline=True)
+@inlined
 def linear_impact(x, v, x_T, v_T, T, clearance):
     """Return time and speed of the impact by linear interpolation, eqs (6), (7) and (9)."""
     share = (clearance - x) / (x_T - x)  # (6)
     return T * share, v + (v_T - v) * share  # (7), (9)
 
 
-@jit(inline=True)
+@inlined
 def linear_impact_after_launch(v, x_T, v_T, T, clearance):
     """As ``linear_impact`` for a step from the stop, where (x - clearance) / t is interpolated."""
     share = (0.0 - v) / ((x_T - clearance) / T - v)
     return T * share, v + (v_T - v) * share
 
 
-@jit(inline=True)
+@inlined
 def cubic_impact(integrator, launch, end, T, pt, coefficients):
     """Return time and speed of the impact on the cubic Hermite interpolant of a step.
 
@@ -109,12 +109,12 @@ def cubic_impact(integrator, launch, end, T, pt, coefficients):
     coefficients[2] = 3.0 * rise - T * (2.0 * v + v_T)
     coefficients[3] = T * (v + v_T) - 2.0 * rise
     u, _ = first_crossing(coefficients[:4], 1 if x == pt.clearance else 0, 1.0)
-    _, v_Tr = step(integrator, x, v, s, c, u * T, pt)
+    _, v_Tr = integrator_step(integrator, x, v, s, c, u * T, pt)
     return u * T, v_Tr if u > 0.0 else 0.0
 
 
-@jit(inline=True)
-def fly(method, launch, end, span, pt, coefficients):
+@inlined
+def shortened_flight(method, launch, end, span, pt, coefficients):
     """Follow a flight until its first impact, or for at most the time `span`.
 
     `launch` is x, v, and sine and cosine of the phase there; `end` is x, v after `span`. Returns
@@ -127,7 +127,7 @@ def fly(method, launch, end, span, pt, coefficients):
     halvings = 0
     for cuts in range(_MAX_CUTS):
         if T < span:
-            x_T, v_T = step(integrator, x, v, s, c, T, pt)
+            x_T, v_T = integrator_step(integrator, x, v, s, c, T, pt)
         if not crossed(x_T, v_T, pt.clearance):
             if halvings < _MAX_HALVINGS:
                 return T, x_T, v_T, False, cuts
@@ -152,7 +152,7 @@ def fly(method, launch, end, span, pt, coefficients):
     return 0.0, pt.clearance, 0.0, True, _MAX_CUTS  # no speed takes it off the stop: contact
 
 
-@jit(inline=True)
+@inlined
 def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
     """Return T_r, v_Tr, sine and cosine there, and `sure`, of a step from below the stop, (6)-(9).
 
@@ -174,7 +174,7 @@ def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
 
 
 @jit
-def time_to_rest(v, theta, s, left, T, pt):
+def geometric_time_to_rest(v, theta, s, left, T, pt):
     """Return the time until the chatter that follows a rebound at speed `v` is complete.
 
     The chatter begins at phase `theta`, with sine `s`. The time is inf if the chatter is not
@@ -189,7 +189,7 @@ def time_to_rest(v, theta, s, left, T, pt):
     return remaining if remaining <= min(left, time_to_release(theta, pt)) else math.inf
 
 
-@jit(refcounts=False)
+@jit
 def reduced_step(method, start, end, phase, T, pt, scratch):
     """Take one step of length `T`, shortened at every impact in it.
 
@@ -218,10 +218,12 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
             s, c = sin_cos(theta + pt.omega * tau + _ROUNDING)
             x, v, resting, undisturbed = pt.clearance, 0.0, False, undisturbed and tau == 0.0
         if not undisturbed:
-            x_T, v_T = step(integrator, x, v, s, c, T - tau, pt)
+            x_T, v_T = integrator_step(integrator, x, v, s, c, T - tau, pt)
         undisturbed = False
         launch = x, v, s, c
-        dt, x, v, hit, more = fly(method, launch, (x_T, v_T), T - tau, pt, coefficients)
+        dt, x, v, hit, more = shortened_flight(
+            method, launch, (x_T, v_T), T - tau, pt, coefficients
+        )
         cuts += more
         if not hit:
             if dt == T - tau:
@@ -234,7 +236,7 @@ def reduced_step(method, start, end, phase, T, pt, scratch):
             n = log_event(events, n, IMPACT, tau, v, x)
         v = -pt.R * v
         s, c = sin_cos(theta + pt.omega * tau)
-        wait = time_to_rest(-v, theta + pt.omega * tau, s, T - tau, T, pt)
+        wait = geometric_time_to_rest(-v, theta + pt.omega * tau, s, T - tau, T, pt)
         if wait < math.inf:
             speeds = speeds_until_rest(-v, wait, s, c, pt)
             tau += wait

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import fma, inlined, jit
 
 # pi / 2 in double precision, and its rounding error.
 _QUARTER, _QUARTER_REST = 1.5707963267948966, 6.123233995736766e-17
 
 
-@jit(refcounts=False)
+@jit
 def sin_cos(angle):
     """Return sine and cosine of an angle of at most a few thousand radians, to rounding.
 
@@ -40,7 +40,7 @@ def sin_cos(angle):
     return -s if half >= 1.0 else s, -c if (half == 0.5) | (half == 1.0) else c
 
 
-@jit(inline=True)
+@inlined
 def sine_after(s, c, angle):
     """Return the sine of the phase `angle` after the phase with sine `s` and cosine `c`."""
     sin, cos = sin_cos(angle)

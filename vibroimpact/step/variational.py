@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import math
 
-from vibroimpact.jit import fma, jit
+from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.step.contact import IMPACT, KIND, SPEED, TIME
 from vibroimpact.step.propagator import impulse
 from vibroimpact.step.trigonometry import sin_cos
 
 
-@jit(inline=True)
+@inlined
 def propagate_tangents(M, pair):
     """Carry two tangent vectors (y, w) over a step without impacts by its ``Propagator`` M."""
     ay, aw, by, bw = pair
@@ -32,7 +32,7 @@ def propagate_tangents(M, pair):
     )  # fmt: skip
 
 
-@jit(inline=True)
+@inlined
 def fly_tangents(eq, pair, dt):
     """Carry two tangent vectors over a flight of length `dt`, of at most a step."""
     ay, aw, by, bw = pair
@@ -44,7 +44,7 @@ def fly_tangents(eq, pair, dt):
     )  # fmt: skip
 
 
-@jit(inline=True)
+@inlined
 def apply_saltation(eq, pair, w_i, s):
     """Carry two tangent vectors through an impact at `w_i` and a phase with the sine `s`."""
     ay, aw, by, bw = pair
@@ -53,8 +53,8 @@ def apply_saltation(eq, pair, w_i, s):
     return (-eq.R * ay, fma(turn, ay, -eq.R * aw), -eq.R * by, fma(turn, by, -eq.R * bw))
 
 
-@jit(inline=True)
-def tangents_through_impact(eq, pair, u, w_i, wave, step):
+@inlined
+def tangents_through_impact(eq, pair, u, w_i, wave, phase_step):
     """Carry two tangent vectors through a step whose only impact comes after the time `u`.
 
     `wave` is sine and cosine of the phase at the start of the step.
@@ -62,11 +62,11 @@ def tangents_through_impact(eq, pair, u, w_i, wave, step):
     sin, cos = sin_cos(u)
     pair = fly_tangents(eq, pair, u)
     pair = apply_saltation(eq, pair, w_i, wave[0] * cos + wave[1] * sin)
-    return fly_tangents(eq, pair, step - u)
+    return fly_tangents(eq, pair, phase_step - u)
 
 
-@jit(refcounts=False)
-def carry_tangents(prepared, pair, events, n, theta, step, omega):
+@jit
+def carry_tangents(prepared, pair, events, n, theta, phase_step, omega):
     """Carry two tangent vectors (y, w) through a step with `n` events, from the phase `theta`."""
     eq, propagator = prepared
     if n == 0:
@@ -79,10 +79,10 @@ def carry_tangents(prepared, pair, events, n, theta, step, omega):
             pair = apply_saltation(eq, pair, events[k, SPEED] / omega, sin_cos(theta + at)[0])
         else:
             pair = 0.0, 0.0, 0.0, 0.0
-    return fly_tangents(eq, pair, max(step - at, 0.0))
+    return fly_tangents(eq, pair, max(phase_step - at, 0.0))
 
 
-@jit(refcounts=False)
+@jit
 def orthonormalise(pair):
     """Orthonormalise two tangent vectors; return them, and the logarithms of their lengths."""
     ax, av, bx, bv = pair

@@ -1,0 +1,233 @@
+"""A number per point as colours: classes and words with a legend, others with a colour bar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgba
+from matplotlib.patches import Patch
+
+from sweeps.analysis.regimes import NO_CLASS, Regime, classify, frequent_periods, has_result
+from sweeps.analysis.selection import check_diagnostic
+from sweeps.errors import Refused
+from sweeps.plotting import canvas
+from sweeps.plotting.labels import CLASSES_TITLE, label, status_name, tick_in_decades
+from sweeps.plotting.lines import widened
+from sweeps.plotting.numbers import number_at
+from sweeps.plotting.style import (
+    BLUE,
+    EVIDENCE,
+    NO_VALUE,
+    OTHER_PERIODIC,
+    PALE,
+    PERIODIC,
+    REGIMES,
+    REST,
+    RESULTS,
+    STATUS_COLOURS,
+    VERMILION,
+    WHITE,
+    class_colours,
+)
+from vibroimpact.status import Status
+
+#: Names of the value 0 of quantities that are 0 or not defined without impacts.
+_ZERO = {
+    **dict.fromkeys(("impacts_per_period", "slowest_impact", "fastest_impact"), "no impact"),
+    **dict.fromkeys(("impulse", "energy_lost"), "no impact"),
+    "max_penetration": "none",
+    "rest_fraction": "no rest",
+}
+#: Quantities that a motion with rest does not have, because a chatter has infinitely many impacts.
+_NOT_AT_REST = ("impacts_per_period", "slowest_impact")
+#: Quantities whose numbers stand for words: for each number the word and its colour.
+_WORDS: Mapping[str, Mapping[int, tuple[str, str]]] = {
+    "status": {one: (status_name(one), colour) for one, colour in RESULTS.items()},
+    "class_evidence": {one: (one.name.lower(), colour) for one, colour in EVIDENCE.items()},
+}
+#: Positive values are on a logarithmic scale if the greatest is this many times the least.
+_LOG_FROM = 10.0
+
+
+_SIGNED, _SIGNED_DOTS = (
+    LinearSegmentedColormap.from_list("signed", ["#00263D", BLUE, middle, VERMILION, "#4A1D00"])
+    for middle in ("#F7F7F7", "#A0A0A0")
+)
+
+
+class Cells(NamedTuple):
+    """The points of a picture with the same colour: a label, the colour and the mask of points."""
+
+    label: str
+    colour: str
+    where: np.ndarray
+
+
+def failed_cells(status: np.ndarray) -> list[Cells]:
+    """Return the failed points, by outcome."""
+    return [
+        Cells(status_name(outcome), colour, status == outcome)
+        for outcome, colour in STATUS_COLOURS.items()
+        if outcome is not Status.PENDING
+    ]
+
+
+def period_cells(cut: xr.Dataset, whole: xr.Dataset | None = None) -> list[Cells]:
+    """Return the points of each regime; each of the most frequent classes has its own colour.
+
+    These are the classes of the `whole` file, so that a class has one colour in all its pictures.
+    The labels say how many points have no class, as a share of those with a result.
+    """
+    check_diagnostic(cut, "period")
+    regimes, m, q = classify(cut), cut["period"].values, cut["period_impacts"].values
+    periodic = regimes == Regime.PERIODIC
+    cells = []
+    for (periods, impacts), colour in colours_of_classes(cut if whole is None else whole).items():
+        where = periodic & (m == periods) & (q == impacts)
+        text = f"{periods}/{impacts}" + (", no impact" if impacts == 0 else "")
+        cells.append(Cells(text, colour, where))
+        periodic = periodic & ~where
+    cells.append(Cells("other m/q", OTHER_PERIODIC, periodic))
+    results = max(1, int(has_result(cut["status"].values).sum()))
+    for regime, (text, colour) in REGIMES.items():
+        where = regimes == regime
+        if regime is Regime.UNDECIDED and "lyapunov" not in cut:
+            text = "no class found"
+        if regime in NO_CLASS:
+            text = f"{text} ({100.0 * where.sum() / results:.3g} %)"
+        cells.append(Cells(text, colour, where))
+    return cells
+
+
+def colours_of_classes(dataset: xr.Dataset) -> dict[tuple[int, int], str]:
+    """Return a colour for each of the most frequent classes (m, q) of a file."""
+    periodic = classify(dataset) == Regime.PERIODIC
+    m, q = (
+        dataset[name].transpose(*dataset["status"].dims).values[periodic]
+        for name in ("period", "period_impacts")
+    )
+    return class_colours(frequent_periods(m, q, len(PERIODIC)))
+
+
+class Paint(NamedTuple):
+    """The colours of a number per point, each field in the shape of ``status``.
+
+    `cells` have a colour in the legend; `values`, masked elsewhere, have one of a colour bar.
+    `variable` describes the values, and `title` is the title of the legend.
+    """
+
+    variable: xr.DataArray
+    cells: list[Cells]
+    values: np.ma.MaskedArray
+    norm: Normalize
+    ramp: Colormap
+    title: str | None = None
+
+    def colours(self) -> np.ndarray:
+        """Return the colour of each point, shape (..., 4); transparent without a result."""
+        rgba = np.asarray(self.ramp(self.norm(self.values)))
+        for cell in self.cells:
+            rgba[cell.where] = to_rgba(cell.colour)
+        return rgba
+
+    def handles(self) -> list[Artist]:
+        """Return the patches for the legend, of the cells that have points."""
+        return [
+            Patch(facecolor=cell.colour, edgecolor="black", linewidth=0.4, label=cell.label)
+            for cell in self.cells
+            if cell.where.any()
+        ]
+
+    def add_bar(self, panels: Sequence[Axes]) -> None:
+        """Add the colour bar, if any value has a colour; an arrow marks values below its range."""
+        if self.values.count() == 0:
+            return
+        low, high = self.norm.vmin or 0.0, self.norm.vmax or 0.0
+        bar = canvas.figure_of(panels[0]).colorbar(
+            ScalarMappable(self.norm, self.ramp),
+            ax=panels,
+            location="bottom",
+            pad=0.02,
+            aspect=35,
+            extend="min" if self.values.min() < low else "neither",
+        )
+        bar.set_label(label(self.variable), wrap=True)
+        if isinstance(self.norm, LogNorm) and high < 100.0 * low:
+            tick_in_decades(bar.ax.xaxis)
+
+
+def paint(
+    cut: xr.Dataset, name: str, whole: xr.Dataset | None = None, *, dots: bool = False
+) -> Paint:
+    """Return the colours of a number at the points of a cut through a `whole` file.
+
+    With `dots` no colour is as light as the paper.
+    """
+    variable = number_at(cut, name)
+    ramp = mpl.colormaps["cividis"]
+    nothing = np.ma.masked_all(variable.shape, float)
+    if name == "period":
+        cells = period_cells(cut.transpose(*cut["status"].dims, ...), whole)
+        return Paint(variable, cells, nothing, Normalize(), ramp, CLASSES_TITLE)
+    if name in _WORDS:
+        found = np.where(has_result(cut["status"].values), variable.values, Status.PENDING)
+        cells = [
+            Cells(text, colour, found == number) for number, (text, colour) in _WORDS[name].items()
+        ]
+        return Paint(variable, cells, nothing, Normalize(), ramp)
+    values = variable.values.astype(float)
+    has_value = has_result(cut["status"].values)
+    cells = _special_cells(cut, name, values, has_value, PALE if dots else WHITE)
+    for cell in cells:
+        has_value &= ~cell.where
+    norm = _scale(name, values[has_value])
+    if isinstance(norm, LogNorm):
+        zero = has_value & (values == 0.0)
+        cells.append(Cells("0", PALE if dots else WHITE, zero))
+        has_value &= ~zero
+    elif norm(0.0) == 0.5:
+        ramp = _SIGNED_DOTS if dots else _SIGNED
+    if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
+        raise Refused(f"there is nothing to draw: {name} is 0 at every point")
+    return Paint(variable, cells, np.ma.masked_where(~has_value, values), norm, ramp)
+
+
+def _special_cells(
+    cut: xr.Dataset, name: str, values: np.ndarray, result: np.ndarray, pale: str
+) -> list[Cells]:
+    """Return the points with a result whose value is not on a scale, the value 0 first."""
+    rests = np.zeros(values.shape, bool)
+    if name in _NOT_AT_REST:
+        rests = result & (cut["rest_fraction"].transpose(*cut["status"].dims).values > 0.0)
+    zero = result & ~rests & ~(values > 0.0) & (name in _ZERO)
+    infinite = result & np.isneginf(values) & (name == "lyapunov")
+    none = result & ~np.isfinite(values) & ~zero & ~rests & ~infinite
+    return [
+        Cells(_ZERO.get(name, ""), pale, zero),
+        Cells("with rest", REST, rests),
+        Cells(r"with rest, $\lambda_1 = -\infty$", "#F0E442", infinite),
+        Cells("no value", NO_VALUE, none),
+    ]
+
+
+def _scale(name: str, values: np.ndarray) -> Normalize:
+    """Return a scale centred on 0 for both signs, a logarithmic one for a wide range, or linear."""
+    if not values.size:
+        return Normalize(0.0, 1.0)
+    low, high = float(values.min()), float(values.max())
+    if name == "lyapunov" or low < 0.0 < high:
+        limit = max(-float(np.quantile(values, 0.01)), high, 1e-12)
+        return Normalize(-limit, limit)
+    positive = values[values > 0.0]
+    if low >= 0.0 and positive.size and name != "rest_fraction":
+        least = float(np.quantile(positive, 0.005))
+        if high > _LOG_FROM * least:
+            return LogNorm(least, high)
+    return Normalize(*widened(low, high))

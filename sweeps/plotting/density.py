@@ -1,0 +1,148 @@
+"""The density of a diagram of very many points: what each pixel of its columns holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+
+from sweeps.analysis.regimes import has_result
+from sweeps.analysis.selection import COORDINATES, recorded_coordinate
+from sweeps.plotting import canvas
+from sweeps.plotting.lines import cell_edges, pixels_of
+from sweeps.plotting.style import (
+    BOTH_COLOUR,
+    DENSITY,
+    DIRECTION_COLOURS,
+    LEAST_SHARE,
+    dots_per_inch,
+)
+
+#: Number of values read at a time.
+_PART_SIZE = 1_000_000
+_NORM = LogNorm(LEAST_SHARE, 1.0, clip=True)
+_RAMP = LinearSegmentedColormap.from_list("density", DENSITY)
+# The ramps for up, down and both end at full colours: the darker ends would all look the same where
+# the motion is periodic.
+_DIRECTION_RAMPS = [
+    LinearSegmentedColormap.from_list("density", colours)
+    for colours in (
+        ["#A6CBE3", DIRECTION_COLOURS[0]],
+        ["#F5D79A", DIRECTION_COLOURS[1]],
+        ["#CCCCCC", BOTH_COLOUR],
+    )
+]
+
+
+def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Read a coordinate of the computed points of a line in parts.
+
+    Yields the indices of k points and their values, shapes (k,) and (k, record).
+    """
+    (axis,), computed = line["status"].dims, has_result(line["status"].values)
+    rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension])
+    for start in range(0, len(computed), rows):
+        kept = np.flatnonzero(computed[start : start + rows])
+        if len(kept):
+            part = line.isel({axis: slice(start, start + rows)})
+            yield start + kept, recorded_coordinate(part, coordinate).values[kept]
+
+
+def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, float]:
+    """Return the least and the greatest value of a coordinate; inf and -inf without values."""
+    low, high = np.inf, -np.inf
+    for line in lines:
+        for _, values in computed_parts(line, coordinate):
+            values = values[np.isfinite(values)]
+            low, high = values.min(initial=low), values.max(initial=high)
+    return float(low), float(high)
+
+
+def draw_density(
+    panel: Axes,
+    values: np.ndarray,
+    ways: Sequence[xr.Dataset],
+    coordinate: str,
+    colours: Sequence[np.ndarray] = (),
+) -> None:
+    """Draw the share of each column's points in each of its pixels, with a colour bar.
+
+    Call this last, because the pixels are those of the finished panel in a PNG. A column is one of
+    the `values` of the axis, or one pixel wide if there are more values than pixels. With two
+    directions, the colour of a pixel tells which direction has points in it, or that both have.
+    If the `colours` of the points of each way are given, a pixel has the colour of a point in it.
+    """
+    figure = canvas.figure_of(panel)
+    ramps = [_RAMP] if len(ways) == 1 else _DIRECTION_RAMPS
+    if not colours:
+        bar = figure.colorbar(ScalarMappable(_NORM, ramps[-1]), ax=panel, pad=0.01, aspect=40)
+        bar.set_label("share of the points of a column")
+    figure.draw_without_rendering()  # computes the layout
+    box, scale = panel.get_window_extent(), dots_per_inch() / figure.dpi
+    columns, rows = (round(size * scale) for size in (box.width, box.height))
+    low, high = panel.get_ylim()
+    log = panel.get_xscale() == "log"
+    left, right = sorted(panel.get_xlim())
+    in_view = np.sort(values[(values >= left) & (values <= right)])
+    in_view = in_view if len(in_view) > 1 else np.sort(values)
+    x_edges = cell_edges(in_view, log)
+    if len(in_view) > columns:
+        x_edges = (np.geomspace if log else np.linspace)(in_view[0], in_view[-1], columns + 1)
+    y_edges = np.linspace(low, high, rows + 1)
+    pixels = [_Pixels(way, coordinate, values, x_edges, y_edges) for way in ways]
+    if colours:
+        for one, of_points in zip(pixels, colours, strict=True):
+            image = np.append(of_points, np.zeros((1, 4)), axis=0)[one.owners()]
+            panel.pcolormesh(x_edges, y_edges, image.swapaxes(0, 1), rasterized=True)
+        return
+    shares = [one.shares() for one in pixels]
+    if len(shares) == 2:
+        in_both = (shares[0] > 0.0) & (shares[1] > 0.0)
+        mean = np.where(in_both, 0.5 * (shares[0] + shares[1]), 0.0)
+        shares = [*(np.where(in_both, 0.0, share) for share in shares), mean]
+    for share, ramp in zip(shares, ramps, strict=True):
+        cells = np.ma.masked_equal(share, 0.0).T
+        panel.pcolormesh(x_edges, y_edges, cells, norm=_NORM, cmap=ramp, rasterized=True)
+
+
+class _Pixels:
+    """The points of a line in the pixels of a panel; all results have the shape (columns, rows)."""
+
+    def __init__(
+        self,
+        line: xr.Dataset,
+        coordinate: str,
+        values: np.ndarray,
+        x_edges: np.ndarray,
+        y_edges: np.ndarray,
+    ) -> None:
+        self._line, self._coordinate = line, coordinate
+        self._shape, self._ends = (len(x_edges) - 1, len(y_edges) - 1), y_edges[[0, -1]]
+        self._column = np.searchsorted(x_edges, values, side="right") - 1
+        self._column[values == x_edges[-1]] = self._shape[0] - 1
+
+    def _points(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the points in view in parts: their number and the number of the pixel of each."""
+        in_view = (self._column >= 0) & (self._column < self._shape[0])
+        for indices, y in computed_parts(self._line, self._coordinate):
+            indices, y = indices[in_view[indices]], y[in_view[indices]]
+            place, pixel = pixels_of(self._column[indices], y, self._shape[1], *self._ends)
+            yield indices[place], pixel
+
+    def shares(self) -> np.ndarray:
+        """Return the share of each column's points in each of its pixels."""
+        counts = np.zeros(self._shape)
+        for _, pixel in self._points():
+            counts += np.bincount(pixel, minlength=counts.size).reshape(counts.shape)
+        return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+
+    def owners(self) -> np.ndarray:
+        """Return the number of a point in each pixel, -1 if there is none."""
+        owner = np.full(self._shape, -1)
+        for number, pixel in self._points():
+            owner.reshape(-1)[pixel] = number
+        return owner

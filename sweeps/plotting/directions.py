@@ -1,0 +1,81 @@
+"""The two directions of a followed axis: where they agree, and where a motion jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from matplotlib.axes import Axes
+
+#: Values of both directions are one if they differ by less than this share of the panel. Motions
+#: differ if their values are farther apart on the mean, and a jump with an arrow is longer.
+_SAME, _APART, _JUMP = 0.004, 0.01, 0.04
+
+
+def nearest(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+    """Return the distance of each value from the nearest in the same row of the other, in `size`.
+
+    The arrays have the shapes (n, k) and (n, l), with NaN for no value; the result has the shape of
+    `one`. The distance is 2 if the other has no value in the row, and NaN for no value.
+    """
+    row = 5.0 * np.arange(len(one))[:, None]  # more than any distance
+    low = np.fmin(*(np.min(each[np.isfinite(each)], initial=np.inf) for each in (one, other)))
+    keys, there = (row + (each - low) / size for each in (one, other))
+    there = np.concatenate([[-np.inf], np.sort(there[np.isfinite(there)]), [np.inf]])
+    after = np.searchsorted(there, keys).clip(1, len(there) - 1)
+    return np.minimum(np.minimum(keys - there[after - 1], there[after] - keys), 2.0)
+
+
+def _extent(*values: np.ndarray) -> float:
+    """Return the range of all finite values."""
+    every = np.concatenate([each[np.isfinite(each)] for each in values])
+    return float(np.ptp(every)) if every.size else 0.0
+
+
+def agreeing(up: np.ndarray, down: np.ndarray) -> list[np.ndarray]:
+    """Return the masks of the values of each direction that the other has, too."""
+    size = _extent(up, down) or 1.0
+    return [nearest(up, down, size) < _SAME, nearest(down, up, size) < _SAME]
+
+
+def _apart(one: np.ndarray, other: np.ndarray, size: float) -> np.ndarray:
+    """Whether the motions in each row differ, shape (n,)."""
+    away = [nearest(a, b, size) for a, b in ((one, other), (other, one))]
+    means = [
+        np.nan_to_num(each).sum(axis=1) / np.maximum(np.isfinite(each).sum(axis=1), 1)
+        for each in away
+    ]
+    return np.maximum(*means) > _APART
+
+
+def draw_jumps(
+    panel: Axes, x: np.ndarray, up: np.ndarray, down: np.ndarray, colours: tuple[str, str]
+) -> None:
+    """Draw an arrow where the motion of a direction ends, to the one that it jumps to.
+
+    This is the last value, in this direction, of a range in which both directions differ. `x`,
+    shape (n,), increases; `up` and `down` are values of the points, shape (n, k).
+    """
+    size = _extent(up, down) or 1.0
+    for start, stop in _ranges(_apart(up, down, size)):
+        for motion, i, j, colour in (
+            (up, stop - 1, stop, colours[0]),
+            (down, start, start - 1, colours[1]),
+        ):
+            if not 0 <= j < len(x):
+                continue
+            away = nearest(motion[[i]], motion[[j]], size)[0]
+            if not _JUMP < np.nanmax(away, initial=0.0) < 2.0:
+                continue
+            begin = motion[i, int(np.nanargmax(away))]
+            end = motion[j, int(np.nanargmin(np.abs(motion[j] - begin)))]
+            look = {"arrowstyle": "-|>", "color": colour, "lw": 0.8, "mutation_scale": 7.0}
+            panel.annotate(
+                "", (x[j], end), (x[i], begin), arrowprops={**look, "shrinkA": 0, "shrinkB": 0}
+            )
+
+
+def _ranges(mask: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield the runs of True: the first index, and the one after the last."""
+    ends = np.flatnonzero(np.diff(np.pad(mask, 1).astype(np.int8)))
+    yield from zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True)

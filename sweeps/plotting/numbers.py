@@ -1,0 +1,89 @@
+"""The numbers per point that a picture can show: variables of the file, and further quantities.
+
+This is the only way in which ``quantity``, ``below`` and ``color`` become values, label and units.
+"""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from sweeps.analysis.rig import in_si, model_axes, rig_of
+from sweeps.analysis.selection import check_diagnostic, choice_of, listed
+from sweeps.config.groups import DIAGNOSTICS
+from sweeps.config.rig import si_name
+from sweeps.errors import Refused
+from sweeps.text import nearest, suggestion
+
+#: A variable of the file by its name, or values computed from the file.
+Wanted = str | xr.DataArray
+
+
+def numbers_of(dataset: xr.Dataset) -> list[str]:
+    """List what has a number for each point, results first; the Lyapunov exponents have two."""
+    return [
+        str(name)
+        for name in (*dataset.data_vars, *dataset.coords)
+        if dataset[name].dtype.kind in "biuf" and _is_of_points(dataset, dataset[name], "exponent")
+    ]
+
+
+def _is_of_points(dataset: xr.Dataset, values: xr.DataArray, *further: str) -> bool:
+    own = set(values.dims) - set(further)
+    return bool(own) and own <= set(dataset["status"].dims)
+
+
+def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
+    """Return the dataset with what is wanted, described like a result, and its name there."""
+    if isinstance(wanted, str):
+        (name,) = [wanted] if wanted in dataset else model_axes(dataset, [wanted])
+    else:
+        dataset, name = _with_own(dataset, wanted)
+    if name in DIAGNOSTICS:
+        check_diagnostic(dataset, name)
+    available = numbers_of(dataset)
+    if name not in available:
+        problem = f"there is no {name or repr(name)}{suggestion(nearest(name, available))}"
+        if name in dataset:
+            problem = f"{name} is not a number for each point"
+        raise Refused(f"{problem}; {choice_of(available)}")
+    about = {"long_name": name, "units": "1", "symbol": ""} | dataset[name].attrs
+    described = dataset.copy()
+    described[name].attrs = about
+    return described, name
+
+
+def _with_own(dataset: xr.Dataset, values: xr.DataArray) -> tuple[xr.Dataset, str]:
+    """Return the dataset with a DataArray computed from it; refuse one that does not fit."""
+    if not isinstance(values, xr.DataArray):
+        raise Refused(f"{values!r} cannot be drawn; expected: a name or a DataArray")
+    name, dims = (
+        str("the DataArray" if values.name is None else values.name),
+        dataset["status"].dims,
+    )
+    if name in dataset and values.identical(dataset[name]):
+        return dataset, name
+    over = f"expected: numbers over {listed(map(str, dims))}, as in the Dataset"
+    if not _is_of_points(dataset, values):
+        own = listed(map(str, values.dims)) or "no dimension"
+        raise Refused(f"{name} is over {own}; {over}")
+    if values.dtype.kind not in "biuf":
+        raise Refused(f"{name} holds {values.dtype}; {over}")
+    try:
+        xr.align(dataset["status"], values, join="exact")
+    except ValueError:
+        raise Refused(f"{name} is at other values of the axes; {over}") from None
+    about = {"long_name": name} | values.attrs
+    while name in dataset:
+        name += "'"
+    plain = values.drop_vars([one for one in values.coords if one not in values.dims])
+    return dataset.assign({name: plain.assign_attrs(about)}), name
+
+
+def number_at(cut: xr.Dataset, name: str) -> xr.DataArray:
+    """Return a number at each point of a cut, in SI units for a rig; the larger exponent of two."""
+    seen = in_si(cut[["status", name]])
+    number = seen[name if name in seen.variables else si_name(name, rig_of(cut))]
+    if "exponent" in number.dims:
+        about = {"symbol": rf"{number.symbol}_1", "long_name": f"larger {number.long_name}"}
+        number = number.isel(exponent=0).assign_attrs(about)
+    return number.broadcast_like(seen["status"]).transpose(*seen["status"].dims)

@@ -1,0 +1,90 @@
+"""Transients that are found: `record: {transient: auto}`."""
+
+import numpy as np
+import pytest
+
+from sweep_files import load, refusal, run_in
+from sweeps import open_sweep
+from sweeps.analysis.selection import config_of
+from sweeps.engine.compute import compute
+from vibroimpact import Oscillator, integrate
+from vibroimpact.destination.repetition import TOLERANCE
+
+CONFIG = """
+oscillator: {h: [0.01, 0.05], R: 0.8, omega: {start: 2.4, stop: 3.5, num: 40}, f: 1.0}
+record: {transient: auto, longest: 3000, periods: 20, impacts: 4, phase: 1.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    with open_sweep(run_in(tmp_path_factory.mktemp("auto"), CONFIG)) as dataset:
+        yield dataset.load()
+
+
+def test_every_motion_with_a_class_is_on_its_orbit(found):
+    periodic = found["period"].values > 0
+    assert 0.3 < periodic.mean() < 1.0
+    short = periodic & (found["transient"].values < 3000)
+    assert (found["orbit_distance"].values[short] < 1e-12).all()
+    assert len(np.unique(found["transient"])) > 5
+    # A rest may show in a stage that it repeats, and not in a shorter record.
+    assert (found["transient"].values[found["period"].values == 0] == 3000).mean() > 0.9
+    assert found["transient"].max() == 3000
+
+
+def test_a_run_with_the_transient_that_was_found_has_the_same_bits(found):
+    steps = config_of(found).steps
+    flat = found.stack(point=("h", "omega")).isel(point=slice(0, None, 9))
+    for i in range(flat.sizes["point"]):
+        point = flat.isel(point=i)
+        transient = int(point["transient"])
+        osc = Oscillator(h=float(point["h"]), R=0.8, omega=float(point["omega"]), f=1.0)
+        options = {"steps_per_period": steps, "transient": transient, "periods": 20}
+        run = integrate(osc.at(), **options, phase=1.0, impacts=4)
+        for name in ("poincare_x", "poincare_v", "impact_phase", "impact_v"):
+            np.testing.assert_array_equal(run[name][0], point[name].values)
+
+
+def test_a_transient_of_another_rule_ends_where_the_record_repeats(tmp_path):
+    method = "method={integrator: newmark, impact: reduced-step}"
+    with open_sweep(run_in(tmp_path, CONFIG, method, "oscillator.omega.num=8")) as dataset:
+        periodic = dataset["period"].values > 0
+        assert periodic.any()
+        assert (dataset["orbit_distance"].values[periodic] <= TOLERANCE).all()
+        assert (dataset["transient"].values[periodic] < 3000).any()
+
+
+def test_blocks_and_threads_change_nothing(found):
+    config = load(CONFIG)
+    points = config.grid.points(tuple(slice(0, n) for n in config.grid.shape))
+    for threads, order in ((1, slice(None)), (2, slice(None, None, -1))):
+        results = compute(config, points[order].copy(), threads)
+        for name in ("transient", "poincare_x", "impact_v", "period", "orbit_distance"):
+            expected = found[name].values.reshape(len(points), *found[name].shape[2:])
+            np.testing.assert_array_equal(results[name][order], expected)
+
+
+@pytest.mark.parametrize(
+    ("record", "said"),
+    [
+        ("{transient: 10, longest: 5}", "record.longest: is only for transient: auto"),
+        ("{transient: auto, diagnostics: []}", "auto needs the classes of motions"),
+        ("{transient: auto, trajectory: {every: 1}}", "auto cannot be used with trajectory"),
+        ("{transient: aut}", "is not an integer"),
+        ("{transient: auto, longest: 0}", "an integer from 1"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(record, said):
+    text = "oscillator: {h: 0.1, R: 0.8, omega: 2.0, f: 1.0}\n"
+    assert said in refusal(f"{text}record: {record}\n")
+
+
+@pytest.mark.parametrize(
+    "group", ["follow: {axis: omega, direction: up}", "refine: {axis: omega, levels: 3}"]
+)
+def test_neighbours_have_no_transient_of_their_own(group):
+    text = "oscillator: {h: 0.1, R: 0.8, omega: [1.0, 2.0], f: 1.0}\nrecord: {transient: auto}\n"
+    said = refusal(f"{text}{group}\n")
+    assert "record.transient" in said and group[:6] in said
+    assert refusal(f"{group}\n{text}") == said.replace("line 2", "line 3")

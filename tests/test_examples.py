@@ -1,0 +1,69 @@
+"""The examples in the docstrings of all public names, as a reader would type them."""
+
+import doctest
+import inspect
+import re
+import sys
+from pathlib import Path
+from types import FunctionType, ModuleType
+
+import pytest
+
+import sweeps
+import sweeps.plotting
+import vibroimpact
+
+#: Methods that only the packages call.
+INTERNAL = {"set_limits", "fit_ordinate", "with_record", "model_post_init"}
+
+
+def public(package: ModuleType) -> dict[str, object]:
+    """Return the public functions and classes of a package, and the classes' own public methods."""
+    found: dict[str, object] = {}
+    for name in dir(package):
+        value = getattr(package, name)
+        if name.startswith("_") or isinstance(value, ModuleType) or not callable(value):
+            continue
+        if inspect.isclass(value) and issubclass(value, Exception):
+            continue
+        found[f"{package.__name__}.{name}"] = value
+        if inspect.isclass(value):
+            found |= {
+                f"{package.__name__}.{name}.{method}": inspect.unwrap(getattr(value, method))
+                for method, own in vars(value).items()
+                if isinstance(own, FunctionType | classmethod)
+                if not method.startswith("_") and method not in INTERNAL
+            }
+    return found
+
+
+EVERY = public(vibroimpact) | public(sweeps) | public(sweeps.plotting)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EVERY)
+def test_its_example_gives_what_it_says(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    value = EVERY[name]
+    text = inspect.getdoc(value) or ""
+    example = doctest.DocTestParser().get_doctest(
+        text, dict(vars(sys.modules[value.__module__])), name, None, None
+    )
+    assert example.examples, "there is no example"
+    runner = doctest.DocTestRunner()
+    told: list[str] = []
+    runner.run(example, out=told.append)
+    assert not runner.failures, "".join(told)
+
+
+@pytest.mark.parametrize("package", [vibroimpact, sweeps], ids=["vibroimpact", "sweeps"])
+def test_the_page_of_a_package_names_everything_public(package):
+    page = (Path(package.__file__).parent / "README.md").read_text(encoding="utf-8")
+    names = set(dir(package)) | (set(dir(sweeps.plotting)) if package is sweeps else set())
+    unnamed = [
+        name
+        for name in names
+        if not name.startswith("_") and not isinstance(getattr(package, name, None), ModuleType)
+        if not re.search(rf"`(plotting\.)?{name}\b", page)
+    ]
+    assert unnamed == []

@@ -1,0 +1,395 @@
+"""Where motions go: the class of a record, and the evidence for the orbit that is approached."""
+
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+
+from oscillators import bifurcation
+from vibroimpact import Oscillator, integrate, one_impact_orbit, periodic_orbit
+from vibroimpact.destination.repetition import LONGEST_PERIOD, TOLERANCE
+from vibroimpact.oscillator import POINT
+from vibroimpact.points.destinations import classified, destinations
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.status import Evidence
+from vibroimpact.step.scheme import default_steps
+
+#: A point whose stop is at the rest position: only the sections decide.
+FREE = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0).at()
+
+
+def spec_of(points, impact="exact", transient=200, periods=100, phase=0.0):
+    """Return what is computed of each point, with the least steps of the points."""
+    steps = default_steps(points, impact)
+    return RunSpec(
+        "exact", impact, steps, transient, None, periods, phase, 0, False, True, None, False, None,
+        (),
+    )  # fmt: skip
+
+
+def run(points, threads=None, **options):
+    """Compute points from their starts; return the specification and the results with classes."""
+    spec = spec_of(points, **options)
+    results = integrate(
+        points, integrator=spec.integrator, impact=spec.impact,
+        steps_per_period=spec.steps_per_period, transient=spec.transient, periods=spec.periods,
+        phase=spec.phase, impacts=0, threads=threads,
+    )  # fmt: skip
+    return spec, classified(spec, points, results, threads, None)
+
+
+def record_class(points, x, v, impacts_per_period):
+    """Return m and q of made-up records, for an impact rule that has nothing but the record."""
+    n = len(points)
+    results = {
+        "poincare_x": x, "poincare_v": v, "impacts_per_period": impacts_per_period,
+        "rest_fraction": np.zeros(n), "chatters": np.zeros(n, int), "status": np.zeros(n, int),
+    }  # fmt: skip
+    found = destinations(spec_of(points, "plain"), points, results)
+    return found["m"], found["q"]
+
+
+def cycle(m, periods, seed=0):
+    """Return sections of a motion of period m."""
+    values = np.random.default_rng(seed).normal(size=(2, m))
+    return np.array([[np.resize(q, periods)] for q in values])
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 8, 63, 64])
+def test_made_up_cycles(m):
+    """The least period, and the impacts in it."""
+    x, v = cycle(m, 3 * m)
+    found = record_class(FREE, x, v, np.array([3.0 / m]))
+    assert (found[0][0], found[1][0]) == (m, 3)
+    x, v = cycle(m, 2 * m + 3)
+    assert record_class(FREE, x, v, np.array([3.0 / m]))[0][0] == m
+
+
+def test_what_is_no_cycle():
+    """Noise, NaN, a period longer than half the record or than the bound."""
+    noise = np.random.default_rng(0).normal(size=(2, 1, 200))
+    assert record_class(FREE, *noise, np.array([1.0])) == (0, 0)
+    lost = np.full((2, 1, 50), np.nan)
+    assert record_class(FREE, *lost, np.array([np.nan])) == (0, 0)
+    x, v = cycle(10, 19)
+    assert record_class(FREE, x, v, np.array([1.0]))[0] == 0
+    x, v = cycle(LONGEST_PERIOD + 1, 4 * LONGEST_PERIOD)
+    assert record_class(FREE, x, v, np.array([1.0]))[0] == 0
+
+
+def test_the_tolerance_is_a_share_of_the_greatest():
+    """Half of it passes, twice it does not; x and v have each their own; rest is period 1."""
+    for scale in (1e-9, 1.0, 1e9):
+        for factor, m in ((0.5, 1), (2.0, 2)):
+            x = scale * np.array([[1.0, 1.0 + factor * TOLERANCE] * 10])
+            assert record_class(FREE, x, np.ones((1, 20)), np.array([1.0]))[0] == m
+            assert record_class(FREE, np.ones((1, 20)), x, np.array([1.0]))[0] == m
+    zero = np.zeros((1, 20))
+    assert record_class(FREE, zero, zero, np.array([0.0])) == (1, 0)
+
+
+@pytest.mark.parametrize("x0", [0.3, 0.0, -0.4])
+@pytest.mark.parametrize(("h", "omega", "p"), [(0.05, 0.7, 1.0), (0.3, 2.0, 0.2), (4.0, 1.1, 2.0)])
+def test_without_a_force_the_mass_ends_at_its_rest_position(h, omega, p, x0):
+    """Its sections then show only rounding of the clearance."""
+    points = Oscillator(h=h, R=0.5, omega=omega, f=0.0, p=p, clearance=0.3).at(x0, 0.0)
+    _, out = run(points, transient=400, periods=32)
+    assert np.abs([out["poincare_x"], out["poincare_v"]]).max() < 1e-14
+    assert (out["period"], out["period_impacts"]) == (1, 0)
+    assert (out["class_evidence"], out["orbit_x"], out["orbit_v"]) == (Evidence.FREE, 0.0, 0.0)
+
+
+def test_a_small_motion_under_a_large_clearance_is_no_rounding():
+    """A forced motion of 1e-8 of the clearance still has its period, and noise of 1e-9 has none."""
+    points = Oscillator(h=0.1, R=0.5, omega=1.0, f=1.0, clearance=2.0).at()
+    x, v = cycle(3, 30)
+    ones = np.ones(1)
+    assert record_class(points, 2e-8 * x, 2e-8 * v, ones) == (3, 3)
+    noise = 2e-9 * np.random.default_rng(0).normal(size=(2, 1, 100))
+    assert record_class(points, *noise, ones) == (0, 0)
+
+
+@pytest.mark.parametrize("multiplier", [-0.9999, 0.9999, -1.0001])
+def test_a_motion_that_still_settles_repeats_nothing(multiplier):
+    """Each section equals the one two periods before it to 2e-7; over the record it does not."""
+    n = np.arange(100)
+    x = (1.0 + 1e-3 * multiplier**n)[None]
+    assert np.abs(x[:, 2:] - x[:, :-2]).max() < TOLERANCE
+    assert record_class(FREE, x, np.ones((1, 100)), np.array([1.0]))[0] == 0
+
+
+@pytest.mark.parametrize("turns", [2, 3])
+def test_a_spiral_that_shrinks_is_not_a_cycle_of_its_turns(turns):
+    """Where it is of the size of the tolerance, it is off by more than it, and then by less."""
+    n = np.arange(100)
+    x = 1.0 + 0.75 * TOLERANCE * 0.97**n * np.cos(2.0 * np.pi * n / turns)
+    assert np.abs(x - np.resize(x[:turns], 100)).max() < TOLERANCE < np.ptp(x)
+    assert record_class(FREE, x[None], np.ones((1, 100)), np.array([1.0]))[0] == 0
+
+
+def computed(osc, transient=2000, periods=128, x0=0.0, v0=0.0):
+    """Return the class and the last four impact speeds."""
+    points = osc.at(x0, v0)
+    _, out = run(points, transient=transient, periods=periods)
+    speeds = integrate(points, transient=transient, periods=periods, impacts=4)["impact_v"]
+    return int(out["period"][0]), int(out["period_impacts"][0]), np.sort(speeds[0])
+
+
+def on_the_orbit(osc, n, aside=0.0):
+    """Return the state at phase 0 of the closed-form orbit with one impact in n periods."""
+    orbit = one_impact_orbit(osc, n)
+    x, v = naive.after_impact(osc, n, orbit.v, orbit.phase, 0.0)[0]
+    return x, v + aside
+
+
+@pytest.mark.parametrize(
+    ("omega", "m", "q", "v"),
+    [
+        (2.64, 1, 1, [0.46237772] * 4),
+        (2.66, 2, 2, [0.448921, 0.448921, 0.451823, 0.451823]),
+        (2.70, 2, 2, None),
+        (2.80, 0, 0, None),
+    ],
+)
+def test_after_the_upper_edge(omega, m, q, v):
+    """h = 0, R = 0.8: period 1, twice 2, then none; speeds as printed.
+
+    From beside the orbit: from zero the mass comes to rest at 2.66, in a cycle of 6 periods.
+    """
+    osc = Oscillator(h=0.0, R=0.8, omega=omega, f=1.0)
+    x0, v0 = on_the_orbit(osc, 1, 1e-4)
+    found = computed(osc, 8000, 128, x0, v0)
+    assert found[:2] == (m, q)
+    if v:
+        np.testing.assert_allclose(found[2], v, atol=1e-8 if m == 1 else 6e-7)
+
+
+def test_known_cycles():
+    """The paper's cases, n = 2, the attractor with three impacts in one period, and a rest."""
+    for h, R, q in ((0.5, 1.0, 2), (0.0, 0.5, 2), (0.5, 0.5, 4)):
+        assert computed(Oscillator(h=h, R=R, omega=1.0, f=1.0))[:2] == (1, q)
+    assert computed(Oscillator(h=0.02, R=0.8, omega=4.1, f=1.0))[:2] == (2, 1)
+    assert computed(Oscillator(h=0.0, R=0.3, omega=0.3, f=1.0))[0] == 1
+    assert computed(Oscillator(h=0.1, R=0.3, omega=3.1, f=1.0))[0] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("h", "R", "n", "low", "high"),
+    [(0.05, 0.8, 1, 2.64, 2.68), (0.1, 0.5, 1, 2.68, 2.70), (0.1, 0.5, 2, 4.65, 4.68)],
+)
+def test_the_class_changes_at_the_flip(h, R, n, low, high):
+    """Beside the closed-form orbit, 32 periods show on which side of its flip a motion is."""
+    osc = Oscillator(h=h, R=R, omega=low, f=1.0)
+    flip = bifurcation(osc, "flip", "omega", low, high, n)
+    apart = np.array([-1e-2, -1e-3, -1e-4, -1e-5, -1e-6, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
+    oscillators = [replace(osc, omega=omega) for omega in (flip + apart * (high - low)).tolist()]
+    points = np.concatenate([one.at(*on_the_orbit(one, n, 5e-8)) for one in oscillators])
+    _, out = run(points, transient=0, periods=32 * n)
+    below = apart < 0.0
+    assert (out["period"][below] == n).all()
+    assert not np.isin(out["period"][~below], [n]).any()
+    assert (out["class_evidence"][~below] != Evidence.NONE).all()
+
+
+# --- the evidence ---
+
+
+def test_a_motion_without_impacts_for_ever_is_proved_free():
+    """h = .03, clearance .3: the amplitude is below it, and what is left of the start, too."""
+    osc = Oscillator(h=0.03, R=0.75, omega=2.4, f=1.0, clearance=0.3)
+    points = osc.at().repeat(40)
+    points["omega"] = np.linspace(2.4, 2.43, 40)
+    _, out = run(points)
+    free = out["impacts_per_period"] == 0.0
+    assert free.sum() == 39
+    assert (out["class_evidence"][free] == Evidence.FREE).all()
+    assert (out["period"][free] == 1).all() and (out["period_impacts"][free] == 0).all()
+    D = (1.0 - points["omega"] ** 2) ** 2 + (2.0 * 0.03 * points["omega"]) ** 2
+    v = points["omega"] * (points["omega"] ** 2 - 1.0) / D  # of x = -f / D ((p^2 - omega^2) sin ..
+    np.testing.assert_allclose(out["orbit_v"][free], v[free], rtol=1e-12)
+    off = np.abs(out["poincare_v"][:, -1] - v) / np.abs(out["poincare_v"]).max(axis=1)
+    assert (out["orbit_distance"][free] >= off[free] * (1.0 - 1e-9)).all()
+
+
+def test_a_free_motion_is_followed_until_its_end_is_known():
+    """Amplitude and transient together pass the clearance, yet no motion meets the stop."""
+    osc = Oscillator(h=0.05, R=0.7, omega=2.0, f=1.0, clearance=0.5)
+    D = 9.0 + 0.04
+    points, angle = osc.at().repeat(400), np.linspace(0.0, 2.0 * np.pi, 400)
+    points["x0"] = 0.2 / D + 0.25 * np.cos(angle)  # the free oscillation, and a transient of .25
+    points["v0"] = 6.0 / D + 0.25 * np.sin(angle)
+    _, out = run(points, transient=0, periods=1)
+    _, long = run(points, transient=0, periods=200)
+    free = out["class_evidence"] == Evidence.FREE
+    left = np.hypot(out["poincare_x"][:, -1] - 0.2 / D, out["poincare_v"][:, -1] - 6.0 / D)
+    # Of some, the last section alone proves nothing.
+    assert (free & (left + 1.0 / np.sqrt(D) > 0.5)).any() and not free.all()
+    impacts = 200 * long["impacts_per_period"] - out["impacts_per_period"]  # after one period
+    assert (impacts[free] == 0.0).all()
+
+
+def test_impacts_are_counted_on_the_orbit():
+    """24/32: a record of 100 periods has 4 1/6 repetitions, and its mean gives 31."""
+    points = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0).at().repeat(4)
+    omega = np.linspace(2.4, 3.5, 4096)
+    nearest = np.abs(omega[:, None] - [2.74464, 2.75270, 2.77741, 2.77768]).argmin(axis=0)
+    points["omega"] = omega[nearest]
+    _, out = run(points, transient=300)
+    assert (out["period"] == 24).all() and (out["period_impacts"] == 32).all()
+    assert (np.rint(24 * out["impacts_per_period"]) == 31).any()
+
+
+def test_a_motion_far_from_its_orbit_has_its_class():
+    """After no transient the class, the orbit and the distance are those of the settled motion."""
+    osc = Oscillator(h=0.01, R=0.9, omega=2.0, f=1.0)
+    points = osc.at(*on_the_orbit(osc, 1, 1e-2))
+    _, out = run(points, transient=0, periods=8)
+    _, settled = run(points, transient=4000, periods=8)
+    assert (out["period"], out["period_impacts"]) == (1, 1)
+    assert out["class_evidence"] in (Evidence.CAPTURED, Evidence.FALLING)
+    assert (settled["class_evidence"], settled["period"]) == (Evidence.REPEATS, 1)
+    off = []
+    for name in "xv":
+        sections, true = out[f"poincare_{name}"][0], settled[f"poincare_{name}"][0, -1]
+        assert out[f"orbit_{name}"][0] == pytest.approx(true, rel=1e-9)
+        off.append(abs(sections[-1] - true) / np.abs(sections).max())
+    assert out["orbit_distance"][0] == pytest.approx(max(off), rel=1e-6)
+    assert out["orbit_distance"] > 1e-4 and settled["orbit_distance"] < 1e-12
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3])
+def test_beside_an_unstable_orbit_no_motion_has_its_class(distance):
+    """Beyond the flip at 2.65335 (h = 0, R = .8), though the records repeat after one period."""
+    osc = Oscillator(h=0.0, R=0.8, omega=2.66, f=1.0)
+    points = osc.at().repeat(20)
+    points["omega"] = np.linspace(2.6534, 2.7, 20)
+    for point in points:
+        one = replace(osc, omega=float(point["omega"]))
+        point["x0"], point["v0"] = on_the_orbit(one, 1, distance)
+    _, out = run(points, transient=0, periods=32)
+    assert not (out["period"] == 1).any()
+    if distance < 1e-10:  # rounding has not carried it away yet
+        assert np.isin(out["class_evidence"], [Evidence.UNSTABLE, Evidence.UNREACHED]).all()
+
+
+def test_without_dissipation_only_the_record_shows_a_class():
+    """R = 1 and h = 0: motions beside a periodic one stay there, and approach nothing."""
+    osc = Oscillator(h=0.0, R=1.0, omega=1.0, f=0.0, clearance=10.0)
+    _, out = run(osc.at(3.0, 1.0), transient=0, periods=32)
+    assert (out["period"], out["class_evidence"]) == (1, Evidence.REPEATS)
+    _, out = run(replace(osc, omega=np.sqrt(2.0).item()).at(3.0, 1.0), transient=0, periods=32)
+    assert (out["period"], out["class_evidence"]) == (0, Evidence.NONE)
+    assert np.isnan(out["orbit_distance"][0]) and np.isnan(out["orbit_x"][0])
+
+
+def test_chaos_has_no_class():
+    """h = 0, R = .8, omega = 2.8: exponent + .142."""
+    osc = Oscillator(h=0.0, R=0.8, omega=2.8, f=1.0)
+    points = osc.at(-0.3).repeat(200)
+    points["v0"] = np.linspace(-1.0, 1.0, 200)
+    _, out = run(points, transient=1000, periods=32)
+    assert (out["period"] == 0).all()
+
+
+@pytest.mark.parametrize(("impact", "evidence"), [("plain", 3), ("reduced-step", 3), ("exact", 3)])
+def test_every_impact_rule_has_classes(impact, evidence):
+    """The paper's first case: two impacts in a period, whatever the length of the record."""
+    points = Oscillator(h=0.5, R=1.0, omega=1.0, f=1.0).at()
+    for periods in (2, 7, 32):
+        _, out = run(points, impact=impact, periods=periods)
+        assert (out["period"], out["period_impacts"], out["class_evidence"]) == (1, 2, evidence)
+
+
+def random_points(seed, n):
+    """Return points over all parameters, with preload, R = 0 and 1, and h = 0 among them."""
+    g = np.random.default_rng(seed)
+    points = np.zeros(n, POINT)
+    points["f"], points["p"] = 1.0, np.where(g.random(n) < 0.7, 1.0, 10.0 ** g.uniform(-1, 1, n))
+    points["h"] = np.where(g.random(n) < 0.15, 0.0, 10.0 ** g.uniform(-3, -0.3, n)) * points["p"]
+    R = g.uniform(0.05, 0.99, n)
+    points["R"] = np.select([g.random(n) < 0.05, g.random(n) < 0.05], [0.0, 1.0], R)
+    points["omega"] = g.uniform(0.3, 5.0, n) * points["p"]
+    points["clearance"] = np.where(g.random(n) < 0.4, 0.0, g.uniform(-1.2, 1.2, n))
+    points["clearance"] /= points["p"] ** 2
+    points["x0"] = np.minimum(points["clearance"], 2.0 * g.normal(size=n) / points["p"] ** 2)
+    points["v0"] = 2.0 * g.normal(size=n) / points["p"]
+    return points
+
+
+def wrong_classes(points, further, **options):
+    """Return how many motions have a class, and which are not on their orbit `further` on.
+
+    A motion that still settles then must have come nearer.
+    """
+    spec, out = run(points, **options)
+    found = np.flatnonzero((out["period"] > 0) & (out["class_evidence"] != Evidence.REPEATS))
+    repeats = np.flatnonzero((out["class_evidence"] == Evidence.REPEATS) & (out["chatters"] == 0))
+    found = np.union1d(found, repeats)
+    starts, wrong = points[found], []
+    for name in "xv":
+        starts[f"{name}0"] = out[f"poincare_{name}"][found, -1]
+    for m in np.unique(out["period"][found]).tolist():
+        rows = np.flatnonzero(out["period"][found] == m)
+        at = found[rows]
+        later = integrate(
+            starts[rows], steps_per_period=spec.steps_per_period, phase=spec.phase, impacts=0,
+            at_section=True, transient=-(-further // m) * m - m, periods=m,
+        )  # fmt: skip
+        off = [
+            np.abs(later[f"poincare_{name}"][:, -1] - out[f"orbit_{name}"][at])
+            / np.maximum(np.abs(out[f"poincare_{name}"][at]).max(axis=1), 1e-12)
+            for name in "xv"
+        ]
+        lost = ~(np.max(off, axis=0) <= np.maximum(1e-5, 1.01 * out["orbit_distance"][at]))
+        lost |= np.rint(later["impacts_per_period"] * m) != out["period_impacts"][at]
+        wrong += at[lost].tolist()
+    return len(found), wrong
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "options"),
+    [
+        (1, {"transient": 20, "periods": 16}),
+        (2, {"transient": 50, "periods": 32, "phase": 1.3}),
+        (3, {"transient": 200, "periods": 100, "phase": 4.0}),
+    ],
+)
+def test_motions_go_where_their_class_says(seed, options):
+    """Random points, continued by 5,000 periods."""
+    classes, wrong = wrong_classes(random_points(seed, 600), 5000, **options)
+    assert classes > 300 and wrong == []
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_many_motions_go_where_their_class_says(seed):
+    """Random points, continued by 20,000 periods and more."""
+    options = [(20, 16, 0.0), (50, 32, 1.3), (200, 32, 4.0), (200, 100, 0.0)][seed % 4]
+    record = dict(zip(("transient", "periods", "phase"), options, strict=True))
+    classes, wrong = wrong_classes(random_points(seed, 10_000), 20_000, **record)
+    assert classes > 5000 and wrong == []
+
+
+def test_threads_and_neighbours_change_nothing():
+    """Each destination depends on the record of its own point alone."""
+    points = random_points(7, 300)
+    spec, out = run(points, threads=2, transient=30, periods=32)
+    again = run(points[::-1].copy(), threads=1, transient=30, periods=32)[1]
+    for name in ("period", "period_impacts", "orbit_x", "orbit_v", "orbit_distance"):
+        np.testing.assert_array_equal(out[name], again[name][::-1])
+    single = integrate(
+        points[5:6], steps_per_period=spec.steps_per_period, transient=30, periods=32, impacts=0
+    )
+    found = destinations(spec, points[5:6], single)
+    assert found["evidence"][0] == out["class_evidence"][5]
+
+
+def test_a_doubled_orbit_is_found_from_beside_its_half():
+    """The stable 2/2 orbit just beyond the flip of 1/1 differs little from it."""
+    osc = Oscillator(h=0.0, R=0.8, omega=2.656, f=1.0)
+    assert not periodic_orbit(osc, *on_the_orbit(osc, 1), m=1).stable
+    _, out = run(osc.at(*on_the_orbit(osc, 1, 1e-4)), transient=3000, periods=32)
+    assert (out["period"], out["period_impacts"]) == (2, 2)

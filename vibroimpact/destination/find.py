@@ -1,0 +1,196 @@
+"""The destination of every point: the orbit to which its motion goes, and the evidence.
+
+With exact impacts, the first of these that applies decides:
+
+1. The motion has no impact any more: ``FREE``, which is a proof.
+2. The record repeats, with a rest or without any dissipation: ``REPEATS``. A rest erases the past,
+   so such a motion repeats exactly; without dissipation no motion approaches another.
+3. The record repeats, and the last section is on an orbit whose multipliers are clearly inside the
+   unit circle: ``REPEATS``.
+4. Newton's method finds a periodic orbit near the last section, the orbit is stable, and the motion
+   shows that it goes there: ``CAPTURED`` or ``FALLING``.
+
+With another impact rule, a record that repeats is all the evidence.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibroimpact.destination.evidence import evidence
+from vibroimpact.destination.free_motion import (
+    excess,
+    free_multiplier,
+    stays_free,
+    steady_response,
+)
+from vibroimpact.destination.nearby_orbit import (
+    STABLE,
+    Orbit,
+    correction,
+    distance,
+    doubled,
+    multipliers,
+    nearby_orbit,
+)
+from vibroimpact.destination.repetition import (
+    TOLERANCE,
+    TRIED,
+    near_repetitions,
+    repetition,
+    size_of,
+)
+from vibroimpact.destination.section_map import flow_of, follow
+from vibroimpact.jit import inlined, jit
+from vibroimpact.status import Evidence, Status
+from vibroimpact.step.propagator import from_dimensionless, to_dimensionless
+from vibroimpact.step.scheme import COS, SIN
+
+#: Where the motion of a point goes. Without a class, m and q are 0 and the other numbers NaN,
+#: except that ``UNREACHED`` has those of the stable orbit near by.
+DESTINATION = np.dtype(
+    [
+        ("m", np.int64),
+        ("q", np.int64),  # -1 where it must be counted over a repetition
+        ("x", float),  # state of the orbit at the last section of the record
+        ("v", float),
+        ("multiplier", float),  # greatest |multiplier|, NaN where it is not known
+        ("distance", float),  # from the orbit at the last section, in units of the record's size
+        ("evidence", np.int64),
+    ]
+)
+
+_UNSTABLE, _UNREACHED = int(Evidence.UNSTABLE), int(Evidence.UNREACHED)
+_UNRESOLVED = int(Status.UNRESOLVED)
+_REPEATS, _FREE = int(Evidence.REPEATS), int(Evidence.FREE)
+
+#: A multiplier below this shows without a proof of its own that a record is on a stable orbit.
+_CLEARLY_STABLE = 1.0 - 1e-4
+# Kinds of records. A record has a result, and it has no impact, impacts, or rests.
+_NO_RESULT, _NO_IMPACT, _IMPACTS, _RESTS = range(4)
+
+
+@inlined
+def kind_of(sums):
+    """Return the kind of a record, given its sums."""
+    if sums.status >= _UNRESOLVED or sums.status < 0:
+        return _NO_RESULT
+    if sums.rested > 0.0 or sums.chatters > 0:
+        return _RESTS
+    return _IMPACTS if sums.impacts > 0 else _NO_IMPACT
+
+
+@inlined
+def put(found, orbit, pt, multiplier, off, proof):
+    """Write a destination."""
+    found.m, found.q, found.evidence = orbit.m, orbit.q, proof
+    found.x, found.v = from_dimensionless(orbit.y, orbit.w, pt.clearance, pt.omega)
+    found.multiplier, found.distance = multiplier, off
+
+
+@jit
+def put_repetition(found, sections, m, off, multiplier, q):
+    """Write that a record repeats after m periods."""
+    last = sections.shape[0] - 1
+    found.m, found.q, found.evidence = m, q, _REPEATS
+    found.x, found.v = sections[last, 0], sections[last, 1]
+    found.multiplier, found.distance = multiplier, off
+
+
+@jit
+def judge(flow, y, w, m, size, found):
+    """Judge the orbit of m periods near a motion; return whether the motion goes there."""
+    orbit = nearby_orbit(flow, y, w, m, size)
+    if orbit.m == 0:
+        return False
+    if not multipliers(orbit.J)[0] < STABLE:
+        found.evidence = max(found.evidence, _UNSTABLE)
+        orbit = nearest(flow, doubled(flow, orbit, size), y, w, size)
+        if orbit.m == 0:
+            return False
+    proof = evidence(flow, orbit, y, w, size)
+    if proof > found.evidence:
+        off = distance(y, w, orbit, size)
+        put(found, orbit, flow.pt, multipliers(orbit.J)[0], off, proof)
+    return proof > _UNREACHED
+
+
+@jit
+def nearest(flow, orbit, y, w, size):
+    """Return a doubled orbit from that of its two sections which is nearer to a state."""
+    if orbit.m == 0:
+        return orbit
+    end = follow(flow, orbit.y, orbit.w, orbit.m // 2, False)
+    other = Orbit(orbit.m, orbit.q, end.y, end.w, orbit.J)
+    if distance(y, w, orbit, size) <= distance(y, w, other, size):
+        return orbit
+    J = correction(flow, end.y, end.w, orbit.m, size)[2]
+    return Orbit(orbit.m, orbit.q, end.y, end.w, J)
+
+
+@jit
+def find_exact(pt, sections, kind, grid, memory, found):
+    """Find the destination of one motion with exact impacts."""
+    scratch, passed, tried = memory
+    last = sections.shape[0] - 1
+    x, v, size = sections[last, 0], sections[last, 1], size_of(sections, pt)
+    steady = steady_response(pt, grid.table[SIN, 0], grid.table[COS, 0])
+    flow = flow_of(pt, grid, scratch, passed)
+    free = excess(pt, x, v, steady) < 0.0 or (kind == _NO_IMPACT and stays_free(flow, x, v, steady))
+    if free and pt.h > 0.0:
+        off = max(abs(x - steady[0]) / size[0], abs(v - steady[1]) / size[1])
+        found.m, found.q, found.x, found.v = 1, 0, steady[0], steady[1]
+        found.multiplier, found.distance, found.evidence = free_multiplier(pt), off, _FREE
+        return
+    m, off = repetition(sections, size)
+    neutral = pt.h == 0.0 and (pt.R == 1.0 or kind == _NO_IMPACT)
+    if m > 0 and (kind == _RESTS or neutral):
+        put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, -1)
+        return
+    if neutral or kind == _RESTS:
+        return
+    y, w = to_dimensionless(x, v, pt.clearance, pt.omega)
+    units = size[0], size[1] / pt.omega
+    if m > 0:
+        dy, dw, J, q = correction(flow, y, w, m, units)
+        greatest, _ = multipliers(J)
+        off = max(abs(dy), abs(dw))
+        if q >= 0 and greatest < _CLEARLY_STABLE and off <= TOLERANCE:
+            put_repetition(found, sections, m, off, greatest, q)
+            return
+        judge(flow, y, w, m, units, found)
+        return
+    near_repetitions(sections, size, tried)
+    for k in range(TRIED):
+        if tried[k] > 0 and judge(flow, y, w, tried[k], units, found):
+            return
+
+
+@jit
+def find_with_exact_impacts(points, record, grid, memory, found):
+    """Find the destination of every point of a record, with exact impacts."""
+    for i in range(points.size):
+        kind = kind_of(record.sums[i])
+        if kind != _NO_RESULT:
+            find_exact(points[i], record.sections[i], kind, grid, memory, found[i])
+
+
+@jit
+def find_repetitions(points, record, grid, memory, found):
+    """Find after how many periods every record repeats, which is all that other rules show."""
+    for i in range(points.size):
+        if kind_of(record.sums[i]) != _NO_RESULT:
+            sections = record.sections[i]
+            m, off = repetition(sections, size_of(sections, points[i]))
+            if m > 0:
+                put_repetition(found[i], sections, m, off, math.nan, -1)
+
+
+def no_destinations(n: int) -> np.ndarray:
+    """Return the destinations of `n` points before they are found."""
+    found = np.zeros(n, DESTINATION)
+    for name in ("x", "v", "multiplier", "distance"):
+        found[name] = np.nan
+    return found

@@ -1,0 +1,106 @@
+"""After how many forcing periods a record repeats, and after how many it nearly does."""
+
+from __future__ import annotations
+
+import math
+
+from vibroimpact.jit import jit
+
+#: A record repeats if its sections agree to within this share of its size.
+TOLERANCE = 1e-6
+#: It does so after m periods only if its deviation from that is less than this share of its
+#: deviation from every divisor of m.
+_LESS_THAN_DIVISORS = 0.01
+#: Sections below this share of the clearance are measured by the clearance: they may be rounding.
+_LEAST_SIZE = 1e-7
+#: Longest repetition that is looked for [forcing periods].
+LONGEST_PERIOD = 64
+#: Largest deviation from a repetition at the end of a record that nearly repeats.
+_NEARLY = 0.1
+#: How many repetitions of a record that nearly repeats are tried.
+TRIED = 3
+
+
+@jit
+def size_of(sections, pt):
+    """Return the size of a record in x and in v, never 0.
+
+    These are the greatest distance from the rest position or, if it is less, from the stop, and the
+    greatest |v|.
+    """
+    size_x, size_y, size_v = 0.0, 0.0, 0.0
+    for k in range(sections.shape[0]):
+        size_x = max(size_x, abs(sections[k, 0]))
+        size_y = max(size_y, abs(sections[k, 0] - pt.clearance))
+        size_v = max(size_v, abs(sections[k, 1]))
+    least, size_x = _LEAST_SIZE * abs(pt.clearance), min(size_x, size_y)
+    size_x, size_v = max(size_x, least), max(size_v, pt.p * least)
+    return size_x if size_x > 0.0 else 1.0, size_v if size_v > 0.0 else 1.0
+
+
+@jit
+def apart(sections, j, k, size):
+    """Return the distance between two sections, relative to the size of the record."""
+    return max(
+        abs(sections[j, 0] - sections[k, 0]) / size[0],
+        abs(sections[j, 1] - sections[k, 1]) / size[1],
+    )
+
+
+@jit
+def _deviation(sections, m, size, most):
+    """Return how far a record deviates from repeating its first m sections, inf beyond `most`."""
+    worst = 0.0
+    for k in range(m, sections.shape[0]):
+        off = apart(sections, k, k % m, size)
+        if not off <= most:
+            return math.inf
+        worst = max(worst, off)
+    return worst
+
+
+@jit
+def repetition(sections, size):
+    """Return the least m after which the whole record repeats, 0 if there is none, and how well.
+
+    A motion repeats after m periods if the whole record repeats its first m sections to within
+    ``TOLERANCE``. It is not enough that each section equals the one m periods before: near a flip
+    a motion of period m settles from alternating sides, so slowly that it would seem to have
+    period 2 m. It may also approach an orbit of period d in turns of m periods, with deviations
+    that are already within the tolerance. So they must be a hundred times less for m than for every
+    divisor of m.
+    """
+    for m in range(1, min(LONGEST_PERIOD, sections.shape[0] // 2) + 1):
+        off = _deviation(sections, m, size, TOLERANCE)
+        if off == math.inf:
+            continue
+        repeats = True
+        for divisor in range(1, m):
+            if m % divisor == 0:
+                limit = off / _LESS_THAN_DIVISORS
+                repeats &= limit == 0.0 or _deviation(sections, divisor, size, limit) == math.inf
+        if repeats:
+            return m, off
+    return 0, math.inf
+
+
+@jit
+def near_repetitions(sections, size, found):
+    """List in `found`, shape (TRIED,), the m after which a record nearly repeats; 0 for none.
+
+    Listed are numbers of periods for which the last sections deviate by less than half as much as
+    for every smaller number: of these the best, in increasing order.
+    """
+    found[:] = 0
+    last, least = sections.shape[0] - 1, 2.0 * _NEARLY
+    for m in range(1, min(LONGEST_PERIOD, last) + 1):
+        off = 0.0
+        for k in range(min(m, sections.shape[0] - m)):
+            off = max(off, apart(sections, last - k, last - k - m, size))
+            if not off < 0.5 * least:
+                break
+        if off < 0.5 * least:
+            least = off
+            for i in range(TRIED - 1):
+                found[i] = found[i + 1]
+            found[TRIED - 1] = m

@@ -1,0 +1,87 @@
+"""The map from a section to a later one, with exact impacts, and its derivative."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vibroimpact.jit import inlined, jit, widest_vectors
+from vibroimpact.step.contact import IMPACT, KIND, Scratch
+from vibroimpact.step.propagator import (
+    Coefficients,
+    Forcing,
+    Propagator,
+    coefficients_of,
+    propagator_of,
+)
+from vibroimpact.step.scheme import COS, SIN, THETA, PhaseGrid
+from vibroimpact.step.stepper import take_exact_step
+from vibroimpact.step.variational import carry_tangents
+
+#: Rows of the memory for the states at the sections of a motion.
+MOST_SECTIONS = 64
+
+
+class Flow(NamedTuple):
+    """What the motion of one point needs: its parameters, its propagator, and memory."""
+
+    pt: np.void
+    eq: Coefficients
+    propagators: tuple[Propagator, Forcing]
+    grid: PhaseGrid
+    scratch: Scratch
+    #: States (y, w) at the sections that the last motion passed, shape (MOST_SECTIONS, 2).
+    passed: np.ndarray
+
+
+class Passage(NamedTuple):
+    """The motion over some forcing periods, from one section to another."""
+
+    y: float
+    w: float
+    #: The derivative of (y, w) at the end with respect to the start, column after column.
+    tangents: tuple[float, float, float, float]
+    impacts: int
+    smooth: bool  #: Whether the mass did not rest, and no number overflowed.
+
+
+@inlined
+def flow_of(pt, grid, scratch, passed):
+    """Return the ``Flow`` of a point."""
+    eq = coefficients_of(pt)
+    return Flow(
+        pt, eq, propagator_of(eq, grid.phase_step, scratch.coefficients), grid, scratch, passed
+    )
+
+
+@jit
+def follow(flow, y, w, periods, carrying):
+    """Follow a motion that does not rest for some forcing periods; return its ``Passage``.
+
+    The derivative is computed only if `carrying`. A motion that rests ends there. Unlike a run, the
+    state is not rounded to (x, v) at the sections: at a stop far from the rest position that would
+    hide how distances shrink.
+    """
+    widest_vectors()  # it keeps LLVM from merging this function into each of its callers
+    pt, table, phase_step = flow.pt, flow.grid.table, flow.grid.phase_step
+    prepared, events = (flow.eq, flow.propagators[0]), flow.scratch.events
+    pair, impacts = (1.0, 0.0, 0.0, 1.0), 0
+    for k in range(periods):
+        for n in range(flow.grid.size):
+            phase = table[THETA, n], table[SIN, n], table[COS, n]
+            wave = table[SIN, n + 1], table[COS, n + 1]
+            y, w, _, n_events, _, _, _ = take_exact_step(
+                flow.eq, flow.propagators, (y, w, False), phase, wave, phase_step, pt, flow.scratch
+            )
+            for j in range(n_events):
+                if events[j, KIND] != IMPACT:
+                    return Passage(y, w, pair, impacts, False)
+                impacts += 1
+            if carrying:
+                pair = carry_tangents(
+                    prepared, pair, events, n_events, phase[0], phase_step, pt.omega
+                )
+        if k < MOST_SECTIONS:
+            flow.passed[k, 0], flow.passed[k, 1] = y, w
+    return Passage(y, w, pair, impacts, np.isfinite(y) and np.isfinite(w))

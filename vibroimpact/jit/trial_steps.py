@@ -1,0 +1,40 @@
+"""Functions of the trial that use the arrays of their caller, as the steps of the kernel do."""
+
+from __future__ import annotations
+
+from vibroimpact.jit.compiling import inlined, jit
+from vibroimpact.jit.intrinsics import fma, lowest_bit, not_negative, select, widest_vectors
+
+LANES = 64
+E = 2.0**-30
+
+
+@inlined
+def _square(x, exactly):  # type: ignore[no-untyped-def]  # numba types it
+    return fma(x, x, -1.0 - 2.0 * E) if exactly else x * x - (1.0 + 2.0 * E)
+
+
+@inlined
+def _positive(x):  # type: ignore[no-untyped-def]
+    return select(x > 0.0, x, 0.0)
+
+
+@jit
+def _fill(lanes, x):  # type: ignore[no-untyped-def]
+    """Fill the lanes with e squared in odd places and -1 in the others."""
+    widest_vectors()
+    for i in range(LANES):
+        lanes[i] = _positive(_square(x, True) + _square(x, False)) if i & 1 else -1.0
+
+
+@jit
+def run(job, lanes, k):  # type: ignore[no-untyped-def]
+    """Add the lanes that are not negative to a point, one by one."""
+    point = job.points[k]
+    _fill(lanes, point.x)
+    bits = not_negative(lanes, 0)
+    while bits:
+        i = lowest_bit(bits)
+        bits &= bits - 1
+        point.total += lanes[i] * job.method[1]
+        job.rows[k, i & 1] = i

@@ -1,0 +1,117 @@
+"""Where the motions of points go, from their records: the results of a run, classes added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vibroimpact.destination.find import no_destinations
+from vibroimpact.kernel.integrate import find_destinations, integrate
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.status import Evidence, Status
+from vibroimpact.step.scheme import scheme_of
+
+#: The results of a run from which the destinations are found.
+RECORD = (
+    "poincare_x",
+    "poincare_v",
+    "impacts_per_period",
+    "rest_fraction",
+    "chatters",
+    "status",
+)
+
+#: Status of points without a motion that goes somewhere.
+_NOWHERE = [int(status) for status in Status if status.failed or status is Status.UNBOUNDED]
+
+
+def destinations(
+    spec: RunSpec,
+    points: np.ndarray,
+    results: Mapping[str, np.ndarray],
+    threads: int | None = None,
+    interrupt: np.ndarray | None = None,
+) -> np.ndarray:
+    """Find where motions go, given the results of a run.
+
+    The results are those of `vibroimpact.integrate`, with the method and the phase of `spec`; a run
+    for `spec` has found ``destination`` already. Returns an array of dtype ``DESTINATION``, (n,).
+    """
+    if "destination" in results:
+        found = results["destination"]
+    else:
+        method = spec.integrator, spec.impact, spec.steps_per_period, spec.phase
+        flag = np.zeros(1, np.int64) if interrupt is None else interrupt
+        found = find_destinations(points, scheme_of(points, *method), results, threads, flag)
+    found[np.isin(results["status"], _NOWHERE)] = no_destinations(1)
+    uncounted = np.flatnonzero(found["q"] < 0)
+    last = np.stack([results[f"poincare_{name}"][uncounted, -1] for name in "xv"], axis=1)
+    found["q"][uncounted] = _impacts(
+        spec, points[uncounted], last, found["m"][uncounted],
+        results["impacts_per_period"][uncounted], results["poincare_x"].shape[1], threads,
+    )  # fmt: skip
+    return found
+
+
+def _impacts(
+    spec: RunSpec,
+    points: np.ndarray,
+    last: np.ndarray,
+    m: np.ndarray,
+    per_period: np.ndarray,
+    periods: int,
+    threads: int | None,
+) -> np.ndarray:
+    """Count the impacts of motions over one repetition of m periods.
+
+    A record of whole repetitions shows them. Any other motion is followed on from its `last`
+    section.
+    """
+    counted = per_period * m
+    followed = (periods % m != 0) & (per_period > 0.0)
+    for repetition in np.unique(m[followed]).tolist():
+        rows = np.flatnonzero(followed & (m == repetition))
+        starts = points[rows]
+        starts["x0"], starts["v0"] = last[rows].T
+        once = integrate(
+            starts,
+            integrator=spec.integrator,
+            impact=spec.impact,
+            steps_per_period=spec.steps_per_period,
+            transient=0,
+            periods=repetition,
+            phase=spec.phase,
+            at_section=True,
+            impacts=0,
+            threads=threads,
+        )
+        counted[rows] = once["impacts_per_period"] * repetition
+    return np.rint(counted).astype(np.int64)
+
+
+def classified(
+    spec: RunSpec,
+    points: np.ndarray,
+    results: dict[str, np.ndarray],
+    threads: int | None,
+    interrupt: np.ndarray | None,
+) -> dict[str, np.ndarray]:
+    """Add the class of every motion to its results, with its distance and evidence.
+
+    ``period`` and ``period_impacts`` are those of the orbit to which the motion goes, 0 if none is
+    known. ``orbit_x`` and ``orbit_v`` are the state of the orbit at the last section, and
+    ``orbit_distance`` is the distance of the motion from it, as a share of the size of the record;
+    NaN without a class. ``class_evidence`` is an ``Evidence``.
+    """
+    found = destinations(spec, points, results, threads, interrupt)
+    known = found["evidence"] > Evidence.UNREACHED
+    kept = {name: values for name, values in results.items() if name != "destination"}
+    return kept | {
+        "period": np.where(known, found["m"], 0),
+        "period_impacts": np.where(known, found["q"], 0),
+        "orbit_x": np.where(known, found["x"], np.nan),
+        "orbit_v": np.where(known, found["v"], np.nan),
+        "orbit_distance": np.where(known, found["distance"], np.nan),
+        "class_evidence": found["evidence"].astype(np.int8),
+    }

@@ -1,0 +1,103 @@
+"""Transients that are found: each point runs until it is on its orbit, and is recorded then.
+
+Points run in stages, each as long as all before it. After a stage the class of every motion is
+found from the last sections. A motion with a class still needs as many periods as its distance from
+the orbit, which its greatest multiplier reduces, takes to fall to rounding. A motion without a
+class goes on, but not beyond the longest transient. It does not go on if its exponents over a long
+stage say that it is chaotic.
+
+A run that starts from a section continues the run before it to the last bit. So the results are
+those of a run from the start, with the transient that was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from vibroimpact.points.run_spec import RunSpec
+from vibroimpact.status import Evidence, Status
+
+#: Sections from which a class is found, and periods of the first stage.
+_SECTIONS, _FIRST = 32, 64
+#: Periods of a stage whose exponents tell chaos from long transients.
+_LONG = 512
+#: A distance from an orbit that is rounding, as a share of the size of the record.
+_ROUNDING = 1e-15
+#: Motions that end their transient together wait for the longest of them; so many per doubling.
+_STEPS_PER_DOUBLING = 4
+
+_FAILED = [int(status) for status in Status if status.failed]
+
+#: Computes points by a specification, given whether they start at the section.
+Run = Callable[[RunSpec, np.ndarray, bool], dict[str, np.ndarray]]
+
+
+def run_with_own_transients(spec: RunSpec, points: np.ndarray, run: Run) -> dict[str, np.ndarray]:
+    """Compute points, each with its own transient; ``transient`` has the periods, shape (n,)."""
+    assert spec.longest is not None
+    state, done = points.copy(), np.zeros(points.size, np.int64)
+    needed = np.zeros(points.size, np.int64)
+    going = np.arange(points.size)
+    while going.size and done[going[0]] < spec.longest:  # all that go on are equally far
+        before = int(done[going[0]])
+        length = min(max(before, _FIRST), spec.longest - before)
+        stage = _stage(spec, length)
+        results = run(stage, state[going], before > 0)
+        done[going] += length
+        _move(state, going, results)
+        found = results["destination"]
+        needed[going] = _needed(found, spec.longest - done[going])
+        on = (found["evidence"] <= Evidence.UNREACHED) & ~np.isin(results["status"], _FAILED)
+        if stage.lyapunov:
+            growth = results["lyapunov"][:, 0] * 2.0 * np.pi / points["omega"][going] * length
+            on &= ~(growth > np.log(length))
+        going = going[on]
+    return _recorded(spec, points, state, done, needed, run)
+
+
+def _stage(spec: RunSpec, length: int) -> RunSpec:
+    """Return the specification of a stage; exponents cover it if it is long enough."""
+    lyapunov = spec.lyapunov and length >= _LONG
+    sections = length if lyapunov else min(length, _SECTIONS)
+    return spec.part(length - sections, sections, 0, lyapunov)
+
+
+def _move(state: np.ndarray, rows: np.ndarray, results: Mapping[str, np.ndarray]) -> None:
+    """Put the last sections of some points into their states; a failed motion keeps its state."""
+    for name in "xv":
+        last = results[f"poincare_{name}"][:, -1]
+        state[f"{name}0"][rows] = np.where(np.isfinite(last), last, state[f"{name}0"][rows])
+
+
+def _needed(found: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Return the periods that motions still need, in few different numbers, at most `most`."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        falls = np.log(_ROUNDING / found["distance"]) / np.log(found["multiplier"])
+    falls = np.clip(np.nan_to_num(falls), 0.0, most)
+    falls[found["evidence"] <= Evidence.UNREACHED] = 0.0
+    periods = np.minimum(falls * found["m"], most)
+    steps = np.ceil(_STEPS_PER_DOUBLING * np.log2(np.maximum(periods, 1.0)))
+    rounded = np.ceil(2.0 ** (steps / _STEPS_PER_DOUBLING))
+    return np.where(periods < 1.0, 0, np.minimum(rounded, most)).astype(np.int64)
+
+
+def _recorded(
+    spec: RunSpec,
+    points: np.ndarray,
+    state: np.ndarray,
+    done: np.ndarray,
+    needed: np.ndarray,
+    run: Run,
+) -> dict[str, np.ndarray]:
+    """Record points after the periods that they still need from their states."""
+    arrays: dict[str, np.ndarray] = {}
+    for started, more in np.unique(np.stack([done > 0, needed]), axis=1).T.tolist():
+        rows = np.flatnonzero((needed == more) & ((done > 0) == bool(started)))
+        record = spec.part(more, spec.periods, spec.impacts, spec.lyapunov)
+        for name, values in run(record, state[rows], bool(started)).items():
+            if name not in arrays:
+                arrays[name] = np.empty((points.size, *values.shape[1:]), values.dtype)
+            arrays[name][rows] = values
+    return arrays | {"transient": done + needed}
