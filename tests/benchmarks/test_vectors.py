@@ -10,8 +10,9 @@ from vibroimpact.jit.hooks import WholeCompiler
 from vibroimpact.kernel import exact, time_stepping
 from vibroimpact.kernel.exact_impacts import EXACT_COLUMNS, carry_columns, correct_columns
 from vibroimpact.kernel.reduced_step_impacts import shorten_steps, take_remainders
+from vibroimpact.kernel.run import new_workspace
 from vibroimpact.kernel.time_stepping import STRIDE
-from vibroimpact.kernel.workspace import LANES, new_workspace
+from vibroimpact.kernel.workspace import LANES
 from vibroimpact.step.scheme import one_period
 
 #: A step of a lane has eight multiply-adds, of which two begin with a product.
