@@ -96,8 +96,7 @@ Exact = Annotated[
     typer.Option(
         "--exact",
         help="Draw the exact branches of periodic motions, stable and unstable, with their "
-        "bifurcations, and show how far the points are from them; on a map, draw bifurcation "
-        "curves. --csv writes what is drawn.",
+        "bifurcations; on a map, draw bifurcation curves. --csv writes what is drawn.",
     ),
 ]
 Kinds = Annotated[
@@ -215,11 +214,17 @@ def _name(file: Path, kind: str | None, cuts: Selection, options: Mapping[str, A
     """Name a picture after the kind, the quantity and the place that are asked for."""
     words = [] if kind is None else [kind]
     for option, value in options.items():
+        if value is None:
+            continue
         if option == "exact":
-            words += [] if value is None else ["exact"]
+            classes = [f"{m}/{q}" for m, q in value.get("classes", ())]
+            most = [f"{value['most']}-branches"] if "most" in value else []
+            words += ["exact", *classes, *value.get("kinds", ()), *most]
+        elif option in ("below", "color"):  # these take the same names as a quantity
+            words += [option, *([value] if isinstance(value, str) else value)]
         elif option == "periods":
-            words += [] if value is None else [f"{value}-periods"]
-        elif value is not None:
+            words.append(f"{value}-periods")
+        else:
             words += [value] if isinstance(value, str) else value
     for name, value in cuts.items():
         words += [name, value if isinstance(value, str) else shortest(value)]

@@ -198,6 +198,8 @@ def test_a_map_and_the_exact_orbits():
     *followed, picture = accepted("plot", "small.h5", "--exact").splitlines()
     assert "1/1" in followed[0]
     assert picture == "small-exact.png"
+    followed = accepted("plot", "small.h5", "--exact", "--classes", "1/1", "--most", 2)
+    assert followed.splitlines()[-1] == "small-exact-1_1-2-branches.png"
 
 
 def test_no_two_pictures_have_the_same_name(ran):
@@ -209,7 +211,9 @@ def test_no_two_pictures_have_the_same_name(ran):
         (["--axis", "clearance", "--at", "omega=1.5"], "small-clearance-omega-1.5"),
         (["--kind", "section", "--at", "omega=1.5"], "small-section-omega-1.5"),
         (["--kind", "section", "--at", "omega=3"], "small-section-omega-3"),
-        (["--below", "impulse", "--coordinate", "poincare_v"], "small-poincare_v-impulse"),
+        (["--below", "impulse", "--coordinate", "poincare_v"], "small-poincare_v-below-impulse"),
+        (["--color", "impulse"], "small-color-impulse"),
+        (["--below", "impulse"], "small-below-impulse"),
     ):
         assert accepted("plot", "small.h5", *options, "--dpi", 40) == f"{name}.png\n"
     assert "nowhere" in refused("plot", "small.h5", "--axis", "nowhere/a:b")
