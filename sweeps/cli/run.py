@@ -135,8 +135,8 @@ def plan_of(
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
     from sweeps.engine.estimate import expected_cost
-    from sweeps.engine.executors import computer_for
     from sweeps.engine.reports import plan
+    from sweeps.engine.run import computer_for
 
     return plan(sweep, path, expected_cost(sweep, path, computer_for(client, threads), resume))
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Longest wait for the answer of a scheduler [s].
 _PATIENCE = 6
+#: The loggers that are silent while a cluster is used, with those below them.
+_LOGGERS = ("asyncio", "dask", "distributed", "tornado")
 
 _ALLOWED = "tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, or local:N for N processes here"
 _SCHEDULER = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(\d{1,5})")
@@ -50,7 +52,7 @@ def check_address(address: str) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """Yield a client of the cluster at an address, and disable all logging in the meantime.
+    """Yield a client of the cluster at an address, and silence the loggers of Dask meanwhile.
 
     `check_address` must have accepted the address. It is ``tcp://host:port`` for a scheduler,
     ``tls://host:port`` for a scheduler that requires the certificates of Dask's own configuration,
@@ -215,10 +217,14 @@ def _signals_kept_away() -> Iterator[None]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Disable all logging, of Dask and of every other package; errors report what matters."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
+    """Silence the loggers of Dask and of what it is built on; errors report what matters."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in _LOGGERS]
+    loggers = [logging.getLogger(name) for name in {*_LOGGERS, *names}]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logging.disable(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

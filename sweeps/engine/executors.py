@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from sweeps.grid import Block
 from sweeps.interrupts import check, set_thread_flag
 from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.run import FEWEST_LANES
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 T = TypeVar("T")
 #: Interval of the checks for signals [s]: a signal caught by another thread does not wake the main.
@@ -140,12 +137,3 @@ class LocalComputer:
 
             for block, future in completed(submit, blocks, lambda: 2):
                 yield block, future.result()
-
-
-def computer_for(client: Client | None, threads: int | None) -> Computer:
-    """Return the computer of blocks: the workers of a client, or threads of this machine."""
-    if client is None:
-        return LocalComputer(threads)
-    from sweeps.engine.cluster import ClusterComputer  # imports Dask
-
-    return ClusterComputer(client)
