@@ -9,7 +9,7 @@ from typing import Any, cast
 import typer
 from typer.core import TyperGroup
 
-from sweeps.cli.options import say, with_option_names
+from sweeps.cli.options import say
 from sweeps.errors import Failed, Refused
 from sweeps.interrupts import Cancelled
 from sweeps.text import nearest, shortened, suggestion
@@ -59,9 +59,9 @@ def _reported(ctx: Any) -> Iterator[None]:
     except (Cancelled, KeyboardInterrupt):  # KeyboardInterrupt if our handlers are not active
         error, code = "interrupted", 1
     except Failed as failure:
-        error, code = with_option_names(str(failure)), 1
+        error, code = str(failure), 1
     except Refused as refusal:
-        error, code = with_option_names(str(refusal)), 2
+        error, code = str(refusal), 2
     except _Unreadable as unreadable:
         error, code = _unreadable(unreadable, ctx), 2
     say(f"vibroimpact: error: {error}", error=True)

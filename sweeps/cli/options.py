@@ -209,14 +209,6 @@ def on_axes(dataset: xr.Dataset, cuts: Selection) -> tuple[Selection, Selection]
     return seen, in_model(dataset, seen)
 
 
-def with_option_names(text: str) -> str:
-    """Replace the Python arguments in a message by the options of the command line."""
-    text = re.sub(r"\b(overwrite|resume)=True", r"--\1", text)
-    text = re.sub(r"\b(below|coordinate)=\[?'(\w+)'\]?", r"--\1 \2", text)
-    text = re.sub(r"(^|\n|first in )override ", r"\1--set ", text)
-    return text.replace("another output", "-o another file").replace("an output", "-o a file")
-
-
 @contextmanager
 def named(source: object) -> Iterator[None]:
     """Prefix each refusal raised in the block with the name of its file or option."""

@@ -53,7 +53,7 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a "
+        help="Override a value, e.g. oscillator.h=0.2, or oscillator.omega.start=2.71 in a "
         "range; repeatable.",
     ),
 ]
@@ -134,9 +134,9 @@ def plan_of(
     sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
+    from sweeps.engine.cluster import computer_for
     from sweeps.engine.estimate import expected_cost
     from sweeps.engine.reports import plan
-    from sweeps.engine.run import computer_for
 
     return plan(sweep, path, expected_cost(sweep, path, computer_for(client, threads), resume))
 

@@ -98,12 +98,11 @@ def _checked(
     """Return the configuration of `data` with `overrides`; raise ConfigError if it is not valid."""
     if isinstance(overrides, str) or not isinstance(overrides, Iterable):
         raise ConfigError(f"overrides = {overrides!r}; expected: a list of texts key=value")
-    for override in overrides:
-        _override(data, override, sources)
+    overridden = [_override(data, override, sources) for override in overrides]
     if null(data.get("points")) is not None:
         source = source_of(("points",), sources, origin)
         try:  # the path of a table given by an override is relative to the working folder
-            folder = Path() if source.startswith("override") else Path(origin).parent
+            folder = Path() if ("points",) in overridden else Path(origin).parent
             data["points"] = read_points(data["points"], folder)
         except ValueError as error:
             raise ConfigError(f"{source}: points: {error}") from None
@@ -223,8 +222,8 @@ def _text_of(node: yaml.Node, source: str) -> str:
         raise ConfigError(f"{source}: {reason}") from None
 
 
-def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -> None:
-    """Apply one override to `data`."""
+def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -> Key:
+    """Apply one override to `data`; return its key."""
     origin = f"override {shortened(str(override))}"
     name, equals, value = str(override).partition("=")
     key = tuple(name.strip().split("."))
@@ -243,3 +242,4 @@ def _override(data: dict[str, Any], override: object, sources: dict[Key, str]) -
         del sources[replaced]
     sources[key] = origin
     target[key[-1]] = _parse(value, origin, key, sources)
+    return key

@@ -29,7 +29,7 @@ import numpy as np
 
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
-from sweeps.engine.executors import completed
+from sweeps.engine.executors import Computer, LocalComputer, completed
 from sweeps.errors import Failed, Refused, SweepError
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import raised_at_once
@@ -55,6 +55,11 @@ _BLOCKS_PER_CORE = 20
 
 #: The lock on a worker of the task that computes.
 _KERNEL_LOCK = threading.Lock()
+
+
+def computer_for(client: Client | None, threads: int | None) -> Computer:
+    """Return the computer of blocks: the workers of a client, or threads of this machine."""
+    return LocalComputer(threads) if client is None else ClusterComputer(client)
 
 
 class ClusterComputer:

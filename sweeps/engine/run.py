@@ -15,9 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
+from sweeps.engine.cluster import computer_for
 from sweeps.engine.compute import Results, numerics
 from sweeps.engine.estimate import expected_cost
-from sweeps.engine.executors import Computer, LocalComputer, in_thread
+from sweeps.engine.executors import Computer, in_thread
 from sweeps.engine.reports import plan
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
@@ -124,15 +125,6 @@ def run_sweep(
                 points = _refined(config, writer, threads, console)
             writer.finish(points, compressed=config.compression != "none")
     return path
-
-
-def computer_for(client: Client | None, threads: int | None) -> Computer:
-    """Return the computer of blocks: the workers of a client, or threads of this machine."""
-    if client is None:
-        return LocalComputer(threads)
-    from sweeps.engine.cluster import ClusterComputer  # imports Dask
-
-    return ClusterComputer(client)
 
 
 def _refined(

@@ -39,7 +39,7 @@ def choose_coordinate(dataset: xr.Dataset, coordinate: str | None) -> str:
     if coordinate not in dataset:
         raise Refused(f"the file has no {coordinate or repr(coordinate)} to draw; {choice}")
     if coordinate in numbers_of(dataset):
-        choice += f"; below={[coordinate]} draws it in a panel below the diagram"
+        choice += f"; {coordinate} can be drawn in a panel below the diagram"
     raise Refused(f"{coordinate} is not a coordinate of the motion; {choice}")
 
 
@@ -48,7 +48,7 @@ def refuse_empty(line: xr.Dataset, coordinate: str) -> NoReturn:
     refuse_without_result(line["status"].values)
     raise Refused(
         f"there is nothing to draw: no impact was recorded, so no point has {coordinate}; "
-        "coordinate='poincare_x' shows the motion"
+        "the coordinate poincare_x shows the motion"
     )
 
 

@@ -167,7 +167,7 @@ def check_file(path: Path, *, verify: bool = True) -> None:
     if not rows or _REST in damaged:
         raise StoreError(
             f"{path} is damaged outside its results, truncated, or changed by another program: "
-            "what is in it cannot be trusted; run its configuration again with overwrite=True"
+            "what is in it cannot be trusted; run its configuration again, and overwrite it"
         )
     if damaged:
         raise StoreError(

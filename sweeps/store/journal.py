@@ -175,7 +175,7 @@ class Journal:
         if zlib.crc32(header) != crc:
             raise StoreError(
                 f"{self.path} is damaged at its beginning, or truncated; run its configuration "
-                "again with overwrite=True"
+                "again, and overwrite it"
             )
         with h5py.File(io.BytesIO(header), "r") as file:
             return schema_in(file), _HEADER.size + size

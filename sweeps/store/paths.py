@@ -148,10 +148,7 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         if found is None:
             continue
         if not (overwrite or resume):
-            raise StoreError(
-                f"{file} exists; give resume=True to go on with it, overwrite=True to replace it, "
-                "or another output"
-            )
+            raise StoreError(f"{file} exists; resume it, overwrite it, or give another output")
         if found not in (Content.NOTHING, *ours[file]):
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"

@@ -203,8 +203,8 @@ def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
         differing.append("the points have other values or another order")
     if differing:
         raise StoreError(
-            f"{path} cannot be resumed: {'; '.join(differing)}; give overwrite=True to "
-            "replace it, or another output"
+            f"{path} cannot be resumed: {'; '.join(differing)}; overwrite it, or give "
+            "another output"
         )
 
 

@@ -59,7 +59,7 @@ def test_the_configuration_of_a_file_runs_again(ran):
     np.testing.assert_array_equal(other["omega"], np.linspace(2.0, 3.0, 5))
     assert "small.h5 exists" in refused("run", "small.h5")
     assert "output            small.h5" in accepted("run", "small.h5", "--resume", "--dry-run")
-    assert "--set oscillator.omga.start" in refused(
+    assert "override oscillator.omga.start" in refused(
         "run", "small.h5", "--set", "oscillator.omga.start=2"
     )
     assert "exclude each other" in refused("info", "small.h5", "--config", "--bifurcations")

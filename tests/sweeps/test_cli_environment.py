@@ -62,7 +62,7 @@ def test_a_process_exits_like_the_command(folder):
     result = process("run", "sweep.yaml", "--set", "oscillator.R=2")
     assert result.returncode == 2
     assert result.stdout == ""
-    assert result.stderr.startswith("vibroimpact: error: --set oscillator.R=2: ")
+    assert result.stderr.startswith("vibroimpact: error: override oscillator.R=2: ")
     assert result.stderr.count("\n") == 1
     assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
 

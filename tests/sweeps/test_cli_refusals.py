@@ -55,7 +55,7 @@ def test_a_text_is_no_file_of_a_sweep():
         (["--kind", "bifurcatoin"], ["bifurcatoin", "did you mean bifurcation"]),
         (["--below", "lyapunov"], ["has no lyapunov", "record.diagnostics: [period, lyapunov]"]),
         (["--at", "omega=2", "--at", "omega=3"], ["--at omega=3 ", "omega was given before"]),
-        (["--coordinate", "impulse"], ["poincare_x", "; --below impulse draws it in a panel"]),
+        (["--coordinate", "impulse"], ["poincare_x", "; impulse can be drawn in a panel"]),
         (["--at", "omega"], ["--at omega ", "NAME=VALUE"]),
         (["--at", "omega=x"], ["--at omega=x ", "NAME=VALUE"]),
         (["-o", "small.h5"], ["small.h5", "replace the data"]),
@@ -142,6 +142,11 @@ def test_a_run_that_ends_early_exits_with_1(monkeypatch, error, text):
     assert result.exit_code == 1
     assert result.stderr.startswith("vibroimpact: error: ") and text in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_the_name_of_a_file_is_shown_as_it_is():
+    for name in ("an output.h5", "overwrite=True.h5", "coordinate='x'.h5"):
+        assert f"error: {name} does not exist" in refused("info", name)
 
 
 def test_an_interrupted_run_says_what_is_kept(stop_after):

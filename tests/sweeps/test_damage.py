@@ -210,7 +210,7 @@ def test_damage_outside_the_results_is_found_without_verifying_them(bases):
     content[bases["complete"].parts["coordinates"][0]] ^= 1
     Path("out.h5").write_bytes(content)
     for use in (lambda p: open_sweep(p, verify=False), lambda p: fill_blocks(p, resume=True)):
-        with pytest.raises(StoreError, match=r"is damaged outside its results.*overwrite=True"):
+        with pytest.raises(StoreError, match=r"is damaged outside its results.*overwrite it"):
             use("out.h5")
     fill_blocks("out.h5", overwrite=True)
 

@@ -145,7 +145,7 @@ def without_impacts(shared_sweep):
         (
             {"coordinate": "max_penetration"},
             "max_penetration is not a coordinate of the motion; choose from: poincare_x, "
-            "poincare_v, poincare_height; below=\\['max_penetration'\\] draws it",
+            "poincare_v, poincare_height; max_penetration can be drawn",
         ),
         (
             {"below": ("status",)},

@@ -174,13 +174,14 @@ def test_the_bytes_of_a_table_are_those_that_programs_write():
         load_config("sweep.yaml")
 
 
-def test_the_file_of_a_table_lies_beside_the_configuration_or_where_the_command_is():
-    Path("there").mkdir()
-    write_csv({"R": [0.5], "omega": [2.0]}, "there/table.csv")
+@pytest.mark.parametrize("place", ["there", "override"])
+def test_the_file_of_a_table_lies_beside_the_configuration_or_where_the_command_is(place):
+    Path(place).mkdir()
+    write_csv({"R": [0.5], "omega": [2.0]}, f"{place}/table.csv")
     write_csv({"R": [0.5, 0.6], "omega": [2.0, 2.0]}, "other.csv")
-    Path("there/sweep.yaml").write_text(CONFIG)
-    assert load_config("there/sweep.yaml").size == 1
-    assert load_config("there/sweep.yaml", ["points=other.csv"]).size == 2
+    Path(f"{place}/sweep.yaml").write_text(CONFIG)
+    assert load_config(f"{place}/sweep.yaml").size == 1
+    assert load_config(f"{place}/sweep.yaml", ["points=other.csv"]).size == 2
 
 
 @pytest.mark.parametrize(

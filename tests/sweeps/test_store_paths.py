@@ -41,7 +41,7 @@ def test_an_existing_sweep_is_kept_unless_told(blocks):
     fill_blocks("out.h5", blocks)
     (path,) = Path().glob("out.h5*")
     before = path.read_bytes()
-    with pytest.raises(StoreError, match=f"{path} exists; give resume=True to go on with it, over"):
+    with pytest.raises(StoreError, match=f"{path} exists; resume it, overwrite it, or"):
         fill_blocks("out.h5")
     assert path.read_bytes() == before
     fill_blocks("out.h5", overwrite=True)
@@ -70,7 +70,7 @@ def test_a_file_of_another_kind_is_never_replaced(name):
     Path(name).write_bytes(b"precious")
     for option in ("--overwrite", "--resume"):
         result = run(option)
-        assert result.exit_code == 2 and "will not be replaced; give -o another" in result.stderr
+        assert result.exit_code == 2 and "will not be replaced; give another" in result.stderr
     assert Path(name).read_bytes() == b"precious"
 
 
