@@ -25,13 +25,19 @@ def __getattr__(name: str) -> object:
 
     A command imports this package before it can listen to signals, so it must import nothing else.
     """
+    import sys
+
+    # pdoc shows the names of ``__all__``, and help(sweeps) would print every docstring of these.
+    if name == "__all__" and "pdoc" not in sys.modules:
+        raise AttributeError(name)
     import lazy_loader
 
     from vibroimpact import __version__
 
-    # Without ``__all__``, help(sweeps) shows the text above, and not every inherited method.
     attribute, names, _ = lazy_loader.attach_stub(__name__, __file__)
-    globals().update(__getattr__=attribute, __dir__=names, __version__=__version__)
+    globals().update(__dir__=names, __version__=__version__)
+    if name == "__all__":
+        return [*names(), "plotting"]
     return __version__ if name == "__version__" else attribute(name)
 
 

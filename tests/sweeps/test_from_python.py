@@ -6,6 +6,7 @@ import json
 import pydoc
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -48,6 +49,12 @@ def test_help_of_the_engine_is_a_screen_that_names_all_of_it():
     assert text.count("\n") < 60
     for name in dir(sweeps):
         assert re.search(rf"`(sweeps\.)?{name}`", text), name
+
+
+def test_pdoc_finds_every_public_name_and_help_stays_short(monkeypatch):
+    assert not hasattr(sweeps, "__all__")
+    monkeypatch.setitem(sys.modules, "pdoc", None)
+    assert sweeps.__all__ == [*dir(sweeps), "plotting"]
 
 
 @pytest.mark.parametrize("package", [vibroimpact, sweeps, plotting])
