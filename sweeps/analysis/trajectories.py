@@ -42,8 +42,8 @@ class PointMotion:
         Its oscillator.
     rows : ndarray, shape (3, n)
         Time, displacement and velocity. Two columns with the same time are the states before and
-        after an impact. Of more than ``MOST_PERIODS`` periods as many are kept, evenly spread, and
-        a column of NaN stands for the periods between them.
+        after an impact. Of more than the periods to keep as many are kept, evenly spread, and a
+        column of NaN stands for the periods between them.
     depth : float
         Largest x - clearance in all periods [length].
     periods : int
@@ -61,16 +61,16 @@ class PointMotion:
 
     @classmethod
     def of(
-        cls, point: xr.Dataset, parts: Iterable[np.ndarray], periods: int, turns: int = 0
+        cls, point: xr.Dataset, parts: Iterable[np.ndarray], periods: int, most: int, turns: int = 0
     ) -> Self:
-        """Join parts of a motion over `periods`, shape (3, k); keep at most ``MOST_PERIODS``."""
+        """Join parts of a motion over `periods`, shape (3, k); keep at most so many of these."""
         oscillator = oscillator_of(point)
         kept, depth, begin, drawn, gap = list[np.ndarray](), -np.inf, None, False, True
         for rows in parts:
             begin = rows[0, 0] if begin is None else begin
             depth = max(depth, float(rows[1].max()) - oscillator.clearance)
             turn = np.floor((rows[0] - begin) * (oscillator.omega / (2.0 * np.pi)) + 1e-6)
-            chosen = (turn * MOST_PERIODS) % periods < MOST_PERIODS  # all, if they are no more
+            chosen = (turn * most) % periods < most  # all, if they are no more
             left_out = ~(chosen | np.append(drawn, chosen[:-1]))  # a period ends with a row
             first_left_out = left_out & ~np.append(gap, left_out[:-1])
             drawn, gap = bool(chosen[-1]), bool(left_out[-1])
@@ -97,13 +97,15 @@ def periods_shown(m: int) -> int:
     return max(2 * m, 4)
 
 
-def recorded_motion(dataset: xr.Dataset, at: Selection | None) -> PointMotion:
-    """Return the recorded trajectory of a point; refuse a point without one."""
+def recorded_motion(
+    dataset: xr.Dataset, at: Selection | None, most: int = MOST_PERIODS
+) -> PointMotion:
+    """Return at most so many periods of the trajectory of a point; refuse a point without one."""
     point = select(dataset[[*RECORDED, "status"]], at)
     parts = _recorded_parts(point)
     if (first := next(parts, None)) is None:
         refuse_unrecorded(point, RECORDED[0])
-    return PointMotion.of(point, chain([first], parts), config_of(dataset).record.periods)
+    return PointMotion.of(point, chain([first], parts), config_of(dataset).record.periods, most)
 
 
 def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
@@ -116,7 +118,9 @@ def _recorded_parts(point: xr.Dataset) -> Iterator[np.ndarray]:
         yield rows[:, seen]
 
 
-def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) -> PointMotion:
+def continued_motion(
+    dataset: xr.Dataset, at: Selection | None, periods: int, most: int = MOST_PERIODS
+) -> PointMotion:
     """Compute the motion that follows the last recorded state at the section of a point.
 
     Some impact rules let the mass pass the stop, and a motion cannot start beyond the stop. Then
@@ -145,4 +149,4 @@ def continued_motion(dataset: xr.Dataset, at: Selection | None, periods: int) ->
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
     turns = config.record.left_out + last + 1
     rows = np.stack([motion.t, motion.x, motion.v])
-    return PointMotion.of(point, [rows], periods, turns)
+    return PointMotion.of(point, [rows], periods, most, turns)

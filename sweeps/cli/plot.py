@@ -87,8 +87,8 @@ Color = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="What colours the points of a diagram or a table, or the sections of several points: "
-        "a number per point, e.g. period or lyapunov.",
+        help="What colours the points of a diagram or a table, or the sections, impacts or motions "
+        "of several points: a number per point, e.g. period or lyapunov.",
     ),
 ]
 Exact = Annotated[

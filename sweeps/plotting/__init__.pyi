@@ -6,7 +6,7 @@ from .canvas import Page as Page
 from .diagram import bifurcation as bifurcation
 from .integrity import integrity as integrity
 from .maps import parameter_map as parameter_map
-from .motion import impacts as impacts
-from .motion import section as section
 from .motion import trajectory as trajectory
+from .sections import impacts as impacts
+from .sections import section as section
 from .table import table_panels as table_panels

@@ -20,8 +20,9 @@ from sweeps.plotting.canvas import PAGE, Page
 from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.integrity import integrity
 from sweeps.plotting.maps import parameter_map
-from sweeps.plotting.motion import impacts, section, trajectory
+from sweeps.plotting.motion import trajectory
 from sweeps.plotting.saving import check_picture, description, save
+from sweeps.plotting.sections import impacts, section
 from sweeps.plotting.style import user_style
 from sweeps.plotting.table import table_panels
 from sweeps.store import DIRECTION
@@ -51,7 +52,7 @@ KINDS: Mapping[str, Kind] = {
     "map": Kind(parameter_map, ("axes", "quantity", "exact"), axes=2),
     "section": Kind(section, ("color",)),
     "impacts": Kind(impacts, ("color",)),
-    "trajectory": Kind(trajectory, ("periods",)),
+    "trajectory": Kind(trajectory, ("periods", "color")),
     "table": Kind(table_panels, ("axes", "quantity", "color"), shown=(TABLE,)),
 }
 
@@ -90,7 +91,8 @@ def plot(
         ``axes``, ``coordinate``, ``exact``, ``below`` and ``color`` of `bifurcation`; ``axes`` and
         ``coordinate`` of `attractor_diagram`; ``axes``, ``quantity`` and ``exact`` of
         `parameter_map`; ``axes``, ``quantity`` and ``color`` of `table_panels`; ``color`` of
-        `section` and `impacts`; ``periods`` of `trajectory`. With None the picture chooses.
+        `section` and `impacts`; ``periods`` and ``color`` of `trajectory`. With None the picture
+        chooses.
 
     Returns
     -------

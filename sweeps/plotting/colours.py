@@ -15,12 +15,12 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normal
 from matplotlib.patches import Patch
 
 from sweeps.analysis.regimes import NO_CLASS, Regime, classify, frequent_periods, has_result
-from sweeps.analysis.selection import check_diagnostic
+from sweeps.analysis.selection import Selection, check_diagnostic, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.labels import CLASSES_TITLE, label, status_name, tick_in_decades
-from sweeps.plotting.lines import widened
-from sweeps.plotting.numbers import number_at
+from sweeps.plotting.lines import refuse_without_result, widened
+from sweeps.plotting.numbers import Wanted, number_at, with_number
 from sweeps.plotting.style import (
     BLUE,
     EVIDENCE,
@@ -197,6 +197,20 @@ def paint(
     if not any(cell.where.any() for cell in cells[1:]) and cells[0].where.all():
         raise Refused(f"there is nothing to draw: {name} is 0 at every point")
     return Paint(variable, cells, np.ma.masked_where(~has_value, values), norm, ramp)
+
+
+def coloured_points(
+    dataset: xr.Dataset, at: Selection | None, color: Wanted
+) -> tuple[xr.Dataset, Paint]:
+    """Return the points that `at` leaves and their colours; refuse a single point."""
+    dataset, name = with_number(dataset, color)
+    left = [str(axis) for axis in dataset["status"].dims if axis not in (at or {})]
+    points = select(dataset, at, free=left)
+    if points["status"].size == 1:
+        raise Refused("a color tells several motions apart, and only one point is left")
+    shown = paint(points, name, dataset, dots=True)
+    refuse_without_result(points["status"].values)
+    return points, shown
 
 
 def _special_cells(

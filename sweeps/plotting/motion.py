@@ -1,9 +1,8 @@
-"""Pictures of one point of a sweep: its motion in time and in the phase plane, and its sections."""
+"""Motions in time and in the phase plane, of one point or of several."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Self
 
 import matplotlib as mpl
 import numpy as np
@@ -11,8 +10,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sweeps.analysis.regimes import Label, labels
-from sweeps.analysis.selection import Selection, config_of, recorded, select
+from sweeps.analysis.regimes import Label, has_result, labels
+from sweeps.analysis.selection import Selection, config_of, select
 from sweeps.analysis.trajectories import (
     MOST_PERIODS,
     RECORDED,
@@ -24,141 +23,15 @@ from sweeps.analysis.trajectories import (
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
-from sweeps.plotting.colours import Paint, paint
+from sweeps.plotting.colours import Paint, coloured_points
 from sweeps.plotting.labels import as_variable, equation, label_axis, named_unit
-from sweeps.plotting.lines import refuse_without_result
-from sweeps.plotting.numbers import Wanted, with_number
+from sweeps.plotting.numbers import Wanted
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 
 #: In a figure narrower than this [inch] the phase plane is below the other panels.
 _NARROW = 4.5
-
-
-class _Records(NamedTuple):
-    """Values recorded at one point, or at several points with a colour each, as flat columns."""
-
-    points: xr.Dataset
-    columns: list[np.ndarray]
-    colours: str | np.ndarray = BLUE
-    shown: Paint | None = None
-
-    @classmethod
-    def of(
-        cls,
-        dataset: xr.Dataset,
-        names: tuple[str, str],
-        at: Selection | None,
-        color: Wanted | None,
-    ) -> Self:
-        """Read the values of one point or, with a colour, of all points that `at` leaves."""
-        if color is None:
-            return cls(*recorded(dataset, names, at))
-        dataset, name = with_number(dataset, color)
-        left = [str(axis) for axis in dataset["status"].dims if axis not in (at or {})]
-        points = select(dataset, at, free=left)
-        if points["status"].size == 1:
-            raise Refused("a color tells several motions apart, and only one point is left")
-        shown = paint(points, name, dataset, dots=True)
-        refuse_without_result(points["status"].values)
-        columns = np.array([points[name].transpose(*points["status"].dims, ...) for name in names])
-        seen = np.isfinite(columns).all(axis=0)
-        colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4))[seen]
-        return cls(points, list(columns[:, seen]), colours, shown)
-
-    def finish(self, panel: Axes, page: Page) -> Figure:
-        """Draw the legend or the colour bar of the colours, if any, and return the figure."""
-        handles = panel.get_legend_handles_labels()[0]
-        if self.shown is None:
-            return canvas.finish(panel, page, self.points, handles)
-        self.shown.add_bar([panel])
-        handles = [*self.shown.handles(), *handles]
-        return canvas.finish(panel, page, self.points, handles, self.shown.title)
-
-
-@styled
-def section(
-    dataset: xr.Dataset,
-    *,
-    at: Selection | None = None,
-    color: Wanted | None = None,
-    page: Page = PAGE,
-    ax: Axes | None = None,
-) -> Figure:
-    """Draw the Poincaré section: velocity over displacement, and the stop.
-
-    It is that of one point or, with `color`, those of all points that `at` does not exclude.
-
-    Parameters
-    ----------
-    color : str or DataArray, optional
-        What colours the sections of several points, as for `sweeps.plotting.bifurcation`.
-
-    Examples
-    --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
-    """
-    found = _Records.of(dataset, ("poincare_x", "poincare_v"), at, color)
-    (x, v), clearance = found.columns, found.points["clearance"]
-    panel = canvas.new_panel(ax, page)
-    canvas.draw_points(panel, x, v, found.colours)
-    label_axis(panel.xaxis, found.points["poincare_x"])
-    label_axis(panel.yaxis, found.points["poincare_v"])
-    ends = [x.min(), x.max()]
-    if not clearance.dims:
-        units = dict(config_of(dataset).units.items())
-        canvas.draw_stop(panel.axvline, float(clearance), as_variable("clearance", units))
-        ends.append(float(clearance))
-    canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
-    canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())
-    page.fit_ordinate(panel)
-    page.set_limits(panel)
-    return found.finish(panel, page)
-
-
-@styled
-def impacts(
-    dataset: xr.Dataset,
-    *,
-    at: Selection | None = None,
-    color: Wanted | None = None,
-    page: Page = PAGE,
-    ax: Axes | None = None,
-) -> Figure:
-    """Draw the impact section: speed before the impact over the forcing phase.
-
-    It is that of one point or, with `color`, those of all points that `at` does not exclude.
-
-    Parameters
-    ----------
-    color : str or DataArray, optional
-        What colours the impacts of several points, as for `sweeps.plotting.bifurcation`.
-
-    Examples
-    --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> from sweeps import plotting
-    >>> plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
-    """
-    found = _Records.of(dataset, ("impact_phase", "impact_v"), at, color)
-    panel = canvas.new_panel(ax, page)
-    phase, v = found.columns
-    canvas.draw_points(panel, phase, v, found.colours)
-    quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
-    panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
-    panel.set_xlim(0.0, 2.0 * np.pi)
-    panel.set_ylim(bottom=0.0)
-    label_axis(panel.xaxis, found.points["impact_phase"])
-    label_axis(panel.yaxis, found.points["impact_v"])
-    page.set_limits(panel)
-    return found.finish(panel, page)
+#: Most motions in a picture: of each, at least four periods are drawn.
+_MOST_MOTIONS = MOST_PERIODS // 4
 
 
 @styled
@@ -167,15 +40,17 @@ def trajectory(
     *,
     at: Selection | None = None,
     periods: int | None = None,
+    color: Wanted | None = None,
     page: Page = PAGE,
     ax: Sequence[Axes] | None = None,
 ) -> Figure:
     """Draw the motion of one point as in the paper: x over t, v over t and v over x.
 
-    Impacts and samples beyond the stop are marked, and the deepest penetration is stated. Of more
-    than 1,000 periods as many are drawn, evenly spread over all. For the integrator
-    ``exact`` the exact flow between events is drawn instead of the steps. `ax` are the three
-    panels. The limits of the page apply to x over t.
+    With `color`, these are the motions of all points that `at` does not exclude, at most 250.
+    Impacts and samples beyond the stop are marked in the motion of one point; the deepest
+    penetration is stated. Of more than 1,000 periods in all as many are drawn, evenly spread over
+    each motion. For the integrator ``exact`` the exact flow between events is drawn instead of the
+    steps. `ax` are the three panels. The limits of the page apply to x over t.
 
     Parameters
     ----------
@@ -183,6 +58,8 @@ def trajectory(
         Number of forcing periods to compute, with the method of the sweep, from the last state at
         the section. By default the trajectory in the file is drawn; without one, two repetitions
         of a periodic motion, but at least four periods.
+    color : str or DataArray, optional
+        What colours the motions of several points, as for `sweeps.plotting.bifurcation`.
 
     Examples
     --------
@@ -193,44 +70,97 @@ def trajectory(
     >>> from sweeps import plotting
     >>> plotting.trajectory(ds, at={"omega": 2.7}).savefig("motion.png")
     """
-    found = _class_at(dataset, at)
-    if periods is None and all(name in dataset for name in RECORDED):
-        motion = recorded_motion(dataset, at)
-    else:
-        periods = periods_shown(found.m if found else 0) if periods is None else periods
-        motion = continued_motion(dataset, at, periods)
     over_time, velocity, phase_plane = panels = _new_panels(page) if ax is None else list(ax)
-    _draw(panels, motion)
+    if color is None:
+        shown, (found,) = None, _classes(select(dataset, at).expand_dims("motion"))
+        motions = [_motion_at(dataset, at, periods, found)]
+        drawn = motions[0].point
+        _draw_curves(panels, motions[0])
+        _mark_impacts(panels, motions[0])
+    else:
+        drawn, shown, found = *coloured_points(dataset, at, color), None
+        motions = _draw_coloured(panels, drawn, shown, periods)
     units = dict(config_of(dataset).units.items())
+    if not drawn["clearance"].dims:
+        clearance = float(drawn["clearance"])
+        canvas.draw_stop(over_time.axhline, clearance)
+        canvas.draw_stop(phase_plane.axvline, clearance, as_variable("clearance", units))
+    over_time.margins(x=0.01)
     time, x, v = (as_variable(name, units) for name in RECORDED)
     time.attrs["symbol"] = "t-t_0"
     for panel, across, up in ((over_time, None, x), (velocity, time, v), (phase_plane, x, v)):
         label_axis(panel.yaxis, up)
         if across is not None:
             label_axis(panel.xaxis, across)
-    if motion.depth > 0.0:
-        depth = f"deepest penetration {motion.depth:.1e}"
+    deepest = max(motion.depth for motion in motions)
+    if deepest > 0.0:
+        depth = f"deepest penetration {deepest:.1e}"
         phase_plane.set_title(" ".join([depth, named_unit(x)]).strip())
     for panel in (over_time, velocity):
         page.fit_ordinate(panel)
     page.set_limits(over_time)
-    period = 2.0 * np.pi / motion.oscillator.omega
-    start = motion.rows[0, 0] + motion.turns * period
-    record = f"{equation('t_0', time, start)}, after {start / period:.6g} forcing periods"
+    handles, title = phase_plane.get_legend_handles_labels()[0], None
+    if shown is not None:
+        shown.add_bar(panels)
+        handles, title = [*shown.handles(), *handles], shown.title
+    return canvas.finish(over_time, page, drawn, handles, title, _record(motions, time, found))
+
+
+def _motion_at(
+    dataset: xr.Dataset,
+    at: Selection | None,
+    periods: int | None,
+    found: Label | None,
+    most: int = MOST_PERIODS,
+) -> PointMotion:
+    """Return the motion at one point, recorded or computed; at most so many of its periods."""
+    if periods is None and all(name in dataset for name in RECORDED):
+        return recorded_motion(dataset, at, most)
+    periods = periods_shown(found.m if found else 0) if periods is None else periods
+    return continued_motion(dataset, at, periods, most)
+
+
+def _draw_coloured(
+    panels: Sequence[Axes], points: xr.Dataset, shown: Paint, periods: int | None
+) -> list[PointMotion]:
+    """Draw a curve for each point with a result, in its colour; return the motions."""
+    with_result = np.argwhere(has_result(points["status"].values))
+    if len(with_result) > _MOST_MOTIONS:
+        raise Refused(
+            f"a picture of {len(with_result):,} motions is not readable; choose at most "
+            f"{_MOST_MOTIONS} points"
+        )
+    most = MOST_PERIODS // len(with_result)
+    dims, colours, motions = points["status"].dims, shown.colours(), []
+    at_each = dict(zip(dims, [("motion", place) for place in with_result.T], strict=True))
+    classes = _classes(points.isel(at_each))
+    for index, found in zip(with_result, classes, strict=True):
+        point = points.isel(dict(zip(dims, index.tolist(), strict=True)))
+        motions.append(_motion_at(point, None, periods, found, most))
+        _draw_curves(panels, motions[-1], colours[tuple(index)])
+    return motions
+
+
+def _record(motions: Sequence[PointMotion], time: xr.DataArray, found: Label | None) -> str | None:
+    """Write what the title says of the motions instead of the record; None if they differ."""
+    turns = 2.0 * np.pi / np.array([motion.oscillator.omega for motion in motions])
+    starts = np.array([motion.rows[0, 0] for motion in motions])
+    starts += turns * [motion.turns for motion in motions]
+    (after, *others) = {f"after {periods:.6g} forcing periods" for periods in starts / turns}
+    if others:
+        return None
+    record = f"{equation('t_0', time, starts[0])}, {after}" if len(motions) == 1 else after
     if found is not None:
         record = f"{'class ' if found.m else ''}{found}, {record}"
-    if motion.periods > MOST_PERIODS:
-        record += f", {MOST_PERIODS:,} of {motion.periods:,} periods"
-    handles, _ = phase_plane.get_legend_handles_labels()
-    return canvas.finish(over_time, page, motion.point, handles, record=record)
+    most = MOST_PERIODS // len(motions)
+    periods = sum(motion.periods for motion in motions)
+    drawn = sum(min(motion.periods, most) for motion in motions)
+    return record if drawn == periods else f"{record}, {drawn:,} of {periods:,} periods"
 
 
-def _class_at(dataset: xr.Dataset, at: Selection | None) -> Label | None:
-    """Return the class of the motion at one point; None if the file does not know it."""
-    if "period" not in dataset:
-        return None
-    (found,) = labels(select(dataset, at).expand_dims("point"))
-    return found
+def _classes(line: xr.Dataset) -> list[Label | None]:
+    """Return the class of each motion; None where the file does not know it."""
+    return labels(line) if "period" in line else [None] * line["status"].size
 
 
 def _new_panels(page: Page) -> list[Axes]:
@@ -246,25 +176,30 @@ def _new_panels(page: Page) -> list[Axes]:
     return [panels["x"], panels["v"], panels["p"]]
 
 
-def _draw(panels: Sequence[Axes], motion: PointMotion) -> None:
-    """Draw the motion, its impacts, its samples beyond the stop, and the stop."""
-    rows, clearance = motion.rows, motion.oscillator.clearance
+def _draw_curves(
+    panels: Sequence[Axes], motion: PointMotion, colour: str | np.ndarray = BLUE
+) -> None:
+    """Draw the motion in each panel."""
+    t, x, v = motion.flow(per_period=200)
+    t = t - motion.rows[0, 0]
+    width = 0.9 if motion.rows.shape[1] < 5000 else 0.4
+    for panel, line in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
+        (curve,) = panel.plot(*line, color=colour, linewidth=width, zorder=2.0)
+        curve.set_rasterized(len(t) > 50_000)
+
+
+def _mark_impacts(panels: Sequence[Axes], motion: PointMotion) -> None:
+    """Mark the impacts of the motion, and its samples beyond the stop."""
+    rows = motion.rows
     marks = (
         (motion.impacts, ORANGE, "impacts"),
-        (rows[:, rows[1] > clearance], VERMILION, "samples beyond the stop"),
+        (rows[:, rows[1] > motion.oscillator.clearance], VERMILION, "samples beyond the stop"),
     )
-    flow, begin = motion.flow(per_period=200), np.array([[rows[0, 0]], [0.0], [0.0]])
-    width = 0.9 if rows.shape[1] < 5000 else 0.4
-    for panel, axes in zip(panels, ([0, 1], [0, 2], [1, 2]), strict=True):
-        line = (flow - begin)[axes]
-        (curve,) = panel.plot(*line, color=BLUE, linewidth=width, zorder=2.0)
-        curve.set_rasterized(line.shape[1] > 50_000)
-        for marked, colour, text in marks:
-            if marked.size:
-                (points,) = panel.plot(*(marked - begin)[axes], "o", color=colour, zorder=3.0)
-                points.set(markersize=2.5, markeredgewidth=0)
-                points.set_label(text if panel is panels[-1] else "_")
-    units = dict(config_of(motion.point).units.items())
-    canvas.draw_stop(panels[0].axhline, clearance)
-    canvas.draw_stop(panels[2].axvline, clearance, as_variable("clearance", units))
-    panels[0].margins(x=0.01)
+    for (t, x, v), colour, text in marks:
+        if not t.size:
+            continue
+        t = t - rows[0, 0]
+        for panel, marked in zip(panels, ((t, x), (t, v), (x, v)), strict=True):
+            (points,) = panel.plot(*marked, "o", color=colour, zorder=3.0)
+            points.set(markersize=2.5, markeredgewidth=0)
+            points.set_label(text if panel is panels[-1] else "_")

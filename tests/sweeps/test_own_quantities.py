@@ -16,8 +16,10 @@ from sweeps.plotting import (
     section,
     style,
     table_panels,
+    trajectory,
 )
 from sweeps.plotting.colours import period_cells
+from vibroimpact import Status
 
 SWEEP = """
 oscillator: {h: 0.05, R: [0.6, 0.8], f: 1.0, omega: {start: 2.2, stop: 3.4, num: 13}}
@@ -153,6 +155,61 @@ def test_sections_of_all_points_or_of_those_left_have_the_colours(dataset):
         assert len(np.unique(colours, axis=0)) == 13
         assert "omega" in figure.axes[1].get_xlabel()
     assert len(points_of(section(dataset, color="R"))[0]) == dataset["poincare_x"].size
+
+
+def test_the_motions_of_those_left_have_the_colours(dataset):
+    figure = trajectory(dataset, color="omega", at={"R": 0.8})
+    several = [panel.lines for panel in figure.axes[:3]]
+    assert "omega" in figure.axes[3].get_xlabel()
+    assert "after 208 forcing periods" in figure.get_suptitle()
+    colours = np.array([to_rgba(line.get_color()) for line in several[0][:13]])
+    assert (np.diff(colours[:, :2].sum(axis=1)) > 0.0).all()  # cividis: from blue to yellow
+    for i, omega in enumerate(dataset["omega"].values):
+        alone = trajectory(dataset, at={"R": 0.8, "omega": omega})
+        for panel, lines in zip(alone.axes, several, strict=True):
+            np.testing.assert_array_equal(panel.lines[0].get_xydata(), lines[i].get_xydata())
+            assert to_rgba(lines[i].get_color()) == tuple(colours[i])
+
+
+def test_motions_have_the_class_colours_and_no_stop_where_it_moves(dataset):
+    figure = trajectory(dataset, color="period", periods=1)
+    assert all(t[-1] < 3.0 for t in (line.get_xdata() for line in figure.axes[0].lines[:26]))
+    of_map = legend(parameter_map(dataset))
+    assert {text: c for text, c in legend(figure).items() if "/" in text}.items() <= of_map.items()
+    stopped = dataset.rename(R="clearance", clearance="R")
+    moving = trajectory(stopped, color="period", periods=1)
+    assert [len(one.axes[1].lines) for one in (figure, moving)] == [27, 26]
+
+
+def test_what_motions_share_is_said_and_what_cannot_be_told_apart_refused(dataset, monkeypatch):
+    figure = trajectory(dataset, color="period", at={"R": 0.8}, periods=100)
+    assert "after 208 forcing periods, 988 of 1,300 periods" in figure.get_suptitle()
+    t = figure.axes[0].lines[0].get_xdata()
+    assert t[-1] == pytest.approx(100 * 2.0 * np.pi / 2.2) and np.isnan(t).any()
+    with pytest.raises(Refused, match="tells several motions apart, and only one point is left"):
+        trajectory(dataset, color="period", at={"R": 0.8, "omega": 2.8})
+    monkeypatch.setattr("sweeps.plotting.motion._MOST_MOTIONS", 25)
+    with pytest.raises(Refused, match="26 motions is not readable; choose at most 25 points"):
+        trajectory(dataset, color="period")
+
+
+def test_a_motion_that_failed_is_left_out(dataset):
+    broken = dataset.sel(R=0.8).copy(deep=True)
+    broken["status"].values[3] = Status.UNRESOLVED
+    assert len(trajectory(broken, color="omega", periods=1).axes[2].lines) == 12
+
+
+def test_recorded_trajectories_are_coloured(tmp_path):
+    kept = SWEEP.replace("num: 13}", "num: 3}").replace(
+        "impacts", "trajectory: {every: 1}, impacts"
+    )
+    with open_sweep(run_in(tmp_path, kept)) as recorded:
+        figure = trajectory(recorded, color="impulse")
+        first = recorded["trajectory_t"].values[0, 0, 0]
+        t = figure.axes[0].lines[0].get_xdata()
+        assert t[-1] == pytest.approx(8 * 2.0 * np.pi / 2.2)
+        again = f"after {first * 2.2 / (2.0 * np.pi):.6g} forcing periods"
+        assert again in figure.get_suptitle()
 
 
 def test_a_dense_diagram_keeps_the_colours(dataset, monkeypatch):

@@ -93,9 +93,19 @@ NARROW = [
     ("map.h5", "section", {"at": {"omega": 2.8}}),
     ("map.h5", "impacts", {"at": {"omega": 2.8}}),
     ("map.h5", "trajectory", {"at": {"omega": 2.8}}),
+    ("map.h5", "bifurcation", {"color": "period", "at": {"R": 0.8}}),
+    ("map.h5", "bifurcation", {"color": "impacts_per_period", "below": "lyapunov"}),
+    ("map.h5", "bifurcation", {"color": "class_evidence"}),
+    ("map.h5", "section", {"color": "period"}),
+    ("map.h5", "section", {"color": "lyapunov", "at": {"R": 0.8}}),
+    ("map.h5", "impacts", {"color": "impulse"}),
+    ("map.h5", "trajectory", {"color": "period"}),
+    ("map.h5", "trajectory", {"color": "energy_lost", "at": {"R": 0.8}}),
+    ("starts.h5", "trajectory", {"color": "x0", "at": {"v0": 0.6}}),
     ("starts.h5", "basins", {}),
     ("starts.h5", "integrity", {}),
     ("table.h5", "table", {"quantity": "impulse"}),
+    ("table.h5", "table", {"color": "slowest_impact"}),
 ]
 
 

@@ -162,7 +162,7 @@ def without_impacts(shared_sweep):
             "no rest_fracton .did you mean rest_fraction..; cho",
         ),
         ({"color": "poincare_x"}, "poincare_x is not a number for each point; choose from: cha"),
-        ({"kind": "trajectory", "color": "status"}, "color can be chosen for a bifurcation or sec"),
+        ({"kind": "basins", "color": "status"}, "color can be chosen for a bifurcation or section"),
         (
             {"kind": "section", "color": "impulse", "at": {"R": 0.5, "omega": 1.0}},
             "a color tells several motions apart, and only one point is left",

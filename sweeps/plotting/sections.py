@@ -1,0 +1,139 @@
+"""Sections of motions: the stroboscopic section and the impacts, of one point or of several."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sweeps.analysis.selection import Selection, config_of, recorded
+from sweeps.plotting import canvas
+from sweeps.plotting.canvas import PAGE, Page, styled
+from sweeps.plotting.colours import Paint, coloured_points
+from sweeps.plotting.labels import as_variable, label_axis
+from sweeps.plotting.numbers import Wanted
+from sweeps.plotting.style import BLUE
+
+
+class _Records(NamedTuple):
+    """Values recorded at one point, or at several points with a colour each, as flat columns."""
+
+    points: xr.Dataset
+    columns: list[np.ndarray]
+    colours: str | np.ndarray = BLUE
+    shown: Paint | None = None
+
+    @classmethod
+    def of(
+        cls,
+        dataset: xr.Dataset,
+        names: tuple[str, str],
+        at: Selection | None,
+        color: Wanted | None,
+    ) -> Self:
+        """Read the values of one point or, with a colour, of all points that `at` leaves."""
+        if color is None:
+            return cls(*recorded(dataset, names, at))
+        points, shown = coloured_points(dataset, at, color)
+        columns = np.array([points[name].transpose(*points["status"].dims, ...) for name in names])
+        seen = np.isfinite(columns).all(axis=0)
+        colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4))[seen]
+        return cls(points, list(columns[:, seen]), colours, shown)
+
+    def finish(self, panel: Axes, page: Page) -> Figure:
+        """Draw the legend or the colour bar of the colours, if any, and return the figure."""
+        handles = panel.get_legend_handles_labels()[0]
+        if self.shown is None:
+            return canvas.finish(panel, page, self.points, handles)
+        self.shown.add_bar([panel])
+        handles = [*self.shown.handles(), *handles]
+        return canvas.finish(panel, page, self.points, handles, self.shown.title)
+
+
+@styled
+def section(
+    dataset: xr.Dataset,
+    *,
+    at: Selection | None = None,
+    color: Wanted | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw the Poincaré section: velocity over displacement, and the stop.
+
+    It is that of one point or, with `color`, those of all points that `at` does not exclude.
+
+    Parameters
+    ----------
+    color : str or DataArray, optional
+        What colours the sections of several points, as for `sweeps.plotting.bifurcation`.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.section(ds, at={"omega": 2.7}).savefig("section.png")
+    """
+    found = _Records.of(dataset, ("poincare_x", "poincare_v"), at, color)
+    (x, v), clearance = found.columns, found.points["clearance"]
+    panel = canvas.new_panel(ax, page)
+    canvas.draw_points(panel, x, v, found.colours)
+    label_axis(panel.xaxis, found.points["poincare_x"])
+    label_axis(panel.yaxis, found.points["poincare_v"])
+    ends = [x.min(), x.max()]
+    if not clearance.dims:
+        units = dict(config_of(dataset).units.items())
+        canvas.draw_stop(panel.axvline, float(clearance), as_variable("clearance", units))
+        ends.append(float(clearance))
+    canvas.widen_if_constant(panel.set_xlim, min(ends), max(ends))
+    canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())
+    page.fit_ordinate(panel)
+    page.set_limits(panel)
+    return found.finish(panel, page)
+
+
+@styled
+def impacts(
+    dataset: xr.Dataset,
+    *,
+    at: Selection | None = None,
+    color: Wanted | None = None,
+    page: Page = PAGE,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw the impact section: speed before the impact over the forcing phase.
+
+    It is that of one point or, with `color`, those of all points that `at` does not exclude.
+
+    Parameters
+    ----------
+    color : str or DataArray, optional
+        What colours the impacts of several points, as for `sweeps.plotting.bifurcation`.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> from sweeps import plotting
+    >>> plotting.impacts(ds, at={"omega": 2.7}).savefig("impacts.png")
+    """
+    found = _Records.of(dataset, ("impact_phase", "impact_v"), at, color)
+    panel = canvas.new_panel(ax, page)
+    phase, v = found.columns
+    canvas.draw_points(panel, phase, v, found.colours)
+    quarters = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+    panel.set_xticks(0.5 * np.pi * np.arange(5), quarters)
+    panel.set_xlim(0.0, 2.0 * np.pi)
+    panel.set_ylim(bottom=0.0)
+    label_axis(panel.xaxis, found.points["impact_phase"])
+    label_axis(panel.yaxis, found.points["impact_v"])
+    page.set_limits(panel)
+    return found.finish(panel, page)
