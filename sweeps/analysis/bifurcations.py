@@ -289,11 +289,9 @@ def special_points(found: xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    names = {
-        "kind": "kind", "special_m": "m", "special_q": "q", "special_value": "value",
-        "special_branch": "branch",
-    }  # fmt: skip
-    frame = pd.DataFrame({names[name]: found[name].values for name in names})
+    (axis,) = found.coords
+    columns = {name: found[name].values for name in ("kind", "m", "q", "branch")}
+    frame = pd.DataFrame(columns | {"value": found[axis].values})
     frame = frame[frame["kind"].isin(["flip", "fold", "graze"])].sort_values("value", kind="stable")
     step = frame.groupby(["kind", "m", "q"])["value"].diff()
     return frame[~(step <= 1e-10 * frame["value"].abs().clip(lower=1.0))]

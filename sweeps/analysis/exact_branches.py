@@ -127,19 +127,17 @@ def branches(
     Returns
     -------
     Dataset
-        Along ``point``, branch after branch:
+        Along ``point``, branch after branch, each followed by its special points:
 
-        - the axis, ``branch`` (the number of the branch) and ``stable``;
+        - the axis, ``branch`` (the number of the branch), ``m``, ``q`` and ``stable``;
+        - ``kind`` of a special point: ``flip``, ``fold``, ``graze`` or an end of the branch; empty
+          for all other points. The orbit of a graze has the impact of speed zero. At the flip in
+          which a branch ends it is the orbit of half the period;
         - ``multipliers`` (``point``, ``multiplier``): the Floquet multipliers, complex, the larger
           one first;
         - ``impact_phase``, ``impact_v`` (``point``, ``impact``), NaN beyond q impacts;
         - ``poincare_x``, ``poincare_v``, ``poincare_height`` (``point``, ``section``), NaN beyond m
           periods.
-
-        Along ``number``: ``m`` and ``q`` of each branch. Along ``special``, for the flips, folds,
-        grazes and ends of the branches: ``kind``, ``special_value``, ``special_branch``,
-        ``special_m``, ``special_q``, ``special_multipliers``, and the coordinates, such as
-        ``special_impact_phase``.
 
         The attribute ``summary`` says what was found, and ``given_up`` what was not followed.
         ``range`` holds the ends of the axis, and ``phase`` is the phase of the section.
@@ -156,7 +154,8 @@ def branches(
     >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
     >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
     >>> found = sweeps.branches(ds, "omega")
-    >>> found["special_value"].values[found["kind"].values == "flip"].round(6)
+    >>> flips = found.where(found.kind == "flip", drop=True)
+    >>> flips.omega.values.round(6)
     array([2.663945, 2.663945])
     """
     (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
@@ -211,30 +210,28 @@ def _as_dataset(
 ) -> xr.Dataset:
     """Collect the branches found as the Dataset that `branches` returns."""
     items = _smooth(found, phase)
-    special = [point for item in items for point in item.special]
-    orbits = [orbit for item in items for orbit in _orbits(item)]
+    orbits: list[PeriodicOrbit] = []
+    stable: list[bool] = []
+    for item in items:
+        orbits += [*_orbits(item), *(point.orbit for point in item.special)]
+        stable += [*item.stable.tolist(), *[False] * len(item.special)]
+    records = [orbit_coordinates(orbit, phase) for orbit in orbits]
+    multipliers = np.array([orbit.multipliers for orbit in orbits], complex).reshape(-1, 2)
     data: dict[str, Any] = {
-        "stable": ("point", np.concatenate([np.empty(0, bool), *(b.stable for b in items)])),
-        "kind": ("special", np.array([point.kind for point in special], "U11")),
-        "special_value": ("special", np.array([point.value for point in special], float)),
-        "special_m": ("special", np.array([point.orbit.m for point in special], int)),
-        "special_q": ("special", np.array([point.orbit.q for point in special], int)),
+        "m": ("point", np.array([orbit.m for orbit in orbits], int)),
+        "q": ("point", np.array([orbit.q for orbit in orbits], int)),
+        "stable": ("point", np.array(stable, bool)),
+        "multipliers": (("point", "multiplier"), multipliers),
     }
-    all_orbits = [*orbits, *(point.orbit for point in special)]
-    records = [orbit_coordinates(orbit, phase) for orbit in all_orbits]
-    multipliers = np.array([orbit.multipliers for orbit in all_orbits], complex).reshape(-1, 2)
-    data["multipliers"] = ("point", "multiplier"), multipliers[: len(orbits)]
-    data["special_multipliers"] = ("special", "multiplier"), multipliers[len(orbits) :]
     for name, variable in COORDINATES.items():
-        table = _padded([record[name] for record in records])
-        data[name] = ("point", variable.dimension), table[: len(orbits)]
-        data[f"special_{name}"] = ("special", variable.dimension), table[len(orbits) :]
+        data[name] = ("point", variable.dimension), _padded([record[name] for record in records])
     lines = _summary(found, left_out)
     about = {
         "summary": "\n".join(lines), "given_up": "; ".join(lines[1:]), "phase": phase,
         "range": [found.low, found.high],
     }  # fmt: skip
-    return numbered_dataset(items, "branch", (found.parameter,), data, about)
+    rows = with_special_points(items, "branch", "kind", (found.parameter,))
+    return rows.assign(data).assign_attrs(about)
 
 
 def _smooth(found: BranchSet, phase: float) -> list[Branch]:
@@ -265,29 +262,23 @@ def _orbits(item: Branch) -> Iterator[PeriodicOrbit]:
         yield PeriodicOrbit(item.oscillator_at(value), item.m, *impacts)
 
 
-def numbered_dataset(
-    found: Sequence[Branch],
-    noun: str,
-    axes: Sequence[str],
-    data: Mapping[str, Any],
-    about: Mapping[str, Any],
+def with_special_points(
+    found: Sequence[Branch], noun: str, special: str, axes: Sequence[str]
 ) -> xr.Dataset:
-    """Return branches or curves as a Dataset along ``point``, ``number`` and ``special``.
+    """Return the points of branches or curves along ``point``, each followed by its special points.
 
-    It consists of `data`, the axes, ``m``, ``q``, and the numbers of the branches or curves, which
-    are called `noun`.
+    The variable `noun` is the number of the branch or curve, and `special` the kind of a special
+    point.
     """
-    columns = [np.reshape(item.values, (-1, len(axes))) for item in found]
-    values = np.concatenate([np.empty((0, len(axes))), *columns]).T
-    numbers = np.arange(len(found))
-    common = {
-        noun: ("point", np.repeat(numbers, [len(item.values) for item in found])),
-        "m": ("number", np.array([item.m for item in found], int)),
-        "q": ("number", np.array([item.q for item in found], int)),
-        f"special_{noun}": ("special", np.repeat(numbers, [len(item.special) for item in found])),
-    }
-    coordinates = {axis: ("point", column) for axis, column in zip(axes, values, strict=True)}
-    return xr.Dataset({**common, **data}, coordinates, about)
+    numbers, kinds, values = list[int](), list[str](), list[Any]()
+    for number, item in enumerate(found):
+        values += [*item.values, *(point.value for point in item.special)]
+        kinds += [""] * len(item.values) + [point.kind for point in item.special]
+        numbers += [number] * (len(values) - len(numbers))
+    columns = np.array(values, float).reshape(-1, len(axes)).T
+    data = {noun: ("point", np.array(numbers, int)), special: ("point", np.array(kinds, "U11"))}
+    coordinates = {axis: ("point", column) for axis, column in zip(axes, columns, strict=True)}
+    return xr.Dataset(data, coordinates)
 
 
 def _padded(rows: Sequence[np.ndarray]) -> np.ndarray:
@@ -321,12 +312,12 @@ def _summary(found: BranchSet, left_out: Mapping[str, Counter[tuple[int, int]]])
 
 
 def wide_branches(found: xr.Dataset) -> np.ndarray:
-    """Return which branches are stable over more than a hundredth of the axis, shape (number,)."""
+    """Return which branches are stable over more than a hundredth of the axis, by their numbers."""
     (axis,), (low, high) = found.coords, found.attrs["range"]
-    stable = found["stable"].values[1:] & found["stable"].values[:-1]
-    same = np.diff(found["branch"].values) == 0
-    steps = np.abs(np.diff(found[axis].values)) * (stable & same)
-    sums = np.bincount(found["branch"].values[1:], steps, found.sizes["number"])
+    stable, number = found["stable"].values, found["branch"].values
+    within = stable[1:] & stable[:-1] & (np.diff(number) == 0)
+    steps = np.abs(np.diff(found[axis].values)) * within
+    sums = np.bincount(number[1:], steps, 1 + number.max(initial=-1))
     return sums > 0.01 * (high - low)
 
 

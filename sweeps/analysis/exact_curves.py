@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, numbered_dataset
+from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, with_special_points
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
 from sweeps.analysis.regimes import classify
 from sweeps.analysis.selection import (
@@ -74,12 +74,12 @@ def curves(
     Returns
     -------
     Dataset
-        Along ``point``, curve after curve: the two axes and ``curve`` (the number of the curve).
-        Along ``number``: ``kind``, ``m`` and ``q`` of each curve. Along ``special``, for the
-        special points of the curves: ``special_kind``, ``special_curve`` and ``special_values``
-        (``special``, 2). The attribute ``changes`` counts the changes between periodic classes, of
-        which one is among `classes`, if given; ``explained`` counts those with a curve of any class
-        within one cell; ``summary`` says why the others have none.
+        Along ``point``, curve after curve, each followed by its special points: the two axes,
+        ``curve`` (the number of the curve), ``kind``, ``m`` and ``q`` of the curve, and
+        ``special``, the kind of a special point, empty for all other points. The attribute
+        ``changes`` counts the changes between periodic classes, of which one is among `classes`, if
+        given; ``explained`` counts those with a curve of any class within one cell; ``summary``
+        says why the others have none.
 
     Raises
     ------
@@ -95,8 +95,9 @@ def curves(
     >>> scene = {"oscillator": {"h": 0.1, "R": R, "omega": omega, "f": 1.0}}
     >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "map.h5", overwrite=True))
     >>> found = sweeps.curves(ds)
-    >>> list(zip(found["kind"].values.tolist(), found["m"].values.tolist()))[:1]
-    [('flip', 1)]
+    >>> ends = found.where((found.kind == "flip") & (found.special == "edge"), drop=True)
+    >>> ends.R.values.round(6)[:2]
+    array([0.6, 0.9])
     """
     for kind in kinds:
         if kind not in KINDS:
@@ -210,20 +211,19 @@ class _Search:
         for i in np.flatnonzero(shown & ~self._explained).tolist():
             pair = " and ".join(f"{m}/{q}" for m, q in self._names[i])
             counted.setdefault(reasons[i], Counter())[pair] += 1
-        special = [point for curve in found for point in curve.special]
-        at = np.array([point.value for point in special]).reshape(-1, 2)
-        data = {
-            "kind": ("number", np.array([curve.kind for curve in found], "U11")),
-            "special_kind": ("special", np.array([point.kind for point in special], "U11")),
-            "special_values": (("special", "parameter"), at),
-        }
+        rows = with_special_points(found, "curve", "special", self._axes)
+        number = rows["curve"].values
         total, explained = int(shown.sum()), int((shown & self._explained).sum())
         about = {
             "changes": total,
             "explained": explained,
             "summary": summary(found, self._chosen, total, explained, counted),
         }
-        return numbered_dataset(found, "curve", self._axes, data, about)
+        return rows.assign(
+            kind=("point", np.array([curve.kind for curve in found], "U11")[number]),
+            m=("point", np.array([curve.m for curve in found], int)[number]),
+            q=("point", np.array([curve.q for curve in found], int)[number]),
+        ).assign_attrs(about)
 
     def _borders(self, cell: np.ndarray, axis: int) -> Iterator[SpecialPoint]:
         """Yield the nearest bifurcations on both sides of a cell, on the branch of its orbit."""

@@ -49,13 +49,8 @@ def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
     if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
         columns = [si_name(name, rig) for name in si.attrs[COLUMNS].split()]
         si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
-    if "special_value" in si:  # of branches
-        si["special_value"] = si["special_value"].copy(data=_of(axes[0], si["special_value"], rig))
+    if "range" in si.attrs:  # of branches
         si.attrs["range"] = _of(axes[0], np.array(si.attrs["range"]), rig).tolist()
-    if "special_values" in si:  # of curves
-        pairs = zip(axes, si["special_values"].values.T, strict=True)
-        special = np.stack([_of(axis, column, rig) for axis, column in pairs], axis=1)
-        si["special_values"] = si["special_values"].copy(data=special)
     if of is None:
         si = si.assign_coords(mass=((), rig.mass, _about(MASS)))
     return si.rename({name: si_name(name, rig) for name in coordinates})

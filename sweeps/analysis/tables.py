@@ -29,40 +29,25 @@ def branch_table(found: xr.Dataset, coordinate: str = "poincare_x") -> pd.DataFr
     """Return a row for every section, or for every impact, of the orbits of `branches`.
 
     The `coordinate` decides between sections and impacts, which are numbered from 1. Each row has
-    both Floquet multipliers of its orbit. The special points, which have a kind, come after all
-    branches.
+    both Floquet multipliers of its orbit. A special point, which has a kind, has no ``stable``.
     """
     import pandas as pd
 
     (axis,) = map(str, found.coords)
     dimension = COORDINATES[coordinate].dimension
-    number, special = found["branch"].values, found.sizes["special"]
-
-    def column(name: str, of_special: str) -> np.ndarray:
-        return np.concatenate([found[name].values, found[of_special].values])
-
-    m = np.concatenate([found["m"].values[number], found["special_m"].values])
-    q = np.concatenate([found["q"].values[number], found["special_q"].values])
-    multipliers = column("multipliers", "special_multipliers").T
-    columns = {
-        "branch": column("branch", "special_branch"),
-        "m": m,
-        "q": q,
-        axis: column(axis, "special_value"),
-        "stable": [*found["stable"].values.astype(int), *[""] * special],
-        "kind": [*[""] * len(number), *found["kind"].values],
-    }
-    for i, multiplier in enumerate(multipliers, 1):
+    columns = {name: found[name].values for name in ("branch", "m", "q", axis, "stable", "kind")}
+    columns["stable"] = np.where(columns["kind"] == "", columns["stable"].astype(int), "")
+    for i, multiplier in enumerate(found["multipliers"].values.T, 1):
         columns[f"multiplier_{i}_real"] = multiplier.real
         columns[f"multiplier_{i}_imag"] = multiplier.imag
-    counts = m if dimension == "section" else q
-    orbit = np.repeat(np.arange(len(m)), counts)
+    counts = columns["m" if dimension == "section" else "q"]
+    orbit = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(orbit)) - np.repeat(np.cumsum(counts) - counts, counts)
     frame = pd.DataFrame(columns).iloc[orbit].reset_index(drop=True)
     frame[dimension] = place + 1
     for name, about in COORDINATES.items():
         if about.dimension == dimension:
-            frame[name] = column(name, f"special_{name}")[orbit, place]
+            frame[name] = found[name].values[orbit, place]
     return frame
 
 
@@ -70,13 +55,8 @@ def curve_table(found: xr.Dataset) -> pd.DataFrame:
     """Return the points of `curves`, curve after curve, each followed by its special points."""
     import pandas as pd
 
-    number = np.concatenate([found["curve"].values, found["special_curve"].values])
-    points = [np.stack([found[axis] for axis in found.coords], 1), found["special_values"].values]
-    columns = {name: found[name].values[number] for name in ("kind", "m", "q")}
-    frame = pd.DataFrame({"curve": number, **columns})
-    frame[list(found.coords)] = np.concatenate(points)
-    frame["special"] = [*[""] * found.sizes["point"], *found["special_kind"].values]
-    return frame.sort_values("curve", kind="stable")
+    names = ["curve", "kind", "m", "q", *map(str, found.coords), "special"]
+    return pd.DataFrame({name: found[name].values for name in names})
 
 
 #: Number of rows in memory at a time while a table is written.

@@ -56,9 +56,10 @@ def _pieces(
     classes = np.where(classify(cut) == Regime.PERIODIC, classes, 0)
     window = np.ones(_PER_CELL * _GAP, bool)
     values = np.stack([found[name].values for name in found.coords], axis=1)
-    kinds, ms, qs = (found[name].values.tolist() for name in ("kind", "m", "q"))
+    each = _one_point_each(found)
+    kinds, ms, qs = (each[name].values.tolist() for name in ("kind", "m", "q"))
     for number, (kind, m, q) in enumerate(zip(kinds, ms, qs, strict=True)):
-        line = values[found["curve"].values == number]
+        line = values[(found["curve"].values == number) & (found["special"].values == "")]
         cells = [np.interp(z, a, np.arange(len(a))) for z, a in zip(line.T, axes, strict=True)]
         count = np.ceil(_PER_CELL * np.abs(np.diff(cells)).max(axis=0, initial=0.0))
         along = np.concatenate([[0.0], np.cumsum(np.maximum(count, 1.0))])
@@ -80,6 +81,11 @@ def _pieces(
             yield _Piece(number, points[first : last + 2], flag)
 
 
+def _one_point_each(found: xr.Dataset) -> xr.Dataset:
+    """Return one point of each curve, which has its kind and its class."""
+    return found.isel(point=np.unique(found["curve"].values, return_index=True)[1])
+
+
 def draw_curves(
     panel: Axes,
     found: xr.Dataset,
@@ -95,7 +101,8 @@ def draw_curves(
     strong pieces.
     """
     limits = panel.get_xlim(), panel.get_ylim()
-    kinds, is_many = found["kind"].values, found.sizes["number"] > _FEW
+    kinds = _one_point_each(found)["kind"].values
+    is_many = len(kinds) > _FEW
     pieces = list(_pieces(found, cut, axes, coloured if is_many else None))
     strong = [piece for piece in pieces if piece.bounds]
     shown = strong if is_many else pieces
@@ -110,7 +117,7 @@ def draw_curves(
         if kind in drawn
     ]
     handles += _mark_special(panel, found, strong)
-    if left := found.sizes["number"] - len({piece.number for piece in strong}):
+    if left := len(kinds) - len({piece.number for piece in strong}):
         text = f"{shown_count(left, 'further curve')}{' not shown' if is_many else ''}"
         handles.append(Line2D([], [], ls="" if is_many else "-", label=text, **_THIN))
     panel.set(xlim=limits[0], ylim=limits[1])
@@ -125,8 +132,8 @@ def _places(panel: Axes, points: np.ndarray) -> np.ndarray:
 
 def _mark_special(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> list[Line2D]:
     """Mark cusps and meetings on strong pieces; return a handle if there are any."""
-    marked = np.isin(found["special_kind"].values, ["cusp", "flip"])
-    special = found["special_values"].values[marked]
+    marked = found.isel(point=np.isin(found["special"].values, ["cusp", "flip"]))
+    special = np.stack([marked[name].values for name in marked.coords], axis=1)
     if not len(special) or not strong:
         return []
     lines = _places(panel, np.concatenate([piece.points for piece in strong]))
@@ -143,7 +150,8 @@ def _name_pieces(panel: Axes, found: xr.Dataset, strong: Sequence[_Piece]) -> No
     """Write m/q beside long pieces where there is room, starting with the shortest periods."""
     lines = [_places(panel, piece.points) for piece in strong]
     lengths = [float(np.abs(np.diff(line, axis=0)).sum()) for line in lines]
-    names = [(int(found["m"][piece.number]), int(found["q"][piece.number])) for piece in strong]
+    classes = np.stack([_one_point_each(found)[name].values for name in ("m", "q")], axis=1)
+    names = [tuple(classes[piece.number].tolist()) for piece in strong]
     taken = np.empty((0, 2))
     order = sorted(range(len(lines)), key=lambda i: (*names[i], -lengths[i]))
     for i in [i for i in order if lengths[i] > _LONG]:

@@ -48,10 +48,11 @@ class Part(NamedTuple):
 def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
     """Yield the parts of `sweeps.branches` that a diagram of a coordinate shows."""
     (axis,), wide = found.coords, wide_branches(found)
-    for number in range(len(wide)):
-        branch = found.isel(point=found["branch"].values == number)
+    for number, is_wide in enumerate(wide.tolist()):
+        own = (found["branch"].values == number) & (found["kind"].values == "")
+        branch = found.isel(point=own)
         x, y, stable = (branch[name].values for name in (axis, coordinate, "stable"))
-        orbit = f"{found['m'].values[number]}/{found['q'].values[number]}"
+        m, q = (int(branch[name].values[0]) for name in ("m", "q"))
         y = _wrapped(y[:, np.isfinite(y).any(axis=0)], coordinate)
         if not y.shape[1]:  # the free oscillation has no impact
             continue
@@ -61,13 +62,13 @@ def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:
             indices = [i for i, _ in group]
             part = slice(indices[0], indices[-1] + 2)
             if run >= 0:
-                thin = found["q"].values[number] > 0 and not wide[number]
-                yield Part(_STABLE if steady else _UNSTABLE, x[part], y[part], thin, orbit)
+                name = _STABLE if steady else _UNSTABLE
+                yield Part(name, x[part], y[part], q > 0 and not is_wide, f"{m}/{q}")
     for kind in MARKERS:
-        here = (found["kind"].values == kind) & wide[found["special_branch"].values]
+        here = (found["kind"].values == kind) & wide[found["branch"].values]
         if here.any():
-            y = _wrapped(found[f"special_{coordinate}"].values[here], coordinate)
-            yield Part(kind, found["special_value"].values[here], y)
+            y = _wrapped(found[coordinate].values[here], coordinate)
+            yield Part(kind, found[axis].values[here], y)
 
 
 def _wrapped(values: np.ndarray, coordinate: str) -> np.ndarray:

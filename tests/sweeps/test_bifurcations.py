@@ -203,11 +203,11 @@ def test_all_twelve_digits_are_those_of_the_section_map(tmp_path, scene):
         fixed = {field.name: dataset[field.name].values.flat[0] for field in fields(Oscillator)}
     compared = set()
     for i, kind in enumerate(found["kind"].values):
-        m, q, value = (found[f"special_{name}"].values[i] for name in ("m", "q", "value"))
+        m, q, value = (found[name].values[i] for name in ("m", "q", axis))
         if kind not in ("flip", "fold", "graze") or m > 4 or q > 5:
             continue
         oscillator = Oscillator(**{**fixed, axis: value})
-        impacts = (found[f"special_impact_{name}"].values[i, :q] for name in ("phase", "v"))
+        impacts = (found[f"impact_{name}"].values[i, :q] for name in ("phase", "v"))
         with mp.workdps(50):
             orbit = PeriodicOrbit(oscillator, int(m), *impacts)
             expected = float(SectionMap(orbit).bifurcation(kind, axis))

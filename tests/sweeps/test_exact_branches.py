@@ -145,11 +145,19 @@ def test_a_sweep_without_any_impact_has_the_free_oscillation_as_its_branch(tmp_p
     dataset = computed(tmp_path, "oscillator.R=0.5", "oscillator.clearance=2.0", "oscillator.h=0.3")
     assert not dataset["impacts_per_period"].any()
     found = branches(dataset, "omega")
-    assert list(zip(found["m"].values, found["q"].values, strict=True)) == [(1, 0)]
+    assert (found["m"] == 1).all() and (found["q"] == 0).all()
     omega = found["omega"].values
     x = (-np.exp(1j) / (1.0 - omega**2 + 0.6j * omega)).imag  # at the phase 1
     np.testing.assert_allclose(found["poincare_x"].values[:, 0], x, atol=1e-14)
-    assert found["stable"].all() and found["kind"].values.tolist() == ["edge", "edge"]
+    kinds = found["kind"].values
+    assert found["stable"].values[kinds == ""].all()
+    assert kinds[kinds != ""].tolist() == ["edge", "edge"]
+
+
+def classes_of(found):
+    """Return m and q of each branch."""
+    first = np.unique(found["branch"].values, return_index=True)[1]
+    return list(zip(found["m"].values[first], found["q"].values[first], strict=True))
 
 
 def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(exact):
@@ -159,14 +167,14 @@ def test_motions_of_the_file_are_followed_first_and_what_is_left_out_is_named(ex
     points = Counter(zip(m[known].tolist(), q[known].tolist(), strict=True))
     (first, _), (second, _), *others = points.most_common()
     found = branches(exact, "omega", {"R": 0.8}, most=2)
-    assert list(zip(found["m"].values, found["q"].values, strict=True)) == [first, second]
+    assert classes_of(found) == [first, second]
     said = next(line for line in found.attrs["summary"].split("\n") if "beyond the first 2" in line)
     for (periods, impacts), count in others:
         if periods <= 8:
             assert f"{periods}/{impacts} ({count} point" in said
     assert re.search(r"not followed: .*branches beyond the first 2 \(\d+\)", found.attrs["summary"])
     chosen = branches(exact, "omega", {"R": 0.8}, classes=[(2, 2), (1, 1), (3, 5)])
-    assert {*zip(chosen["m"].values, chosen["q"].values, strict=True)} == {(1, 1), (2, 2)}
+    assert {*classes_of(chosen)} == {(1, 1), (2, 2)}
     assert "no orbit of 3/5 is found" in chosen.attrs["summary"]
 
 
@@ -191,8 +199,8 @@ def test_the_line_is_exact_between_its_points(later):
 
 
 def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
-    assert found.sizes["impact"] == max(found["q"].max(), found["special_q"].max())
-    one = found.isel(point=found["branch"].values == 0)
+    assert found.sizes["impact"] == found["q"].max()
+    one = found.isel(point=(found["branch"].values == 0) & (found["kind"].values == ""))
     for omega, v, phase, stable in zip(
         one["omega"].values,
         one["impact_v"].values[:, 0],
@@ -204,18 +212,14 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
         assert v == pytest.approx(closed.v, abs=1e-13)
         assert np.cos(phase - closed.phase) == pytest.approx(1.0)
         assert stable == closed.stable or abs(omega - FLIPS[1]) < 1e-12
-    flips = found["special_value"].values[found["kind"].values == "flip"]
+    flips = found.where(found["kind"] == "flip", drop=True)["omega"].values
     for flip in FLIPS.values():
         assert np.abs(flips - flip).min() < 1e-13
     for coordinate, record in (("poincare_v", "section"), ("impact_v", "impact")):
         path = tmp_path / f"{record}.csv"
         write_csv(path, branch_table(found, coordinate))
         rows = pd.read_csv(path)
-        assert (
-            len(rows)
-            == np.isfinite(found[coordinate]).sum()
-            + np.isfinite(found[f"special_{coordinate}"]).sum()
-        )
+        assert len(rows) == np.isfinite(found[coordinate]).sum()
         on_one = rows[(rows["branch"] == 0) & rows["kind"].isna()]
         assert (
             on_one[record].eq(1).all() and on_one["omega"].tolist() == one["omega"].values.tolist()
@@ -228,7 +232,7 @@ def test_the_branches_are_a_dataset_and_a_table(found, tmp_path):
         double = rows[(rows["m"] == 2) & (rows["q"] == 2)]
         assert double[record].tolist()[:4] == [1, 2, 1, 2]
         kinds = rows[rows["kind"].notna() & (rows[record] == 1)]["kind"]
-        assert set(kinds) == set(found["kind"].values)
+        assert {"", *kinds} == {*found["kind"].values}
 
 
 def test_what_has_no_exact_orbit_is_refused(exact, found, tmp_path):
@@ -244,11 +248,12 @@ def test_chosen_classes_have_all_branches_that_are_found_without_a_choice(exact,
     """Also those that begin at bifurcations of other classes."""
 
     def bifurcations(dataset):
-        own = (dataset["m"].values == mq[0]) & (dataset["q"].values == mq[1])
+        own = np.array([each == mq for each in classes_of(dataset)])
         assert own.any()
-        return {*dataset["special_value"].values[own[dataset["special_branch"].values]].tolist()}
+        special = own[dataset["branch"].values] & (dataset["kind"].values != "")
+        return {*dataset["omega"].values[special].tolist()}
 
     chosen = branches(exact, at={"R": 0.8}, classes=[mq])
-    assert {*zip(chosen["m"].values, chosen["q"].values, strict=True)} == {mq}
+    assert {*classes_of(chosen)} == {mq}
     assert bifurcations(found) <= bifurcations(chosen)
     assert "no orbit" not in chosen.attrs["summary"]

@@ -97,9 +97,9 @@ def test_where_nothing_is_periodic_there_is_nothing(file, name):
         status = [Status(value) for value in np.unique(dataset["status"])]
         assert {value.failed for value in status} == {name == "failed"}
         lines, borders = branches(dataset), curves(dataset)
-    empty = dict.fromkeys(("point", "impact", "section", "number", "special"), 0)
+    empty = dict.fromkeys(("point", "impact", "section"), 0)
     assert dict(lines.sizes) == {**empty, "multiplier": 2}
-    assert borders.sizes["point"] == borders.sizes["number"] == borders.attrs["changes"] == 0
+    assert borders.sizes["point"] == borders.attrs["changes"] == 0
     assert borders.attrs["summary"] == (
         "0 exact curves: none\nthere is no change between periodic classes"
     )
