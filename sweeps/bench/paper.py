@@ -15,11 +15,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sweeps.bench.scenes import METHODS
 from sweeps.text import table
-from vibroimpact import Oscillator, PaperRun, Trajectory, integrate, paper_procedure, simulate
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES
+from vibroimpact import Oscillator, PaperRun, Trajectory, paper_procedure, simulate
 
 #: Steps per period in the paper, and the forcing periods over which impacts are counted.
 STEPS, PERIODS = 100, 20
@@ -67,22 +64,12 @@ class Measured:
         The exact motion of ``CHATTER`` over its first period.
     stalls : dict of int to PaperRun
         The literal procedure, by steps per period.
-    resolved : dict of (str, str) to (float, float)
-        By integrator and impact rule: impacts per period and speed of the slowest impact found in
-        the fully dissipative case at the paper's step.
     """
 
     ladder: Sequence[int]
     cases: pd.DataFrame
     chatter: Trajectory
     stalls: dict[int, PaperRun]
-    resolved: dict[tuple[str, str], tuple[float, float]]
-
-    def resolves(self, integrator: str, rule: str) -> bool:
-        """Whether a method finds all impacts of that case, the slowest to within 5 %."""
-        impacts, slowest = self.resolved[integrator, rule]
-        true_impacts, true_slowest = self.resolved["exact", "exact"]
-        return impacts == true_impacts and abs(slowest - true_slowest) < 0.05 * true_slowest
 
 
 def measure(
@@ -104,7 +91,6 @@ def measure(
         cases=_cases(ladder, spread),
         chatter=simulate(CHATTER, 1),
         stalls={steps: paper_procedure(CHATTER, 1, steps) for steps in stalling},
-        resolved=_resolved(),
     )
 
 
@@ -145,22 +131,6 @@ def _order(steps: Sequence[int], errors: np.ndarray) -> float:
     return float(-np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
-def _resolved() -> dict[tuple[str, str], tuple[float, float]]:
-    """Count the impacts of the fully dissipative case with every method, at the paper's step."""
-    impacts = {}
-    for method in METHODS:
-        results = integrate(
-            CASES["fully dissipative"].at(),
-            **method._asdict(),
-            steps_per_period=STEPS,
-            transient=PERIODS,
-            periods=PERIODS,
-        )
-        per_period, slowest = results["impacts_per_period"], results["slowest_impact"]
-        impacts[method.integrator, method.impact] = float(per_period[0]), float(slowest[0])
-    return impacts
-
-
 def tables(measured: Measured) -> str:
     """Return the results of `measure` as tables."""
     at, end = f"with T = 2 pi/{STEPS}", measured.chatter.rests[0, 0]
@@ -185,13 +155,6 @@ def tables(measured: Measured) -> str:
                 for steps, run in measured.stalls.items()
             ),
         ],
-        f"Fully dissipative case {at}: impacts per period and speed of the slowest; *: right": [
-            ["integrator", *IMPACT_RULES],
-            *(
-                [integrator, *(_resolution(measured, integrator, rule) for rule in IMPACT_RULES)]
-                for integrator in INTEGRATORS
-            ),
-        ],
     }
     return "\n".join(f"{title}\n\n{table(rows, words=1)}\n" for title, rows in parts.items())
 
@@ -201,10 +164,3 @@ def _by_case(
 ) -> list[list[str]]:
     rows = [[case, *(cell(measured.cases.loc[(case, name)]) for name in columns)] for case in CASES]
     return [["case", *columns], *rows]
-
-
-def _resolution(measured: Measured, integrator: str, rule: str) -> str:
-    if (integrator, rule) not in measured.resolved:
-        return ""
-    impacts, slowest = measured.resolved[integrator, rule]
-    return f"{impacts:g} {slowest:.4f}{'*' if measured.resolves(integrator, rule) else ' '}"

@@ -1,4 +1,4 @@
-"""The picture of the paper's cases: without and with its procedure, orders, stall, and impacts."""
+"""The picture of the paper's cases: without and with its procedure, their orders, and the stall."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from sweeps.plotting.canvas import draw_stop
 from sweeps.plotting.labels import mathtext
 from sweeps.plotting.style import BLUE, ORANGE, VERMILION
 from vibroimpact import simulate
-from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import IMPACT_RULES
 
 #: Label, colour and marker of the procedures.
 _LOOKS = {
@@ -29,11 +27,10 @@ _TIMES, _DISPLACEMENTS = (4.3, 6.6), (-0.12, 0.16)
 
 
 def picture(measured: paper.Measured) -> Figure:
-    """Draw a row per case, then the stall, and the impacts that every method finds."""
-    figure = Figure(figsize=(5.4, 8.8), layout="constrained")
-    rows = figure.add_gridspec(2, 1, height_ratios=(3.0, 1.3))
+    """Draw a row per case, then the stall."""
+    figure = Figure(figsize=(5.4, 8.4), layout="constrained")
+    rows = figure.add_gridspec(2, 1, height_ratios=(3.0, 0.9))
     panels = rows[0].subgridspec(3, 2).subplots(squeeze=False)
-    below = rows[1].subgridspec(1, 2, width_ratios=(1.0, 1.1)).subplots(squeeze=False)
     for row, name in zip(panels, paper.CASES, strict=True):
         case = measured.cases.loc[name]
         _draw_stop(row[0], name, case)
@@ -43,8 +40,7 @@ def picture(measured: paper.Measured) -> Figure:
     panels[0, 1].set_title(f"error of times and speeds\nof the first {paper.FIRST} impacts")
     panels[2, 0].set_xlabel("time $t$ [time]")
     panels[2, 1].set_xlabel("steps per period")
-    _draw_stalls(below[0, 0], measured)
-    _draw_resolved(below[0, 1], measured)
+    _draw_stalls(figure.add_subplot(rows[1]), measured)
     figure.align_ylabels(panels[:, 0])
     handles = [
         Line2D([], [], color=colour, marker=marker, markersize=3.5, label=label)
@@ -112,23 +108,3 @@ def _draw_stalls(panel: Axes, measured: paper.Measured) -> None:
         "where the procedure stalls\n"
         rf"$h = {mathtext(osc.h)}$, $R = {mathtext(osc.R)}$, $\omega = {mathtext(osc.omega)}$"
     )
-
-
-def _draw_resolved(panel: Axes, measured: paper.Measured) -> None:
-    """Draw a table of which methods find the impacts of the dissipative case."""
-    rules, integrators = list(IMPACT_RULES), list(INTEGRATORS)
-    panel.set(xlim=(-0.6, len(rules) - 0.4), ylim=(len(integrators) - 0.5, -0.5))
-    for (integrator, rule), (impacts, slowest) in measured.resolved.items():
-        colour = BLUE if measured.resolves(integrator, rule) else VERMILION
-        at = rules.index(rule), integrators.index(integrator)
-        words = f"{impacts:g}\n{slowest:.3f}"
-        panel.text(*at, words, color=colour, ha="center", va="center", fontsize=8.0)
-    panel.set_xticks(range(len(rules)), [_broken(rule) for rule in rules])
-    panel.set_yticks(range(len(integrators)), [_broken(name) for name in integrators])
-    panel.tick_params(length=0)
-    panel.set_title(f"impacts per period, slowest\nspeed, with {paper.STEPS} steps")
-
-
-def _broken(name: str) -> str:
-    """Break a long name at its last hyphen."""
-    return "-\n".join(name.rsplit("-", 1)) if len(name) > 10 else name
