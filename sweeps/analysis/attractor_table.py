@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import SETS, STARTS, GridIndex, records
+from sweeps.analysis.grouping import SETS, STARTS, GridIndex, parameter_at_points, records
 from sweeps.analysis.regimes import UNSETTLED, Regime
-from sweeps.analysis.rig import rig_of
+from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import Selection, choice_of, config_of, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
-from sweeps.config.rig import si_name, si_values
 from sweeps.errors import Refused
 from sweeps.store import columns_of
 from sweeps.text import shown_count, shown_range, table
-from vibroimpact.oscillator import PARAMETERS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +32,7 @@ class Row(NamedTuple):
     Attributes
     ----------
     parameters : mapping of str to float
-        The swept parameters at the parameter point; for a rig, in its names and units.
+        The swept parameters at the parameter point.
     number, m, q, regime, fraction
         As in the dataset of `sweeps.attractors`, where the regime is called ``motion``.
     speeds : ndarray, shape (q,)
@@ -68,7 +66,8 @@ class Row(NamedTuple):
 
 def parameter_axes(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the swept axes, or of the columns of a table, that are not starts."""
-    names = [name for name in columns_of(dataset) if name in PARAMETERS] or swept_axes(dataset)
+    known = parameters_of(dataset)
+    names = [name for name in columns_of(dataset) if name in known] or swept_axes(dataset)
     return tuple(name for name in names if name not in STARTS)
 
 
@@ -94,8 +93,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     file[points.parameter, points.start] = np.arange(len(points.start))
     parameter = np.flatnonzero(is_there) // result.sizes["coexisting"]
     place = file[parameter, frame["representative"]]
-    swept = {name: points.oscillators[name][parameter] for name in parameter_axes(dataset)}
-    swept = si_values(swept, rig_of(dataset))
+    swept = {name: parameter_at_points(dataset, name)[place] for name in parameter_axes(dataset)}
     speeds = _speeds(dataset, place, frame["q"].values)
     hidden = np.flatnonzero(~frame["settled"] & (frame["q"] > 0))
     orbits = frame.iloc[hidden]
@@ -169,8 +167,7 @@ def _over_parameters(
     dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]
 ) -> list[str]:
     """Write each attractor once, with the range of its parameters and its share of the starts."""
-    counted, rig = result["attractors"], rig_of(dataset)
-    axes = [si_name(name, rig) for name in parameter_axes(dataset)]
+    counted, axes = result["attractors"], parameter_axes(dataset)
     head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
     number = attrgetter("number")
     by_number = groupby(sorted(attractors, key=number), number)

@@ -33,6 +33,7 @@ from sweeps.analysis.section_distance import TOLERANCE
 from sweeps.analysis.selection import config_of, diagnostics_with
 from sweeps.analysis.settle import EXTENSIONS, Outcomes
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
+from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 
 #: Regimes that count as attractors; motions of other regimes may still change.
@@ -203,7 +204,7 @@ def _numbers(
     if shape and config.method.impact == "exact":
         axis = points.parameters[int(np.argmax(shape))]
         states = points.at_states(periodic.at, *last[periodic.at].T)
-        links = exact_links(axis, config.record.phase, states, periodic.m)
+        links = exact_links(model_name(axis), config.record.phase, states, periodic.m)
     _, chain = np.unique(track(shape, periodic, links), return_inverse=True)
     shares = np.bincount(chain, fraction)
     return np.argsort(np.argsort(-shares, kind="stable"))[chain]

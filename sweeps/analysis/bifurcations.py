@@ -8,7 +8,7 @@ into the basin of another one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from itertools import pairwise, product, starmap
@@ -20,7 +20,7 @@ import xarray as xr
 from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branches
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.regimes import Change, cascades, changes, labels
-from sweeps.analysis.rig import in_si, rig_of
+from sweeps.analysis.rig import on_axis
 from sweeps.analysis.selection import (
     Selection,
     check_diagnostic,
@@ -29,7 +29,7 @@ from sweeps.analysis.selection import (
     select,
     swept_axes,
 )
-from sweeps.config.rig import si_name, si_values
+from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
 from vibroimpact.orbits.branches import branch
@@ -121,12 +121,15 @@ def find_bifurcations(
         motions, down = PeriodicPoints.of(line), _is_followed_down(line, along)
         classes = labels(line)
         unclassified += classes.count(None)
-        for change in changes(line[along].values, classes):
-            kind, value = _explain(motions, along, change, down)
+        values = line[along].values
+        for change in changes(values, classes):
+            sides = np.searchsorted(values, [change.low, change.high]).tolist()
+            kind, value = _explain(motions, along, change, sides[::-1] if down else sides)
             own = {"kind": kind, "value": value}
             rows.append({name: line[name].item() for name in other_axes} | vars(change) | own)
     columns = [*other_axes, *(field.name for field in fields(Change)), "kind", "value"]
     found = pd.DataFrame(rows, columns=columns)
+    found["value"] = on_axis(dataset, along, found["value"].to_numpy(float))
     found.attrs["unclassified"] = unclassified
     return along, found
 
@@ -134,18 +137,22 @@ def find_bifurcations(
 def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
     """Whether the line was followed downwards: each point started from the next greater value."""
     config = config_of(line)
-    if config.follow is None or config.follow.axis != axis:
+    if config.follow is None or config.follow.axis != model_name(axis):
         return False
     way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
     return bool(way == "down")
 
 
-def _explain(motions: PeriodicPoints, axis: str, change: Change, down: bool) -> tuple[str, float]:
-    """Return the kind of a change, and its exact value on the axis, NaN if that is not known."""
+def _explain(
+    motions: PeriodicPoints, axis: str, change: Change, sides: Sequence[int]
+) -> tuple[str, float]:
+    """Return the kind of a change, and the exact value of the parameter, NaN if it is not known.
+
+    `sides` are the points before and after the change, in the order in which they were computed.
+    """
     if axis in STARTS:
         return "basin", np.nan
-    sides = np.searchsorted(motions.points[axis], [change.low, change.high]).tolist()
-    before, after = reversed(sides) if down else sides
+    before, after = sides
     ends = [_end(motions, axis, before, after), _end(motions, axis, after, before)]
     (first, _), (second, _) = ends
     if first == "edge":
@@ -162,26 +169,16 @@ def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float
     The result is its kind and value, or "" and NaN if there is no stable orbit to follow.
     """
     if motions.m[i]:
-        start, end = motions.points[axis][[i, j]].tolist()
+        name = model_name(axis)
+        start, end = motions.points[name][[i, j]].tolist()
         with suppress(ValueError):  # no orbit is found, or it cannot be followed
             orbit = motions.orbit(i)
             if (orbit.m, orbit.q) == (motions.m[i], motions.q[i]) and orbit.stable:
-                special = branch(orbit, axis, *sorted((start, end))).special
+                special = branch(orbit, name, *sorted((start, end))).special
                 # The branch starts at an end of the range, so it continues in one direction only.
                 for point in special[1:] if start < end else special[-2::-1]:
                     return point.kind, point.value
     return "", np.nan
-
-
-def in_rig_units(dataset: xr.Dataset, axis: str, found: pd.DataFrame) -> tuple[str, pd.DataFrame]:
-    """Convert an axis and the bifurcations along it to the names and units of a rig, if any."""
-    import pandas as pd
-
-    rig, own = rig_of(dataset), si_name(axis, rig_of(dataset))
-    columns = si_values(found, rig)
-    for name in ("low", "high", "value"):
-        columns[name] = si_values({axis: columns[name]}, rig)[own]
-    return own, pd.DataFrame(columns)
 
 
 def _others(found: pd.DataFrame) -> list[str]:
@@ -309,8 +306,7 @@ def describe_branches(
     uncut = [name for name in swept_axes(dataset) if name != axis and name not in (at or {})]
     if uncut or axis in STARTS or dataset.sizes[axis] == 1:
         return ""
-    found = in_si(branches(dataset, axis, at, **chosen), dataset)
-    (axis,) = map(str, found.coords)
+    found = branches(dataset, axis, at, **chosen)
     frame = special_points(found)
     wide = wide_branches(found)[frame["branch"].to_numpy()]
     shown = frame if len(frame) <= MOST_ROWS else frame[wide]

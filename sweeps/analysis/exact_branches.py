@@ -18,6 +18,7 @@ import xarray as xr
 
 from sweeps.analysis.grouping import STARTS, points_of
 from sweeps.analysis.regimes import Regime, classify
+from sweeps.analysis.rig import orbits_on_axes
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
@@ -29,6 +30,7 @@ from sweeps.analysis.selection import (
     select,
     split_directions,
 )
+from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.store.variables import DIRECTION
 from sweeps.text import shown_count
@@ -160,9 +162,10 @@ def branches(
     """
     (axis,) = chosen_axes(dataset, [axis] if axis else [], at, 1, "branch")
     lines = [PeriodicPoints.of(line) for line in lines_of(dataset, axis, at)]
-    low = min(float(line.points[axis][0]) for line in lines)
-    high = max(float(line.points[axis][-1]) for line in lines)
-    found = BranchSet(axis, low, high, most, LONGEST_ORBIT, classes, check)
+    name = model_name(axis)
+    low = min(float(line.points[name][0]) for line in lines)
+    high = max(float(line.points[name][-1]) for line in lines)
+    found = BranchSet(name, low, high, most, LONGEST_ORBIT, classes, check)
     left_out: dict[str, Counter[tuple[int, int]]] = {}
     for line, i, length in _seeds(lines):
         mq = int(line.m[i]), int(line.q[i])
@@ -178,7 +181,7 @@ def branches(
             left_out.setdefault(reason, Counter())[mq] += length
     found.grow()
     found.branches = [grown for grown in found.branches if found.is_chosen(grown.m, grown.q)]
-    return _as_dataset(found, lines[0].phase, left_out)
+    return orbits_on_axes(dataset, _as_dataset(found, lines[0].phase, left_out))
 
 
 def _seeds(lines: Sequence[PeriodicPoints]) -> list[tuple[PeriodicPoints, int, int]]:

@@ -21,6 +21,7 @@ import xarray as xr
 from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, with_special_points
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
 from sweeps.analysis.regimes import classify
+from sweeps.analysis.rig import orbits_on_axes
 from sweeps.analysis.selection import (
     Selection,
     check_diagnostic,
@@ -29,6 +30,7 @@ from sweeps.analysis.selection import (
     listed,
     select,
 )
+from sweeps.config.rig import model_name
 from sweeps.errors import Refused
 from sweeps.text import nearest, suggestion
 from vibroimpact.orbits.branches import Branch, SpecialPoint, branch
@@ -111,7 +113,8 @@ def curves(
         check_axis(dataset, axis, "the map")
     check_diagnostic(dataset, "period")
     cut = select(dataset, at, free=[across, up]).sortby([across, up]).transpose(across, up, ...)
-    return _Search(cut, (across, up), classes, kinds or KINDS).run()
+    names = model_name(across), model_name(up)
+    return orbits_on_axes(dataset, _Search(cut, names, classes, kinds or KINDS).run())
 
 
 def summary(

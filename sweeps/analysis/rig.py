@@ -1,21 +1,34 @@
-"""Conversion between the model and the SI units of a rig, for pictures, tables and cuts."""
+"""A sweep of a rig as its user reads it: with the axes, names and SI units of the rig.
+
+`in_si` converts a sweep once, where a file is opened or a picture is drawn. What is computed from
+the sweep is then in SI units, too: the parameters of the model, which computations need, stay
+beside those of the rig.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.selection import Selection, config_of
-from sweeps.config.rig import MASS, QUANTITIES, RigConfig, model_name, si_name, si_values
+from sweeps.analysis.selection import config_of
+from sweeps.config.rig import (
+    MASS,
+    QUANTITIES,
+    RigConfig,
+    model_name,
+    parameter_of,
+    si_name,
+    si_values,
+)
 from sweeps.store.variables import COLUMNS
-from vibroimpact.oscillator import Parameter
+from vibroimpact.oscillator import PARAMETERS, Parameter
 
 #: Attribute that marks a dataset in SI units.
-_DONE = "in_si"
+IN_SI = "in_si"
 
 
 def rig_of(dataset: xr.Dataset) -> RigConfig | None:
@@ -26,34 +39,37 @@ def rig_of(dataset: xr.Dataset) -> RigConfig | None:
     return config_of(dataset).rig
 
 
-def in_si(dataset: xr.Dataset, of: xr.Dataset | None = None) -> xr.Dataset:
-    """Convert the dataset of a rig to the names and SI units of the rig.
+def in_si(dataset: xr.Dataset) -> xr.Dataset:
+    """Return an opened sweep with the axes, names and SI units of its rig, if it has one.
 
-    The dataset is a sweep, which gets the mass, or the result of an analysis of the sweep `of`. It
-    is returned unchanged if the sweep has no rig, or if it is in SI units already. Analyses need
-    the names of the model, so convert only their results.
+    The axes are those of the rig; the parameters of the model stay as further coordinates. The
+    results of the file are still read when they are used.
     """
-    rig = rig_of(dataset if of is None else of)
-    if rig is None or _DONE in dataset.attrs:
+    rig = rig_of(dataset)
+    if rig is None or IN_SI in dataset.attrs:
         return dataset
-    axes = [str(name) for name in dataset.coords]
-    changed: dict[str, Any] = {}
-    for name in QUANTITIES:
-        if name in dataset.variables:
-            variable, about = dataset.variables[name], _about(QUANTITIES[name].description)
-            values = rig.in_si(name, variable.values)
-            changed[name] = (variable.dims, values, {**variable.attrs, **about})
-    coordinates = {name: values for name, values in changed.items() if name in axes}
-    si = dataset.assign({name: changed[name] for name in changed.keys() - coordinates.keys()})
-    si = si.assign_coords(coordinates).assign_attrs({_DONE: 1})
+    coordinates: dict[str, Any] = {"mass": ((), rig.mass, _about(MASS))}
+    for name in PARAMETERS:
+        if name in QUANTITIES:
+            own = dataset[name]
+            about = {**own.attrs, **_about(QUANTITIES[name].description)}
+            coordinates[si_name(name, rig)] = own.dims, rig.in_si(name, own.values), about
+    si = dataset.assign_coords(coordinates).assign(_results_in_si(dataset, rig.mass))
+    si = si.swap_dims({name: si_name(name, rig) for name in PARAMETERS if name in dataset.dims})
     if COLUMNS in si.attrs:  # a table: its configuration could not be read under the new names
         columns = [si_name(name, rig) for name in si.attrs[COLUMNS].split()]
         si.attrs |= {"configuration": config_of(dataset), COLUMNS: " ".join(columns)}
-    if "range" in si.attrs:  # of branches
-        si.attrs["range"] = _of(axes[0], np.array(si.attrs["range"]), rig).tolist()
-    if of is None:
-        si = si.assign_coords(mass=((), rig.mass, _about(MASS)))
-    return si.rename({name: si_name(name, rig) for name in coordinates})
+    return si.assign_attrs({IN_SI: 1})
+
+
+def _results_in_si(dataset: xr.Dataset, mass: float) -> xr.Dataset:
+    """Return the results that are given per mass in a file, multiplied when they are read."""
+    scaled = {}
+    for name in QUANTITIES.keys() - PARAMETERS.keys():
+        if name in dataset:
+            scaled[name] = dataset.variables[name].copy(deep=False)
+            scaled[name].attrs |= {**_about(QUANTITIES[name].description), "scale_factor": mass}
+    return xr.decode_cf(xr.Dataset(scaled), decode_times=False)
 
 
 def _about(quantity: Parameter) -> dict[str, str]:
@@ -61,26 +77,74 @@ def _about(quantity: Parameter) -> dict[str, str]:
     return {"long_name": quantity.meaning, "units": quantity.unit, "symbol": quantity.symbol}
 
 
-def _of(name: str, values: Any, rig: Any) -> np.ndarray:
-    """Convert values of a parameter of the model to SI units."""
-    return np.asarray(si_values({name: values}, rig)[si_name(name, rig)])
-
-
-def model_axes(dataset: xr.Dataset, names: Iterable[str]) -> list[str]:
-    """Convert names of axes, as in the result of `in_si`, to those of the model."""
+def parameters_of(dataset: xr.Dataset) -> Mapping[str, Parameter]:
+    """Return the parameters of a sweep by the names that its user reads."""
+    if IN_SI not in dataset.attrs:
+        return PARAMETERS
     rig = rig_of(dataset)
-    return [model_name(name) if rig else name for name in names]
+    own = {si_name(name, rig): parameter_of(name, rig) for name in PARAMETERS}
+    return {"mass": MASS, **own}
 
 
-def in_model(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
-    """Convert values of axes, as in the result of `in_si`, to names and units of the model."""
-    rig, values = rig_of(dataset), dict(at)
-    if rig is None:
+def on_axis(dataset: xr.Dataset, axis: str, values: Any) -> Any:
+    """Convert values of the model's parameter along an axis to the units of the axis."""
+    rig, name = rig_of(dataset), model_name(axis)
+    if rig is None or IN_SI not in dataset.attrs or name not in QUANTITIES:
         return values
-    own = {model_name(name): value for name, value in values.items()}
-    return {
-        name: QUANTITIES[name].in_model(rig.mass, value)
-        if name in QUANTITIES and not isinstance(value, str)
-        else value
-        for name, value in own.items()
-    }
+    return rig.in_si(name, values)
+
+
+def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """Return exact branches or curves, found over parameters of the model, over a sweep's axes."""
+    if IN_SI not in dataset.attrs or IN_SI in found.attrs:
+        return found
+    rig, axes = rig_of(dataset), [str(name) for name in found.coords]
+    values = {axis: (found[axis].dims, on_axis(dataset, axis, found[axis].values)) for axis in axes}
+    si = found.assign_coords(values).assign_attrs({IN_SI: 1})
+    if "range" in si.attrs:  # of branches
+        si.attrs["range"] = on_axis(dataset, axes[0], np.array(si.attrs["range"])).tolist()
+    return si.rename({axis: si_name(axis, rig) for axis in axes})
+
+
+def arguments_in_si(
+    dataset: xr.Dataset, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Return the arguments of a picture in SI units; those of a caller in Python are the model's.
+
+    `options` may have the arguments of `sweeps.plotting.plot`.
+    """
+    rig, seen = rig_of(dataset), in_si(dataset)
+    if rig is None or seen is dataset:
+        return dataset, dict(options)
+
+    def number(wanted: Any) -> Any:
+        """Return a name of the rig, or a DataArray over the axes of the rig."""
+        if isinstance(wanted, xr.DataArray):
+            name = wanted.name
+            if name not in dataset or not wanted.identical(dataset[name]):
+                return _on_axes(seen, wanted, rig)
+            wanted = name
+        return si_name(wanted, rig) if isinstance(wanted, str) else wanted
+
+    converted = dict(options)
+    for option, value in options.items():
+        if option == "at" and value:
+            converted[option] = si_values(value, rig)
+        elif option == "exact" and value is not None:
+            converted[option] = orbits_on_axes(seen, value)
+        elif option in ("quantity", "color") or isinstance(value, str | xr.DataArray):
+            converted[option] = number(value)
+        elif option in ("below", "axes"):
+            converted[option] = [number(one) for one in value]
+    return seen, converted
+
+
+def _on_axes(dataset: xr.Dataset, values: xr.DataArray, rig: RigConfig) -> xr.DataArray:
+    """Return numbers over parameters of the model over the axes of a dataset in SI units."""
+    for name in map(str, values.dims):
+        axis = si_name(name, rig)
+        if axis != name and axis in dataset.dims and np.array_equal(values[name], dataset[name]):
+            own = dataset[axis]
+            values = values.assign_coords({axis: (name, own.values, own.attrs)})
+            values = values.swap_dims({name: axis})
+    return values

@@ -248,8 +248,7 @@ def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
     if coordinate != "poincare_height":
         return dataset[coordinate]
     x = dataset["poincare_x"]
-    clearance = dataset["clearance" if "clearance" in dataset.coords else "gap"]  # gap of a rig
-    return (clearance - x).transpose(*x.dims)
+    return (dataset["clearance"] - x).transpose(*x.dims)
 
 
 def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:

@@ -12,13 +12,11 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.grouping import grid_of
-from sweeps.analysis.rig import in_si, rig_of
+from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import COORDINATES
-from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.store import VARIABLES, columns_of
 from sweeps.store.replacing import check_target, writing
-from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.status import Status
 
 if TYPE_CHECKING:
@@ -94,7 +92,7 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     is an empty field. The file is replaced only when the table is complete.
     """
     check_table(path)
-    data = in_si(_scalars(dataset) if ROWS[rows] is None else _records(dataset, rows))
+    data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
     axes = [str(name) for name in data["status"].dims]
     size = max(1, _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1))
     parts = (
@@ -163,10 +161,7 @@ def _scalars(dataset: xr.Dataset) -> xr.Dataset:
 def _frame(data: xr.Dataset, dimension: str | None) -> pd.DataFrame:
     """Return a row for each point, in the C order of the file, or for each record of a point."""
     dims = [str(name) for name in (*data["status"].dims, *([dimension] if dimension else []))]
-    rig = rig_of(data)
-    known = dict.fromkeys(
-        ["mass", *(si_name(name, rig) for name in [*PARAMETERS, *columns_of(data)])]
-    )
+    known = dict.fromkeys([*parameters_of(data), *columns_of(data)])
     about = [name for name in known if name in data.coords and name not in dims]
     if dimension is None:
         rows = data if dims else data.expand_dims("point")

@@ -200,13 +200,16 @@ def selection_of(texts: Sequence[str] | None) -> dict[str, float | str]:
     return cuts
 
 
-def on_axes(dataset: xr.Dataset, cuts: Selection) -> tuple[Selection, Selection]:
-    """Return the grid values nearest to ``--at``, in the units of the user and of the model."""
-    from sweeps.analysis.rig import in_model, in_si
-    from sweeps.analysis.selection import on_grid
+@contextmanager
+def opened(file: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
+    """Open the file of a sweep, that of a rig in SI units; close it at the end of the block."""
+    from sweeps.analysis.rig import in_si
+    from sweeps.store import open_sweep
 
-    seen = on_grid(in_si(dataset), cuts)
-    return seen, in_model(dataset, seen)
+    with open_sweep(file, verify=verify) as dataset:
+        with named(file):
+            seen = in_si(dataset)
+        yield seen
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from sweeps.cli.options import (
     integer,
     limits,
     named,
-    on_axes,
+    opened,
     say,
     say_moved,
     selection_of,
@@ -167,7 +167,6 @@ def plot(
     """Draw a picture from the file of each sweep."""
     from sweeps.plotting.api import check_kind
     from sweeps.plotting.saving import check_picture
-    from sweeps.store import open_sweep
 
     if kind is not None:
         check_kind(kind)
@@ -198,7 +197,7 @@ def plot(
         datasets = []
         for file, figure in zip(files, figures, strict=True):  # check all before drawing any
             check_picture(figure, file)
-            datasets.append(stack.enter_context(open_sweep(file)))
+            datasets.append(stack.enter_context(opened(file)))
         for file, figure, dataset in zip(files, figures, datasets, strict=True):
             with named(file):
                 draw(dataset, figure, kind, cuts, page, csv, **options)
@@ -242,15 +241,12 @@ def draw(
     **options: Any,
 ) -> None:
     """Write a picture of an opened sweep; report its file and the choices made for it."""
-    from sweeps.analysis.rig import model_axes, rig_of
-    from sweeps.config.rig import si_values
+    from sweeps.analysis.selection import on_grid
     from sweeps.plotting import Page, plot
     from sweeps.plotting.api import KINDS, default_kind, silent_cuts
 
-    seen, cut = on_axes(dataset, cuts)
+    cut = on_grid(dataset, cuts)
     chosen = {name: value for name, value in options.items() if value is not None}
-    if "axes" in chosen:
-        chosen["axes"] = tuple(model_axes(dataset, chosen["axes"]))
     kind = default_kind(dataset, cut, **chosen) if kind is None else kind
     lines: list[str] = []
     table: pd.DataFrame | None = None
@@ -258,12 +254,10 @@ def draw(
         chosen["exact"], lines, table = _exact(dataset, kind, cut, chosen)
     command = shlex.join(["vibroimpact", *sys.argv[1:]])
     written = plot(dataset, figure, kind, cut, page=Page(**page), command=command, **chosen)
-    say_moved(cuts, seen, "drawn")
-    rig = rig_of(dataset)
+    say_moved(cuts, cut, "drawn")
     picks = chosen.get("axes", ()), chosen.get("color")
-    for own, first in silent_cuts(dataset, kind, cut, *picks).items():
-        ((name, value),) = si_values({own: first}, rig).items()
-        shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[own]
+    for name, value in silent_cuts(dataset, kind, cut, *picks).items():
+        shown, size = f"{value:g}" if isinstance(value, float) else value, dataset.sizes[name]
         say(f"{name} = {shown}, the first of {size}: --at {name}=VALUE takes another", error=True)
     for line in lines:
         say(line)
@@ -282,7 +276,6 @@ def _exact(
     from sweeps.analysis import tables
     from sweeps.analysis.exact_branches import branches
     from sweeps.analysis.exact_curves import curves, map_axes
-    from sweeps.analysis.rig import in_si
     from sweeps.plotting.lines import select_line
 
     axes, chosen = options.get("axes", ()), options["exact"]
@@ -293,11 +286,10 @@ def _exact(
                 "--exact, with or without --classes"
             )
         found = curves(dataset, map_axes(dataset, axes, cut), cut, **chosen)
-        table = tables.curve_table(in_si(found, dataset))
-        return found, found.attrs["summary"].split("\n"), table
+        return found, found.attrs["summary"].split("\n"), tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
     found = branches(dataset, axis, cut, **chosen)
     lines = found.attrs["summary"].split("\n")
-    return found, lines, tables.branch_table(in_si(found, dataset), coordinate)
+    return found, lines, tables.branch_table(found, coordinate)

@@ -21,7 +21,7 @@ from sweeps.cli.options import (
     SweepFile,
     branch_options,
     named,
-    on_axes,
+    opened,
     say,
     say_moved,
     selection_of,
@@ -42,16 +42,16 @@ def attractors(
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
     from sweeps.analysis.attractor_table import cut, describe, rows, table_of
     from sweeps.analysis.attractors import attractors
+    from sweeps.analysis.selection import on_grid
     from sweeps.analysis.tables import write_csv
-    from sweeps.store import open_sweep
 
     cuts = selection_of(at)
-    with open_sweep(file) as dataset, named(file):
-        seen, here = on_axes(dataset, cuts)
+    with opened(file) as dataset, named(file):
+        here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
         result = attractors(shown)
         table = rows(shown, result)
-        say_moved(cuts, seen, "shown")
+        say_moved(cuts, here, "shown")
         say(describe(shown, result, table))
         if csv is not None:
             write_csv(csv, table_of(table))
@@ -67,20 +67,18 @@ def integrity(
     from sweeps.analysis import integrity as measures
     from sweeps.analysis.attractor_table import cut
     from sweeps.analysis.knocks import knocks
-    from sweeps.analysis.rig import in_si
-    from sweeps.analysis.selection import config_of
+    from sweeps.analysis.selection import config_of, on_grid
     from sweeps.analysis.tables import write_csv
-    from sweeps.store import open_sweep
 
     cuts = selection_of(at)
-    with open_sweep(file) as dataset, named(file):
-        seen, here = on_axes(dataset, cuts)
+    with opened(file) as dataset, named(file):
+        here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
         found = measures.integrity(shown)
         if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
             found = knocks(shown, found)
-        say_moved(cuts, seen, "shown")
-        frame = measures.table_of(in_si(found, dataset))
+        say_moved(cuts, here, "shown")
+        frame = measures.table_of(found)
         say(measures.describe(frame))
         if csv is not None:
             write_csv(csv, frame)
@@ -109,8 +107,6 @@ def info(
     ] = False,
 ) -> None:
     """Show the contents of a sweep file, with its configuration."""
-    from sweeps.store import open_sweep
-
     if config and bifurcations:
         raise Refused("--config and --bifurcations exclude each other; give one of them")
     for option, value in (
@@ -123,7 +119,7 @@ def info(
         if value and not bifurcations:
             raise Refused(f"--{option} {value} is not allowed here; expected: with --bifurcations")
     cuts = selection_of(at)
-    with open_sweep(file) as dataset, named(file):
+    with opened(file) as dataset, named(file):
         if bifurcations:
             _show_bifurcations(dataset, axis, cuts, csv, branch_options(classes, most))
         elif config:
@@ -159,23 +155,21 @@ def _show_bifurcations(
 ) -> None:
     """Show the bifurcations along an axis, and write them to a CSV file if one is given."""
     from sweeps.analysis import bifurcations
-    from sweeps.analysis.rig import model_axes
+    from sweeps.analysis.selection import on_grid
     from sweeps.analysis.tables import write_csv
 
-    seen, here = on_axes(dataset, cuts)
-    own = next(iter(model_axes(dataset, [axis] if axis else [])), None)
-    axis, found = bifurcations.find_bifurcations(dataset, own, here)
-    along, items = bifurcations.in_rig_units(dataset, axis, found)
-    say_moved(cuts, seen, "listed")
+    here = on_grid(dataset, cuts)
+    along, items = bifurcations.find_bifurcations(dataset, axis, here)
+    say_moved(cuts, here, "listed")
     text = bifurcations.describe(along, items)
     if bifurcations.is_summary(items):
         name, value = items.columns[0], items.iat[0, 0]
         shown = value if isinstance(value, str) else f"{value:.6g}"
         text += f"; one by one: --at {name}={shown}, or --csv FILE"
     say(text)
-    if text := bifurcations.describe_unclassified(dataset, found):
+    if text := bifurcations.describe_unclassified(dataset, items):
         say(text)
-    if text := bifurcations.describe_branches(dataset, axis, here, **chosen):
+    if text := bifurcations.describe_branches(dataset, along, here, **chosen):
         say(text)
     if csv is not None:
         write_csv(csv, bifurcations.table_of(along, items))
@@ -195,11 +189,10 @@ def export(
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
     from sweeps.analysis.tables import ROWS, check_table, write_rows
-    from sweeps.store import open_sweep
 
     if rows not in ROWS:
         raise Refused(f"--rows {rows} is not allowed; expected: points, sections or impacts")
     check_table(output)
-    with open_sweep(file) as dataset, named(file):
+    with opened(file) as dataset, named(file):
         written = write_rows(dataset, output, rows)
     say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}")

@@ -19,6 +19,7 @@ from sweeps.cli.options import (
     existing_output,
     inches,
     interval,
+    opened,
     say,
 )
 from sweeps.cli.plot import Coordinate, Width, draw
@@ -64,7 +65,7 @@ def zoom(
     from sweeps.engine.configurations import read_config, zoomed
     from sweeps.plotting.lines import choose_coordinate
     from sweeps.plotting.saving import check_picture
-    from sweeps.store import check_output, open_sweep
+    from sweeps.store import check_output
 
     existing = existing_output(resume, overwrite)
     limits = dict(map(_piece, pieces))
@@ -79,7 +80,7 @@ def zoom(
     coordinate = drawn[0] if drawn else coordinate
     page = {"ylim": limits[drawn[0]] if drawn else None, "width": inches("--width", width)}
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
-    with open_sweep(file, verify=False) as dataset:  # refuses a configuration
+    with opened(file, verify=False) as dataset:  # refuses a configuration
         choose_coordinate(dataset, coordinate)  # the piece has the same
     sweep = zoomed(read_config(file), axes)
     path = output or file.with_name(_name(file, axes))
@@ -90,7 +91,7 @@ def zoom(
         say(plan_of(sweep, path, threads, None, resume))
         return
     run_and_report(sweep, path, quiet=False, threads=threads, **existing)
-    with open_sweep(path, verify=False) as dataset, raised_at_once():
+    with opened(path, verify=False) as dataset, raised_at_once():
         draw(dataset, figure, None, {}, page, coordinate=coordinate)
 
 

@@ -110,11 +110,9 @@ def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) ->
 
 def contents(dataset: xr.Dataset) -> str:
     """Describe an opened sweep: outcome, axes, variables, attributes and configuration."""
-    from sweeps.analysis.rig import in_si  # imports xarray, which a run does not need
-
     attributes = dict(dataset.attrs)
-    configuration, dataset = attributes.pop("configuration"), in_si(dataset)
-    for name in ("computation", "columns"):  # shown in another form
+    configuration = attributes.pop("configuration")
+    for name in ("computation", "columns", "in_si"):  # shown in another form
         attributes.pop(name, None)
     rows = [
         ("name", str(attributes.pop("name"))),
@@ -139,6 +137,8 @@ def contents(dataset: xr.Dataset) -> str:
     ]
     attributes["duration"] = shown_duration(float(attributes["duration"]))
     rows += [(str(name), str(value)) for name, value in attributes.items()]
+    if not isinstance(configuration, str):  # of a table in SI units
+        configuration = configuration.to_yaml(table=False)
     return f"{table(rows)}\n\n{configuration}"
 
 

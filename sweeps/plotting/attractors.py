@@ -16,7 +16,6 @@ from sweeps.analysis.attractor_table import Row, classes, parameter_axes, rows, 
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.regimes import Regime
-from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import (
     Selection,
     choice_of,
@@ -26,7 +25,6 @@ from sweeps.analysis.selection import (
     select,
     swept_axes,
 )
-from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
@@ -194,7 +192,6 @@ def attractor_diagram(
     line = select(dataset, at, free=[axis, *free])
     refuse_without_result(line["status"].values)
     table = rows(line, numbered(attractors(line), dataset))
-    line, axis = in_si(line), si_name(axis, rig_of(dataset))
     values = line[axis].values
     status = line["status"].transpose(axis, ...).values.reshape(len(values), -1)
     panel = canvas.new_panel(ax, page)

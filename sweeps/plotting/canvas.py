@@ -21,6 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from sweeps.analysis.rig import arguments_in_si
 from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
@@ -180,13 +181,14 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """
 
     @functools.wraps(draw)
-    def _in_style(*arguments: Any, **options: Any) -> Figure:
-        """Draw in the common style, unless the panel belongs to another figure."""
+    def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
+        """Draw in SI units if there is a rig, and in the common style, unless `ax` has its own."""
         style = user_style() if options.get("ax") is None else {}
         with mpl.rc_context(style), warnings.catch_warnings():
             # The name of a sweep may have characters that the font lacks, drawn as boxes.
             warnings.filterwarnings("ignore", "Glyph", UserWarning)
-            return draw(*arguments, **options)
+            dataset, options = arguments_in_si(dataset, options)
+            return draw(dataset, **options)
 
     written, mark, example = (inspect.getdoc(draw) or "").partition("\n\nExamples\n--------")
     text, _, own = written.partition("\n\nParameters\n----------")

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sweeps.analysis.regimes import NO_CLASS, approaching, classify, has_result
-from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import (
     COORDINATES,
     Selection,
@@ -20,7 +19,6 @@ from sweeps.analysis.selection import (
     recorded_coordinate,
     split_directions,
 )
-from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
@@ -97,7 +95,7 @@ def bifurcation(
     line, axis, coordinate = select_line(dataset, axes, at, coordinate)
     _check(dataset, axis, exact, names)
     shown = None if tint is None else paint(line, tint, dataset, dots=True)
-    drawn = _Drawn.of(in_si(line), si_name(axis, rig_of(dataset)), coordinate, shown)
+    drawn = _Drawn.of(line, axis, coordinate, shown)
     heights = [1.0] + [_LOWER] * len(names)
     panel, *lower = canvas.stacked_panels(page, heights, len(heights)) if ax is None else [ax]
     label_axis(panel.xaxis, drawn.line[drawn.axis])
@@ -107,7 +105,7 @@ def bifurcation(
     if exact is not None:
         is_plain = len(drawn.ways) == 1 and shown is None
         in_chaos = _in_chaos(line, drawn.values)
-        parts = draw_branches(panel, in_si(exact, dataset), coordinate, is_plain, in_chaos)
+        parts = draw_branches(panel, exact, coordinate, is_plain, in_chaos)
         low, high = panel.dataLim.intervaly
     if len(drawn.values) > 100:
         panel.set_xlim(drawn.values.min(), drawn.values.max())

@@ -17,9 +17,7 @@ from matplotlib.patheffects import withStroke
 from sweeps.analysis.attractor_table import Row, rows
 from sweeps.analysis.integrity import integrity as measured
 from sweeps.analysis.knocks import at_section, knocks
-from sweeps.analysis.rig import in_si, rig_of
 from sweeps.analysis.selection import Selection, config_of, oscillator_of, select, swept_axes
-from sweeps.config.rig import si_name
 from sweeps.plotting import canvas
 from sweeps.plotting.attractors import (
     basin_cells,
@@ -90,9 +88,9 @@ def integrity(
     *profile, panel = ax
     marks: list[Artist] = []
     if along:
-        axis = in_si(line)[si_name(along[0], rig_of(line))]
-        here = float(in_si(starts)[axis.name])
-        marks = _draw_profile(profile, in_si(found, line), str(axis.name), table)
+        axis = line[along[0]]
+        here = float(starts[along[0]])
+        marks = _draw_profile(profile, found, along[0], table)
         for each in profile:
             each.axvline(here, color="black", linewidth=0.6, linestyle=":")
         label_axis(profile[-1].xaxis, axis)

@@ -16,9 +16,9 @@ from matplotlib.ticker import (
     StrMethodFormatter,
 )
 
-from sweeps.analysis.rig import in_si
+from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import COORDINATES, config_of
-from sweeps.config.rig import parameter_of, si_name
+from sweeps.config.rig import parameter_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units
 from vibroimpact.oscillator import PARAMETERS, Parameter
@@ -108,17 +108,14 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
     is the phase (if it is not 0), the transient and the periods.
     """
     config = config_of(drawn)
-    drawn, rig = in_si(drawn), config.rig
-    mass = [] if rig is None else [f"$m={mathtext(rig.mass)}${_JOINT}kg"]
-    values = {name: drawn[si_name(name, rig)] for name in PARAMETERS}
-    parts = mass + [
-        equation(parameter_of(name, rig).symbol, value, float(value))
-        for name, value in values.items()
-        if not value.dims and float(value) != parameter_of(name, rig).default
+    parts = [
+        equation(parameter.symbol, drawn[name], float(drawn[name]))
+        for name, parameter in parameters_of(drawn).items()
+        if not drawn[name].dims and float(drawn[name]) != parameter.default
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
-        symbol = parameter_of(config.follow.axis, rig).symbol
+        symbol = parameter_of(config.follow.axis, config.rig).symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
     if record is None:
         kept = config.record

@@ -20,7 +20,6 @@ from sweeps.analysis.regimes import (
     approaching,
     has_result,
 )
-from sweeps.analysis.rig import in_si
 from sweeps.analysis.selection import Selection, listed, select
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
@@ -101,9 +100,7 @@ def parameter_map(
     page.set_limits(panel)
     if exact is not None:
         y, x = (axis.values for axis in _axes_of(cut))
-        handles += draw_curves(
-            panel, in_si(exact, dataset), cut, (x, y), colours_of_classes(dataset)
-        )
+        handles += draw_curves(panel, exact, cut, (x, y), colours_of_classes(dataset))
     return canvas.finish(panel, page, cut, handles, shown.title)
 
 
@@ -157,9 +154,8 @@ def _mark_approaching(panel: Axes, cut: xr.Dataset) -> list[Artist]:
 
 
 def _axes_of(cut: xr.Dataset) -> list[xr.DataArray]:
-    """Return the ordinate and the abscissa, in SI units for a rig."""
-    seen = in_si(cut[["status"]])
-    return [seen[name] for name in seen["status"].dims]
+    """Return the ordinate and the abscissa."""
+    return [cut[name] for name in cut["status"].dims]
 
 
 def _edges_of(cut: xr.Dataset) -> list[np.ndarray]:

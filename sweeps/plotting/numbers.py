@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import xarray as xr
 
-from sweeps.analysis.rig import in_si, model_axes, rig_of
+from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import check_diagnostic, choice_of, listed
 from sweeps.config.groups import DIAGNOSTICS
-from sweeps.config.rig import si_name
 from sweeps.errors import Refused
 from sweeps.text import nearest, suggestion
+from vibroimpact.oscillator import PARAMETERS
 
 #: A variable of the file by its name, or values computed from the file.
 Wanted = str | xr.DataArray
@@ -20,10 +20,13 @@ Wanted = str | xr.DataArray
 
 def numbers_of(dataset: xr.Dataset) -> list[str]:
     """List what has a number for each point, results first; the Lyapunov exponents have two."""
+    replaced = PARAMETERS.keys() - parameters_of(dataset).keys()  # by those of a rig
     return [
         str(name)
         for name in (*dataset.data_vars, *dataset.coords)
-        if dataset[name].dtype.kind in "biuf" and _is_of_points(dataset, dataset[name], "exponent")
+        if name not in replaced
+        and dataset[name].dtype.kind in "biuf"
+        and _is_of_points(dataset, dataset[name], "exponent")
     ]
 
 
@@ -35,7 +38,7 @@ def _is_of_points(dataset: xr.Dataset, values: xr.DataArray, *further: str) -> b
 def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
     """Return the dataset with what is wanted, described like a result, and its name there."""
     if isinstance(wanted, str):
-        (name,) = [wanted] if wanted in dataset else model_axes(dataset, [wanted])
+        name = wanted
     else:
         dataset, name = _with_own(dataset, wanted)
     if name in DIAGNOSTICS:
@@ -80,10 +83,9 @@ def _with_own(dataset: xr.Dataset, values: xr.DataArray) -> tuple[xr.Dataset, st
 
 
 def number_at(cut: xr.Dataset, name: str) -> xr.DataArray:
-    """Return a number at each point of a cut, in SI units for a rig; the larger exponent of two."""
-    seen = in_si(cut[["status", name]])
-    number = seen[name if name in seen.variables else si_name(name, rig_of(cut))]
+    """Return a number at each point of a cut; the larger exponent of two."""
+    number = cut[name]
     if "exponent" in number.dims:
         about = {"symbol": rf"{number.symbol}_1", "long_name": f"larger {number.long_name}"}
         number = number.isel(exponent=0).assign_attrs(about)
-    return number.broadcast_like(seen["status"]).transpose(*seen["status"].dims)
+    return number.broadcast_like(cut["status"]).transpose(*cut["status"].dims)

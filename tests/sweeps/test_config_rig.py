@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from commands import accepted, call, refused
 from sweep_files import load, refusal, run_in
-from sweeps import open_sweep, plotting, run_sweep
+from sweeps import bifurcations, branches, open_sweep, plotting, run_sweep
+from sweeps.analysis.rig import in_si
 from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
 from sweeps.config.rig import si_values
@@ -213,6 +214,53 @@ def test_the_file_has_the_names_and_numbers_of_the_model(joint):
         assert (ds["omega"].units, ds["impulse"].units) == ("rad/s", "m/s")
 
 
+def test_a_sweep_in_si_units_has_the_axes_of_the_rig_and_is_still_read_late(joint):
+    with open_sweep(joint) as ds:
+        si = in_si(ds)
+        late = "poincare_x", "impulse", "energy_lost"
+        assert not any(si.variables[name]._in_memory for name in late)
+        assert si["status"].dims == ("frequency",)
+        assert si["frequency"].values.tolist() == np.linspace(22, 41, 39).tolist()
+        assert si["omega"].dims == ("frequency",)  # beside it
+        assert si["omega"].values.tobytes() == ds["omega"].values.tobytes()
+        assert [float(si[name]) for name in ("mass", "gap", "p")] == [MASS, GAP, float(ds["p"])]
+        assert si["impulse"].values.tolist() == (MASS * ds["impulse"].values).tolist()
+        units = {"frequency": "Hz", "impulse": "N s", "energy_lost": "J", "poincare_v": "m/s"}
+        assert {name: si[name].units for name in units} == units
+        assert in_si(si) is si
+
+
+@pytest.mark.slow
+def test_what_is_computed_from_a_sweep_in_si_units_is_in_si_units(joint):
+    turn = 2.0 * math.pi
+    with open_sweep(joint) as ds:
+        si = in_si(ds)
+        own, changes = branches(ds), bifurcations(ds)
+        found, listed = branches(si), bifurcations(si)
+    assert list(found.coords) == ["frequency"]
+    for name in ("multipliers", "poincare_x", "branch", "kind"):
+        assert found[name].values.tobytes() == own[name].values.tobytes()
+    assert turn * found["frequency"].values == pytest.approx(own["omega"].values, rel=1e-14)
+    assert found.attrs["range"] == [22.0, 41.0]
+    assert (listed.attrs["axis"], len(listed)) == ("frequency", len(changes))
+    assert listed["kind"].tolist() == changes["kind"].tolist() and "fold" in set(changes["kind"])
+    for name in ("value", "low", "high"):
+        expected = changes[name].to_numpy()
+        assert turn * listed[name].to_numpy() == pytest.approx(expected, rel=1e-14, nan_ok=True)
+
+
+def test_numbers_computed_in_python_are_drawn_over_the_axes_of_the_rig(joint):
+    with open_sweep(joint) as ds:
+        force = (ds["impulse"] * ds["omega"]).assign_attrs(long_name="mean force", units="1")
+        figure = plotting.bifurcation(ds, axes=["omega"], below=[force, ds["impulse"]])
+        coloured = plotting.section(ds, color="omega")
+        expected = [force.values, MASS * ds["impulse"].values]
+    for panel, values in zip(figure.axes[1:], expected, strict=True):
+        x, y = panel.lines[0].get_data()
+        assert x.tolist() == np.linspace(22, 41, 39).tolist() and y.tolist() == values.tolist()
+    assert coloured.axes[1].get_xlabel() == r"forcing frequency $\nu$ [Hz]"
+
+
 def test_a_diagram_of_a_rig_is_in_hertz(joint):
     with open_sweep(joint) as ds:
         figure = plotting.bifurcation(ds, below=["impulse"])
@@ -320,6 +368,12 @@ def test_cuts_and_limits_are_those_of_the_axes(joint):
     assert "the data range from 22 to 41" in error
     error = refused("plot", joint, "--kind", "section", "--at", "omega=150")
     assert "omega cannot be fixed here; choose from: frequency" in error
+    error = refused("plot", joint, "--axis", "omega")
+    assert "omega is not a swept axis; the file has frequency" in error
+    error = refused("plot", joint, "--axis", "frequency", "--axis", "frequency")
+    assert "not frequency, frequency" in error
+    error = refused("plot", joint, "--color", "nothing")
+    assert error.rstrip().endswith("status, frequency")
     error = refused("plot", joint, "--kind", "section", "--at", "frequency=50")
     assert "frequency = 50 is outside the sweep: 22 to 41" in error
 
