@@ -15,7 +15,13 @@ from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError, doubled, periodic_orbit, solved, violation
+from vibroimpact.orbits.periodic import (
+    OrbitError,
+    doubled,
+    periodic_orbit,
+    solved,
+    why_inadmissible,
+)
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.step.recorder import trace
 from vibroimpact.step.scheme import scheme_of
@@ -158,7 +164,7 @@ def root_near(osc, phases, speeds):
     if not correct(family.system, X, np.empty((0, 0)), 60) or (X[1::2] < 0.0).any():
         return None, ""
     root = family.orbit(X)
-    return root, violation(root)
+    return root, why_inadmissible(root)
 
 
 def is_solved(root):

@@ -25,7 +25,7 @@ from vibroimpact.orbits.special_points import (
     NEARBY_DISTANCE,
     doubling,
     ending,
-    halving,
+    parents_flip,
     special_points,
 )
 from vibroimpact.oscillator import Oscillator, refuse_other
@@ -221,7 +221,7 @@ def grazing_branch(orbit: PeriodicOrbit, parameter: str, low: float, high: float
     tangent = family.tangent(family.start)
     for along in (tangent, -tangent):
         X = family.corrected(family.start + NEARBY_DISTANCE * along, along[None, :])
-        if X is not None and family.violation(X)[0] is None:
+        if X is not None and family.inadmissible(X)[0] is None:
             return _as_branch(family, _path(family, family.start, along))
     raise OrbitError(f"no orbits of {orbit.m}/{orbit.q} begin at the graze")
 
@@ -267,7 +267,7 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
     special: list[SpecialPoint] = []
     for step in continue_branch(family, start):
         if step.length > 0.0:
-            half = halving(step)
+            half = parents_flip(step)
             located = list(special_points(step, None if half is None else half[0]))
             for kind, X in located:
                 if not family.kind:  # the branch may change its stability there

@@ -2,7 +2,7 @@
 
 A step goes along the tangent and is corrected in the plane normal to it (Keller 1977), so folds are
 passed like any other point. The step is shortened if Newton's method fails, if the tangent turns
-too far, or if the step may hide something. The path ends, to rounding, at the last point that is an
+too far, or if the step may miss something. The path ends, to rounding, at the last point that is an
 orbit.
 """
 
@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibroimpact.orbits.detection import ROUNDING, hides
-from vibroimpact.orbits.family import OrbitFamily, Point, Violation
+from vibroimpact.orbits.detection import ROUNDING, may_miss
+from vibroimpact.orbits.family import Inadmissible, OrbitFamily, Point
 
 #: Lengths of steps in scaled unknowns: the first, the longest, and one below which the path is
 #: given up.
 _FIRST, _LONGEST, _SHORTEST = 5e-3, 0.08, 1e-9
-#: A step shorter than this hides nothing but rounding.
+#: A step shorter than this misses nothing but rounding.
 _RESOLVED = 1e-6
 #: The chord of a step deviates from the mean of both tangents by less than this share of the step.
 #: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
@@ -29,16 +29,16 @@ _MOST_OFF = 0.05
 MOST_POINTS, _LEAST_COSINE = 2000, 0.985
 #: Most trials to find the last orbit of a path; a margin below the second is zero to rounding.
 _MOST_TRIALS, _AT_END = 80, 1e-15
-#: A path ends where the margin of a violation is below this. If it is not, the last orbit is sought
-#: with a shorter step.
+#: A path ends where the margin of an inadmissible point is below this. If it is not, the last orbit
+#: is sought with a shorter step.
 _ENDS = 1e-9
 #: Most iterations at the end of a path, where each may only halve the error.
 _PATIENT = 60
 
 
 @dataclass(frozen=True)
-class PathStep:
-    """A step along a path of orbits."""
+class ArclengthStep:
+    """An arclength step along a path of orbits."""
 
     family: OrbitFamily
     begin: Point
@@ -46,8 +46,8 @@ class PathStep:
     length: float  # along the tangent at `begin`; 0 where a path ends without a further step
     last: bool = False  # whether the path ends with this step
     closed: bool = False  # whether it ends where the path began
-    violation: Violation | None = None  # just beyond the end of the last step, if there is one
-    margin: float = math.nan  # of the violation, at the end; if Newton fails, the slowest speed
+    inadmissible: Inadmissible | None = None  # just beyond the end of the last step
+    margin: float = math.nan  # of that, at the end; if Newton fails, the slowest speed
 
     def place(self, X: np.ndarray) -> float:
         """Return the position of a point along the tangent, as a share of the step."""
@@ -64,10 +64,10 @@ class PathStep:
         off = self.end.X - self.begin.X - self.length * mean
         return self.family.inner(off, off) > (_MOST_OFF * self.length) ** 2
 
-    def hides(self) -> bool:
-        """Whether the step may hide roots of test functions, or points that are not orbits."""
+    def may_miss(self) -> bool:
+        """Whether the step may miss roots of test functions, or points that are not orbits."""
         first, second = self.begin[:3], self.end[:3]
-        return bool(hides(self.family.system, *first, *second, self.length))
+        return bool(may_miss(self.family.system, *first, *second, self.length))
 
     def root(self, function: Callable[[np.ndarray], float]) -> np.ndarray | None:
         """Return the root of a function that changes its sign over the step; None if not found."""
@@ -91,7 +91,7 @@ class PathStep:
         return at(float(s))
 
 
-def continue_branch(family: OrbitFamily, start: Point) -> Iterator[PathStep]:
+def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep]:
     """Follow a path from a point along its tangent, until there are no more orbits.
 
     Yield the steps; only the last may have length 0.
@@ -107,7 +107,7 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[PathStep]:
         here = step.end
         fastest = max(1.0, float(np.abs(here.X[1 : 2 * family.q : 2]).max()))
         length = min(1.5 * step.length, _LONGEST * fastest)
-    yield PathStep(family, here, here, 0.0, last=True)
+    yield ArclengthStep(family, here, here, 0.0, last=True)
 
 
 def lost_text(points: int, speeds: np.ndarray) -> str:
@@ -119,8 +119,8 @@ def lost_text(points: int, speeds: np.ndarray) -> str:
     return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
 
-def _step(family: OrbitFamily, begin: Point, length: float) -> PathStep:
-    """Return the longest step, of at most `length`, that turns little and hides nothing.
+def _step(family: OrbitFamily, begin: Point, length: float) -> ArclengthStep:
+    """Return the longest step, of at most `length`, that turns little and misses nothing.
 
     If the orbits end within it, it is the last step and goes to the last orbit.
     """
@@ -132,33 +132,35 @@ def _step(family: OrbitFamily, begin: Point, length: float) -> PathStep:
             cosine = family.inner(tangent, along)
             if abs(cosine) > _LEAST_COSINE:
                 end = family.point(Y, math.copysign(1.0, cosine) * tangent)
-                step = PathStep(family, begin, end, length)
+                step = ArclengthStep(family, begin, end, length)
                 if length > _RESOLVED and step.jumps():
                     length *= 0.5
                     continue
-                if end.violation is not None:
-                    step = _to_last_orbit(step, end.violation)
+                if end.inadmissible is not None:
+                    step = _to_last_orbit(step, end.inadmissible)
                 ends = not step.last or step.margin < _ENDS
-                if length < _RESOLVED or (ends and not step.hides()):
+                if length < _RESOLVED or (ends and not step.may_miss()):
                     return step
         length *= 0.5
-    return PathStep(family, begin, begin, 0.0, last=True, margin=family.slowest(X))
+    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=family.slowest(X))
 
 
-def _to_last_orbit(step: PathStep, violation: Violation) -> PathStep:
+def _to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
     """Return the part of a step up to its last point that is an orbit."""
     family = step.family
-    X, violation = _last_orbit(step, violation)
+    X, reason = _last_orbit(step, reason)
     tangent = family.tangent(X)
     if family.inner(tangent, step.begin.tangent) < 0.0:
         tangent = -tangent
     end = family.point(X, tangent)
     end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # a zero there is not within the step
-    length, margin = step.place(X) * step.length, family.margin(end, violation)
-    return PathStep(family, step.begin, end, length, last=True, violation=violation, margin=margin)
+    length, margin = step.place(X) * step.length, family.margin(end, reason)
+    return ArclengthStep(
+        family, step.begin, end, length, last=True, inadmissible=reason, margin=margin
+    )
 
 
-def _returns(step: PathStep, start: Point) -> bool:
+def _returns(step: ArclengthStep, start: Point) -> bool:
     """Whether a step passes the point where the path began, in the same direction."""
     family, place = step.family, step.place(start.X)
     along = step.begin.tangent
@@ -168,20 +170,20 @@ def _returns(step: PathStep, start: Point) -> bool:
     return family.inner(offset, offset) < step.length**2
 
 
-def _last_orbit(step: PathStep, violation: Violation) -> tuple[np.ndarray, Violation]:
-    """Return the last point of a step that is an orbit, and the violation just after it.
+def _last_orbit(step: ArclengthStep, reason: Inadmissible) -> tuple[np.ndarray, Inadmissible]:
+    """Return the last point of a step that is an orbit, and why the next is none.
 
-    The margin of the violation is zero there. It is found by regula falsi with the Illinois rule
+    The margin of the reason is zero there. It is found by regula falsi with the Illinois rule
     (Dowell & Jarratt 1971), with bisection in every third trial and where the margin is unknown.
     """
     family, along, last, beyond = step.family, step.begin.tangent, step.begin, step.end
     low, high, far, moved = 0.0, step.length, step.length, 0
-    above, below = (family.margin(point, violation) for point in (last, beyond))
+    above, below = (family.margin(point, reason) for point in (last, beyond))
     for trial in range(_MOST_TRIALS):
-        if violation.kind == "edge":
-            edge = _edge(step, violation, last.X, beyond.X)
+        if reason.kind == "edge":
+            edge = _edge(step, reason, last.X, beyond.X)
             if edge is not None:
-                return edge, violation
+                return edge, reason
         known = high == far and trial % 3 < 2 and above >= 0.0 > below
         share = above / (above - below) if known else 0.5
         middle = low + share * (high - low)
@@ -195,26 +197,28 @@ def _last_orbit(step: PathStep, violation: Violation) -> tuple[np.ndarray, Viola
             high = middle
             continue
         point = family.point(X, along)
-        if point.violation is None:
-            low, last, above = middle, point, family.margin(point, violation)
+        if point.inadmissible is None:
+            low, last, above = middle, point, family.margin(point, reason)
             below, moved = (0.5 * below if moved < 0 else below), -1
         else:
-            high, far, beyond, before, violation = middle, middle, point, violation, point.violation
-            below = family.margin(point, violation)
-            if (violation.kind, violation.at) != (before.kind, before.at):
-                above = family.margin(last, violation)
+            high, far, beyond, before, reason = middle, middle, point, reason, point.inadmissible
+            below = family.margin(point, reason)
+            if (reason.kind, reason.at) != (before.kind, before.at):
+                above = family.margin(last, reason)
             elif moved > 0:
                 above *= 0.5
             moved = 1
-    return last.X, violation
+    return last.X, reason
 
 
-def _edge(step: PathStep, violation: Violation, X: np.ndarray, Y: np.ndarray) -> np.ndarray | None:
+def _edge(
+    step: ArclengthStep, reason: Inadmissible, X: np.ndarray, Y: np.ndarray
+) -> np.ndarray | None:
     """Return the orbit at the edge between X and a point Y beyond it; None if there is none."""
-    family, axis = step.family, violation.at
+    family, axis = step.family, reason.at
     inside, beyond = family.values(X)[axis], family.values(Y)[axis]
-    share = (violation.where - inside) / (beyond - inside)
-    edge = family.at(X + share * (Y - X), violation.where, axis)
+    share = (reason.where - inside) / (beyond - inside)
+    edge = family.at(X + share * (Y - X), reason.where, axis)
     if edge is None or not family.allows(family.point(edge, step.begin.tangent)):
         return None
     return edge if step.place(X) <= step.place(edge) <= step.place(Y) else None

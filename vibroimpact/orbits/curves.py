@@ -102,7 +102,7 @@ def _bifurcation(
             family = OrbitFamily(orbit, (axis,))
             X = family.bifurcation(family.start, kind, int(np.argmin(orbit.speeds)))
             if X is not None and family.distance(X, family.start) < _BESIDE:
-                if family.violation(X)[0] is None:
+                if family.inadmissible(X)[0] is None:
                     return family.orbit(X)
     for axis in axes:
         value = getattr(orbit.oscillator, axis.name)

@@ -1,4 +1,4 @@
-"""Whether a step may hide something: roots of test functions, or flights that meet the stop.
+"""Whether a step may miss something: roots of test functions, or flights that meet the stop.
 
 Along a branch or a curve the test functions are smooth:
 
@@ -10,8 +10,9 @@ The signs at both ends of a step show one root, but not two. The values and slop
 cubic Hermite interpolant. It has no more roots than the control polygon of its Bernstein form has
 changes of sign (Farin 2002, ch. 5). The inner points of the polygon are allowed an error as large
 as their distance from the chord. If even with this error the polygon has only the changes of sign
-that its ends show, the step hides nothing; otherwise it is halved. With a, b at the ends and a', b'
-the slopes times the length, the inner points that are farther from the chord by this error are
+that its ends show, the step misses nothing; otherwise it is halved. With a, b at the ends and
+a', b' the slopes times the length, the inner points that are farther from the chord by this error
+are
 
     (4 a + 2 a' - b) / 3,    (4 b - 2 b' - a) / 3.
 
@@ -52,7 +53,7 @@ from vibroimpact.step.series import TERMS, first_crossing
 #: Values of test functions below this are rounding.
 ROUNDING = 1e-12
 #: The natural oscillation of a flight advances by less than this in a step [rad].
-_MOST_TURN = 1.0
+_MOST_ADVANCE = 1.0
 #: Where the parameters of a curve of folds move by less than this share of its tangent, their
 #: direction is rounding.
 HEADING = 1e-5
@@ -114,7 +115,7 @@ def test_functions(system, X, tangent, bounds):
 
 
 @jit
-def _may_hide(a, slope_a, b, slope_b):
+def _may_have_more_roots(a, slope_a, b, slope_b):
     """Whether a function may have more roots in a step than the signs at its ends show."""
     start = a if abs(a) > ROUNDING else b
     if not abs(start) > ROUNDING:
@@ -127,15 +128,15 @@ def _may_hide(a, slope_a, b, slope_b):
 
 
 @jit
-def _turns_far(system, X, Y):
+def _oscillates_far(system, X, Y):
     """Whether the natural oscillation of a flight advances far between two points."""
     p, p_Y, q = parameters_at(system, X), parameters_at(system, Y), system.q
     for i in range(q):
         last = i + 1 == q
         following, turns = (0, 2.0 * math.pi * system.m) if last else (2 * i + 2, 0.0)
-        turn = (X[following] - X[2 * i] + turns) * p[4] / p[2]
-        turn_Y = (Y[following] - Y[2 * i] + turns) * p_Y[4] / p_Y[2]
-        if abs(turn_Y - turn) > _MOST_TURN:
+        advance = (X[following] - X[2 * i] + turns) * p[4] / p[2]
+        advance_Y = (Y[following] - Y[2 * i] + turns) * p_Y[4] / p_Y[2]
+        if abs(advance_Y - advance) > _MOST_ADVANCE:
             return True
     return False
 
@@ -202,18 +203,18 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 
 
 @jit
-def hides(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
-    """Whether a step may hide roots of the test functions, or points that are not orbits.
+def may_miss(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
+    """Whether a step may miss roots of the test functions, or points that are not orbits.
 
     X, tangent and tests are the unknowns, the direction and the test functions at its start; Y,
     tangent_Y and tests_Y those at its end. `length` is its length along the first tangent.
     """
-    if _turns_far(system, X, Y):
+    if _oscillates_far(system, X, Y):
         return True
     length_Y = length / inner(tangent, tangent_Y, system.q)
     for i in range(tests.shape[1]):
         slopes = length * tests[1, i], length_Y * tests_Y[1, i]
-        if _may_hide(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
+        if _may_have_more_roots(tests[0, i], slopes[0], tests_Y[0, i], slopes[1]):
             return True
     # The free oscillation touches the stop once per period, and never crosses it.
     free = system.condition == GRAZE and system.q == 1

@@ -71,8 +71,8 @@ class ContinuationParameter:
 
 
 @dataclass(frozen=True)
-class Violation:
-    """Why a point is not an orbit within the ranges.
+class Inadmissible:
+    """Why a point is inadmissible, that is, not an orbit within the ranges.
 
     Its kind is ``edge``, ``speed`` (an impact leaves the stop instead of meeting it),
     ``penetration`` (a flight meets the stop before its end) or ``rest`` (the mass cannot leave the
@@ -90,8 +90,8 @@ class Point(NamedTuple):
     X: np.ndarray  # the unknowns, (2 q + k,)
     tangent: np.ndarray  # the direction of the path, (2 q + k,)
     tests: np.ndarray  # the test functions and their slopes along it (``detection.py``), (2, n)
-    turn: float  # greatest height of a turning point near the stop (``first_penetration``)
-    violation: Violation | None
+    maximum: float  # greatest local maximum near the stop (``first_penetration``)
+    inadmissible: Inadmissible | None
 
 
 class OrbitFamily:
@@ -213,23 +213,25 @@ class OrbitFamily:
     def point(self, X: np.ndarray, tangent: np.ndarray) -> Point:
         """Return the point X of a path that has this tangent."""
         tests = test_functions(self.system, X, tangent, self.bounds)
-        violation, turn = self.violation(X)
-        return Point(X, tangent, tests, turn, violation)
+        reason, maximum = self.inadmissible(X)
+        return Point(X, tangent, tests, maximum, reason)
 
     def test(self, number: int, X: np.ndarray) -> float:
         """Return one of the test functions."""
         return float(test_functions(self.system, X, np.zeros(X.size), self.bounds)[0, number])
 
-    def margin(self, point: Point, violation: Violation) -> float:
-        """Return a number that is 0 where a violation begins, negative beyond; NaN if unknown."""
-        if violation.kind == "speed":
-            return float(point.X[2 * violation.at + 1])
-        if violation.kind == "edge":
-            parameter = self.parameters[violation.at]
-            inside = (violation.where - float(self.kept(point.X)[violation.at])) / parameter.span
-            return inside if violation.where == parameter.high else -inside
-        seen = math.isfinite(point.turn) and (point.turn > 0.0) == (point.violation is not None)
-        return -point.turn if violation.kind == "penetration" and seen else math.nan
+    def margin(self, point: Point, reason: Inadmissible) -> float:
+        """Return a number that is 0 where a reason begins, negative beyond; NaN if unknown."""
+        if reason.kind == "speed":
+            return float(point.X[2 * reason.at + 1])
+        if reason.kind == "edge":
+            parameter = self.parameters[reason.at]
+            inside = (reason.where - float(self.kept(point.X)[reason.at])) / parameter.span
+            return inside if reason.where == parameter.high else -inside
+        seen = math.isfinite(point.maximum) and (point.maximum > 0.0) == (
+            point.inadmissible is not None
+        )
+        return -point.maximum if reason.kind == "penetration" and seen else math.nan
 
     def leaves(self, point: Point) -> bool:
         """Whether a path is on an edge of a range and goes on beyond it."""
@@ -241,7 +243,7 @@ class OrbitFamily:
 
     def allows(self, point: Point) -> bool:
         """Whether a point is an orbit, or fails to be one only by rounding."""
-        return point.violation is None or self.margin(point, point.violation) > -ROUNDING
+        return point.inadmissible is None or self.margin(point, point.inadmissible) > -ROUNDING
 
     def slowest(self, X: np.ndarray) -> float:
         """Return the slowest speed; on a curve of grazes that of the other impacts, inf if none."""
@@ -250,23 +252,25 @@ class OrbitFamily:
             speeds = np.delete(speeds, self.system.graze)
         return float(speeds.min(initial=math.inf))
 
-    def violation(self, X: np.ndarray) -> tuple[Violation | None, float]:
-        """Return why a point is not an orbit, and the greatest height of a turn near the stop."""
+    def inadmissible(self, X: np.ndarray) -> tuple[Inadmissible | None, float]:
+        """Return why a point is inadmissible, and the greatest local maximum near the stop."""
         for j, (axis, value) in enumerate(
             zip(self.parameters, self.values(X).tolist(), strict=True)
         ):
             if not axis.holds(value):
-                return Violation("edge", j, axis.low if value < axis.low else axis.high), math.nan
+                return Inadmissible(
+                    "edge", j, axis.low if value < axis.low else axis.high
+                ), math.nan
         speeds = X[1 : 2 * self.q : 2]
         slowest = int(np.argmin(speeds))
         if speeds[slowest] < 0.0:
-            return Violation("speed", slowest), math.nan
+            return Inadmissible("speed", slowest), math.nan
         values = parameters_at(self.system, X)
-        flight, phase, turn = first_penetration(values, self.m, self.speed, X, self.q)
+        flight, phase, maximum = first_penetration(values, self.m, self.speed, X, self.q)
         if flight < 0:
-            return None, turn
+            return None, maximum
         if phase == X[2 * flight]:
-            return Violation("rest", int(flight), float(phase)), turn
-        if self.kind == "graze" and self.q == 1 and turn < _TOUCHES * values[-1]:
-            return None, turn  # the free oscillation touches the stop once in each of m periods
-        return Violation("penetration", int(flight), float(phase)), turn
+            return Inadmissible("rest", int(flight), float(phase)), maximum
+        if self.kind == "graze" and self.q == 1 and maximum < _TOUCHES * values[-1]:
+            return None, maximum  # the free oscillation touches the stop once in each of m periods
+        return Inadmissible("penetration", int(flight), float(phase)), maximum

@@ -222,7 +222,7 @@ def first_penetration(values, m, speed, X, q):
 
     An impact of speed 0 grazes, and is a double root of both its flights. Returns the number of the
     flight; the phase where it meets the stop, or that of its launch if it cannot leave the stop;
-    and the greatest height of a turning point near the stop, divided by the roots of its flight,
+    and the greatest local maximum near the stop, divided by the roots of its flight,
     -inf if there is none. The number is -1 if no flight meets the stop. This proves that the orbit
     stays below the stop between its impacts.
     """
@@ -236,8 +236,8 @@ def first_penetration(values, m, speed, X, q):
             C[k, 0] -= rounding[k]
             if is_below(C[k]):
                 continue
-            crossing, turn = first_crossing(C[k], 0, 1.0)
-            highest = max(highest, turn)
+            crossing, maximum = first_crossing(C[k], 0, 1.0)
+            highest = max(highest, maximum)
             if crossing >= 0.0:
                 length = phase_of_landing(m, X, q, i) - X[2 * i]
                 return i, X[2 * i] + length * (k + crossing) / n, highest

@@ -43,8 +43,8 @@ _DISTANCES = (1e-1, 1e-2, 1e-3, 1e-4)
 #: An orbit repeats a part of itself if its impacts do so to within the first. If they do so only to
 #: within the second, it may still be that part, inaccurate because the part is near its flip.
 _RETURN_TOLERANCE, _NEARLY = 1e-7, 1e-4
-#: Why a root of the equations of the flights is not an orbit, by the kind of its violation.
-_VIOLATIONS = {
+#: Why a root of the equations of the flights is not an orbit, by its kind of `Inadmissible`.
+_REASONS = {
     "speed": "an impact would leave the stop instead of meeting it: its speed is negative",
     "rest": "the mass cannot leave the stop: it rests",
     "penetration": "it passes the stop between its impacts, at omega t = {:.6g}",
@@ -178,7 +178,7 @@ def solved(osc: Oscillator, m: int, phases: np.ndarray, speeds: np.ndarray) -> P
         shorter = solved(osc, *part)
         if misses <= _RETURN_TOLERANCE or shorter.stable:
             return shorter
-    reason = violation(orbit)
+    reason = why_inadmissible(orbit)
     if reason:
         raise OrbitError(reason)
     return orbit
@@ -196,14 +196,14 @@ def refuse_long(osc: Oscillator, m: int, q: int) -> None:
         )
 
 
-def violation(orbit: PeriodicOrbit) -> str:
+def why_inadmissible(orbit: PeriodicOrbit) -> str:
     """Return why a root of the equations of the flights is not an orbit; empty if it is one."""
     missed = np.abs(linearised(orbit)[0]).max()
     if not missed < _RESIDUAL:
         return f"its impacts miss the stop by {missed:.1e} of its size"
     family = OrbitFamily(orbit, ())
-    found, _ = family.violation(family.start)
-    return _VIOLATIONS[found.kind].format(found.where) if found else ""
+    found, _ = family.inadmissible(family.start)
+    return _REASONS[found.kind].format(found.where) if found else ""
 
 
 def doubled(orbit: PeriodicOrbit) -> PeriodicOrbit:

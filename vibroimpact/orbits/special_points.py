@@ -21,10 +21,10 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.orbits.continuation import PathStep
+from vibroimpact.orbits.continuation import ArclengthStep
 from vibroimpact.orbits.corrector import linearised, null_vector, parameters_at
 from vibroimpact.orbits.detection import HEADING, ROUNDING, halves_apart
-from vibroimpact.orbits.family import OrbitFamily, Violation
+from vibroimpact.orbits.family import Inadmissible, OrbitFamily
 from vibroimpact.orbits.flights import state_after
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
@@ -45,7 +45,7 @@ _GRAZES = 1e-5
 
 
 def special_points(
-    step: PathStep, half: np.ndarray | None = None
+    step: ArclengthStep, half: np.ndarray | None = None
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the kinds and the unknowns of the special points within a step, in order.
 
@@ -72,7 +72,7 @@ def special_points(
             yield "cusp", cusp
 
 
-def _bifurcations(step: PathStep, end: float) -> Iterator[tuple[str, np.ndarray]]:
+def _bifurcations(step: ArclengthStep, end: float) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the flip and the fold within a step of a branch that ends at a place of it."""
     family = step.family
     for test, kind in ((-2, "flip"), (-1, "fold")):
@@ -88,7 +88,7 @@ def _bifurcations(step: PathStep, end: float) -> Iterator[tuple[str, np.ndarray]
             yield kind, X
 
 
-def _crossing(step: PathStep, test: int) -> float | None:
+def _crossing(step: ArclengthStep, test: int) -> float | None:
     """Return about where within a step a test function changes its sign; None if it does not."""
     a, b = (float(point.tests[0, test]) for point in (step.begin, step.end))
     # Zero counts as positive, so a path in both directions from a root has it once.
@@ -96,7 +96,7 @@ def _crossing(step: PathStep, test: int) -> float | None:
     return a / (a - b) if changes else None
 
 
-def _cusp(step: PathStep) -> np.ndarray | None:
+def _cusp(step: ArclengthStep) -> np.ndarray | None:
     """Return the cusp within a step on a curve of folds, or None."""
     family = step.family
     before, after = (_heading(step, point.X) for point in (step.begin, step.end))
@@ -105,13 +105,13 @@ def _cusp(step: PathStep) -> np.ndarray | None:
     seen = max(np.abs(before).max(), np.abs(after).max()) * apart > HEADING
     if not (before @ after < 0.0 and seen):
         return None
-    turn = after - before
-    return step.root(lambda X: float(_heading(step, X) @ turn))
+    change = after - before
+    return step.root(lambda X: float(_heading(step, X) @ change))
 
 
-def _cut(step: PathStep, half: np.ndarray) -> PathStep:
+def _cut(step: ArclengthStep, half: np.ndarray) -> ArclengthStep:
     """Return the part of a step on a curve of folds that ends short of its end at `half`."""
-    size = math.sqrt(np.mean(_unlike(step.family, step.begin.X) ** 2))
+    size = math.sqrt(np.mean(_difference_of_halves(step.family, step.begin.X) ** 2))
     X, tangent = step.begin.X, step.begin.tangent
     if size > _BESIDE[0]:
         guess = X + (1.0 - _BESIDE[0] / size) * (half - X)
@@ -120,31 +120,31 @@ def _cut(step: PathStep, half: np.ndarray) -> PathStep:
     return replace(step, end=step.end._replace(X=X), length=step.place(X) * step.length)
 
 
-def _heading(step: PathStep, X: np.ndarray) -> np.ndarray:
+def _heading(step: ArclengthStep, X: np.ndarray) -> np.ndarray:
     """Return the direction of the parameters at a point of a step."""
     tangent = step.family.tangent(X)
     forward = step.family.inner(tangent, step.begin.tangent) > 0.0
     return tangent[-2:] if forward else -tangent[-2:]
 
 
-def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
+def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     """Return how a path that is not closed ends, its last point, and the orbit there.
 
     It ends at an ``edge``, in a ``graze``, in ``rest`` if the mass cannot leave the stop, as at
     R = 0, in ``penetration``, or is ``lost``. At the graze of a branch the orbit has the impact of
     speed zero.
     """
-    family, X, violation = step.family, step.end.X, step.violation
-    if violation is None and family.leaves(step.end):  # as at R = 0, where two impacts may meet
+    family, X, reason = step.family, step.end.X, step.inadmissible
+    if reason is None and family.leaves(step.end):  # as at R = 0, where two impacts may meet
         return "edge", X, family.orbit(X)
-    kind = "lost" if violation is None or violation.kind == "speed" else "penetration"
-    if violation is not None:
+    kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
+    if reason is not None:
         limit = family.without_force(X)
         if limit is not None:
             return "edge", limit, family.orbit(limit)
-        if violation.kind in ("edge", "rest"):
-            return violation.kind, X, family.orbit(X)
-        found = _graze(family, X, violation) if family.kind == "" else None
+        if reason.kind in ("edge", "rest"):
+            return reason.kind, X, family.orbit(X)
+        found = _graze(family, X, reason) if family.kind == "" else None
         if found is not None:
             return found
     if not step.margin < _GRAZES:
@@ -153,7 +153,7 @@ def ending(step: PathStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
     return "graze", X, family.orbit(X)
 
 
-def _without_speed(step: PathStep) -> np.ndarray:
+def _without_speed(step: ArclengthStep) -> np.ndarray:
     """Return the end of a branch, on which an impact is slow, along its tangent to speed zero.
 
     Newton's method fails there where any natural vibration closes the orbit, as at h = 0 and
@@ -169,12 +169,12 @@ def _without_speed(step: PathStep) -> np.ndarray:
 
 
 def _graze(
-    family: OrbitFamily, X: np.ndarray, violation: Violation
+    family: OrbitFamily, X: np.ndarray, reason: Inadmissible
 ) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
     """Return the graze near the end of a branch, as `ending` does; None if there is none."""
-    grazing, Y, index = family, X, violation.at
-    if violation.kind == "penetration":
-        grazing, Y = _with_touch(family, X, violation)
+    grazing, Y, index = family, X, reason.at
+    if reason.kind == "penetration":
+        grazing, Y = _with_touch(family, X, reason)
         index += 1
     Z = grazing.bifurcation(Y, "graze", index)
     if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
@@ -184,15 +184,15 @@ def _graze(
 
 
 def _with_touch(
-    family: OrbitFamily, X: np.ndarray, violation: Violation
+    family: OrbitFamily, X: np.ndarray, reason: Inadmissible
 ) -> tuple[OrbitFamily, np.ndarray]:
     """Return the family and the point with one more impact, of speed zero.
 
     This impact is at the highest point of the flight that crosses the stop.
     """
-    at, values = violation.at, parameters_at(family.system, X)
+    at, values = reason.at, parameters_at(family.system, X)
     omega, theta, v = family.oscillator(X).omega, X[2 * at], X[2 * at + 1] * family.speed
-    tau = (violation.where - theta) / omega
+    tau = (reason.where - theta) / omega
     for _ in range(20):
         _, u, a = state_after(values, theta, v, tau)
         if not a < 0.0 or abs(u / a) < 1e-12 * tau:
@@ -204,16 +204,19 @@ def _with_touch(
     return OrbitFamily(touching, family.parameters, speed=family.speed), Y
 
 
-def halving(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return the point in a step where an orbit halves its period, and the half orbit, or None."""
+def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return where in a step an orbit meets the flip of its parent, of half its period; or None.
+
+    The result is the point of the step, and the parent.
+    """
     family = step.family
     if family.kind not in ("", "fold") or family.m % 2 or family.q % 2:
         return None
-    unlike = [_unlike(family, X) for X in (step.begin.X, step.end.X)]
-    sizes = [float(np.abs(part).max()) for part in unlike]
+    differences = [_difference_of_halves(family, X) for X in (step.begin.X, step.end.X)]
+    sizes = [float(np.abs(part).max()) for part in differences]
     if sizes[0] < ROUNDING:
         return None
-    change_places = np.sum(unlike[0] * unlike[1]) < 0.0
+    change_places = np.sum(differences[0] * differences[1]) < 0.0
     if family.kind == "fold":
         falls_to_zero = sizes[1] < min(_ALMOST_ALIKE, sizes[0])
         return _degenerate_flip(step) if change_places or falls_to_zero else None
@@ -224,14 +227,14 @@ def halving(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
     return _doubled(family, halves, halves.bifurcation(halves.start, "flip"))
 
 
-def _degenerate_flip(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return the end of a curve of folds within or just beyond a step, as `halving` does.
+def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+    """Return the end of a curve of folds within or just beyond a step, as `parents_flip` does.
 
     The equations of folds are singular there, so points beside it are extrapolated. They are even
     in the difference of the halves.
     """
     family = step.family
-    first, last = (_unlike(family, X) for X in (step.begin.X, step.end.X))
+    first, last = (_difference_of_halves(family, X) for X in (step.begin.X, step.end.X))
     first_size, last_size = math.sqrt(np.mean(first**2)), np.mean(first * last)
     last_size /= first_size
     plane = np.concatenate([-first.ravel(), first.ravel(), np.zeros(2)])
@@ -253,14 +256,14 @@ def _degenerate_flip(step: PathStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
 
 def _half(family: OrbitFamily, X: np.ndarray) -> PeriodicOrbit:
     """Return the mean of the halves of an orbit."""
-    mean = X[: family.q].reshape(-1, 2) + 0.5 * _unlike(family, X)
+    mean = X[: family.q].reshape(-1, 2) + 0.5 * _difference_of_halves(family, X)
     return PeriodicOrbit(family.oscillator(X), family.m // 2, mean[:, 0], mean[:, 1] * family.speed)
 
 
 def _doubled(
     family: OrbitFamily, halves: OrbitFamily, Y: np.ndarray | None
 ) -> tuple[np.ndarray, PeriodicOrbit] | None:
-    """Return a flip of the half orbits as `halving` does; None if it is not a flip."""
+    """Return a flip of the half orbits as `parents_flip` does; None if it is not a flip."""
     if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
         return None
     return doubling(halves, Y, family.speed)[0], halves.orbit(Y)
@@ -270,10 +273,10 @@ def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
     """Whether the halves of an orbit are so nearly equal that its test of a fold is rounding."""
     if family.m % 2 or family.q % 2:
         return False
-    return float(np.abs(_unlike(family, X)).max()) < _ALIKE
+    return float(np.abs(_difference_of_halves(family, X)).max()) < _ALIKE
 
 
-def _unlike(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+def _difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
     """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
     z = X[: 2 * family.q].reshape(2, -1, 2)
     return z[1] - z[0] - np.array([math.pi * family.m, 0.0])
