@@ -51,22 +51,16 @@ CHORD_TOLERANCE = 1e-4
 
 @dataclass(frozen=True)
 class PeriodicPoints:
-    """The computed points of a cut through a sweep, with the classes of their periodic motions.
+    """The computed points of a cut through a sweep, with the classes of their periodic motions."""
 
-    Attributes
-    ----------
-    points : ndarray of dtype POINT, in the shape of the cut
-        The parameters, with the state of the orbit at the last section as the start.
-    m, q : ndarray of int, in the same shape
-        Forcing periods and impacts per repetition; 0 if the motion is not periodic.
-    phase : float
-        Phase of the section [rad].
-    """
-
+    #: The parameters, with the state of the orbit at the last section as the start; dtype
+    #: POINT, in the shape of the cut.
     points: np.ndarray
+    #: m, q: forcing periods and impacts per repetition; 0 if the motion is not periodic; int,
+    #: in the same shape.
     m: np.ndarray
     q: np.ndarray
-    phase: float
+    phase: float  # phase of the section [rad]
 
     @classmethod
     def of(cls, cut: xr.Dataset) -> Self:

@@ -28,25 +28,18 @@ _PART = 500_000
 
 @dataclass(frozen=True)
 class GridIndex:
-    """The parameter point and the start of each point of a file.
+    """The parameter point and the start of each point of a file."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Shape of the grid of parameter points: the grid of the file without its ``STARTS``. For a
-        table, the number of its different sets of parameters; () if there is only one.
-    parameters : tuple of str
-        The axes of this grid, or ``SETS``.
-    parameter, start : ndarray of int, shape (n,)
-        Indices of the parameter point and of the start of each point, all in C order.
-    oscillators : ndarray of dtype POINT, shape (count,)
-        The parameters at each parameter point, with an arbitrary start.
-    """
-
+    #: Shape of the grid of parameter points: the grid of the file without its ``STARTS``. For
+    #: a table, the number of its different sets of parameters; () if there is only one.
     shape: tuple[int, ...]
-    parameters: tuple[str, ...]
+    parameters: tuple[str, ...]  # the axes of this grid, or ``SETS``
+    #: parameter, start: indices of the parameter point and of the start of each point, all in
+    #: C order; int, shape (n,).
     parameter: np.ndarray
     start: np.ndarray
+    #: The parameters at each parameter point, with an arbitrary start; dtype POINT, shape
+    #: (count,).
     oscillators: np.ndarray
 
     @classmethod
@@ -120,19 +113,13 @@ def parameter_at_points(dataset: xr.Dataset, name: str) -> np.ndarray:
 
 
 class Groups:
-    """Groups of equal periodic motions, found within parts of a file and then across the parts.
-
-    Attributes
-    ----------
-    representative : ndarray of int, shape (n,)
-        The point that represents the motion of each point; -1 if the motion is not periodic.
-    last : ndarray, shape (n, 2)
-        The last state of every record.
-    """
+    """Groups of equal periodic motions, found within parts of a file and then across the parts."""
 
     def __init__(self, points: GridIndex, tolerance: float) -> None:
         self._points, self._tolerance = points, tolerance
+        #: The point that represents the motion of each point; -1 if the motion is not periodic.
         self.representative = np.full(len(points.parameter), -1)
+        #: The last state of every record.
         self.last = np.empty((len(points.parameter), 2))
         self._parts: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
 

@@ -132,23 +132,15 @@ class Label(NamedTuple):
 
 @dataclass(frozen=True)
 class Change:
-    """Two values of an axis between which the class changes.
+    """Two values of an axis between which the class changes."""
 
-    Attributes
-    ----------
-    low, high : float
-        The nearest values with known classes.
-    before, after : Label
-        The classes at `low` and `high`.
-    between : int
-        Number of points of unknown class between them.
-    """
-
+    #: low, high: the nearest values with known classes.
     low: float
     high: float
+    #: before, after: the classes at `low` and `high`.
     before: Label
     after: Label
-    between: int = 0
+    between: int = 0  # number of points of unknown class between them
 
     @property
     def kind(self) -> str:

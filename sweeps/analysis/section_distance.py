@@ -28,19 +28,12 @@ _PART = 50_000
 
 @dataclass(frozen=True)
 class Cycles:
-    """Motions of m forcing periods each.
+    """Motions of m forcing periods each."""
 
-    Attributes
-    ----------
-    states : ndarray, shape (n, m, 2)
-        x - clearance and v in the same unit, for example v / omega. Tolerances are thus relative to
-        the distance from the stop, wherever the stop is.
-    R : ndarray, shape (n,)
-        Coefficient of restitution.
-    """
-
+    #: x - clearance and v in the same unit, for example v / omega. Tolerances are thus
+    #: relative to the distance from the stop, wherever the stop is. Shape (n, m, 2).
     states: np.ndarray
-    R: np.ndarray
+    R: np.ndarray  # coefficient of restitution; shape (n,)
 
     def __getitem__(self, index: Any) -> Cycles:
         """Return some of the motions."""

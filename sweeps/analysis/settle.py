@@ -58,34 +58,26 @@ def follow(
 
 
 class Outcomes:
-    """The regimes and classes of the motions of a file, from their records or from longer runs.
-
-    Attributes
-    ----------
-    regime, m, q : ndarray of int, shape (n,)
-        The `Regime` at each point; forcing periods and impacts per repetition of a periodic motion,
-        otherwise 0.
-    followed : ndarray of bool, shape (n,)
-        Whether the record does not show the attractor, so that the motion was followed further or
-        its orbit found.
-    repetition : ndarray of int, shape (n,)
-        m where the record itself repeats, otherwise 0.
-    cycles : dict of int to ndarray, shape (m, 2)
-        The section states of the orbits of all other periodic motions, by point.
-    """
+    """The regimes and classes of the motions of a file, from their records or from longer runs."""
 
     def __init__(self, dataset: xr.Dataset, points: GridIndex) -> None:
         self._points, self._config = points, config_of(dataset)
         self._exact = self._config.method.impact == "exact"
+        #: The `Regime` at each point, shape (n,).
         self.regime = classify(dataset).ravel()
         names = "period", "period_impacts", "rest_fraction", "chatters"
         m, q, share, chatters = (dataset[name].values.ravel() for name in names)
         periodic = self.regime == Regime.PERIODIC
+        #: Forcing periods and impacts per repetition of a periodic motion, otherwise 0.
         self.m, self.q = np.where(periodic, m, 0), np.where(periodic, q, 0)
         shown = dataset["orbit_distance"].values.ravel() <= TOLERANCE
         shown &= self.m <= dataset.sizes["section"]
+        #: m where the record itself repeats, otherwise 0.
         self.repetition = np.where(shown, self.m, 0)
+        #: Whether the record does not show the attractor, so that the motion was followed further
+        #: or its orbit found.
         self.followed = periodic & ~shown
+        #: The section states of the orbits of all other periodic motions, by point, shape (m, 2).
         self.cycles: dict[int, np.ndarray] = {}
         orbit = [dataset[f"orbit_{name}"].values.ravel() for name in "xv"]
         self._add_cycles(np.flatnonzero(self.followed), np.stack(orbit, axis=1)[self.followed])

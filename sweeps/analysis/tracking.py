@@ -45,27 +45,13 @@ Continues = Callable[[int, int], bool]
 
 @dataclass(frozen=True)
 class PeriodicAttractors:
-    """Periodic attractors, in the order of their parameter points.
+    """Periodic attractors, in the order of their parameter points."""
 
-    Attributes
-    ----------
-    at : ndarray of int, shape (n,)
-        Index of the point that represents the attractor.
-    point : ndarray of int, shape (n,)
-        Index of its parameter point, increasing.
-    m : ndarray of int, shape (n,)
-        Forcing periods per repetition.
-    place : ndarray of int, shape (n,)
-        Index of its cycle in ``cycles[m]``.
-    cycles : mapping of int to Cycles
-        The cycles, by m.
-    """
-
-    at: np.ndarray
-    point: np.ndarray
-    m: np.ndarray
-    place: np.ndarray
-    cycles: Mapping[int, Cycles]
+    at: np.ndarray  # index of the point that represents the attractor; int, shape (n,)
+    point: np.ndarray  # index of its parameter point, increasing; int, shape (n,)
+    m: np.ndarray  # forcing periods per repetition; int, shape (n,)
+    place: np.ndarray  # index of its cycle in ``cycles[m]``; int, shape (n,)
+    cycles: Mapping[int, Cycles]  # the cycles, by m
 
     def distances(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the distances of pairs; inf unless their periods are equal or one is double."""

@@ -32,32 +32,17 @@ _PART = 1_000_000
 
 @dataclass(frozen=True)
 class PointMotion:
-    """The motion of one point.
+    """The motion of one point."""
 
-    Attributes
-    ----------
-    point : Dataset
-        The point of the sweep.
-    oscillator : Oscillator
-        Its oscillator.
-    rows : ndarray, shape (3, n)
-        Time, displacement and velocity. Two columns with the same time are the states before and
-        after an impact. Of more than the periods to keep as many are kept, evenly spread, and a
-        column of NaN stands for the periods between them.
-    depth : float
-        Largest x - clearance in all periods [length].
-    periods : int
-        Number of forcing periods, with those left out.
-    turns : int
-        Number of forcing periods of the sweep before time 0 of the rows.
-    """
-
-    point: xr.Dataset
-    oscillator: Oscillator
+    point: xr.Dataset  # the point of the sweep
+    oscillator: Oscillator  # its oscillator
+    #: Time, displacement and velocity. Two columns with the same time are the states before
+    #: and after an impact. Of more than the periods to keep as many are kept, evenly spread,
+    #: and a column of NaN stands for the periods between them. Shape (3, n).
     rows: np.ndarray
-    depth: float
-    periods: int
-    turns: int = 0
+    depth: float  # largest x - clearance in all periods [length]
+    periods: int  # number of forcing periods, with those left out
+    turns: int = 0  # number of forcing periods of the sweep before time 0 of the rows
 
     @classmethod
     def of(

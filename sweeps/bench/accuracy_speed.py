@@ -60,23 +60,13 @@ _TYPES = {"steps_per_period": "Int64", "tolerance": float, "error": float}
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes
-    ----------
-    ladder : tuple of int
-        Steps per forcing period.
-    rounds : int
-    tolerances : tuple of float
-        Relative tolerances of the peers.
-    thinning : int
-        Only every such point of a scene is given to the peers.
-    """
-
+    #: Steps per forcing period.
     ladder: tuple[int, ...] = (12, 25, 50, 100, 200, 400, 800, 1600, 3200)
     rounds: int = 4
-    tolerances: tuple[float, ...] = (1e-3, 1e-6, 1e-9, 1e-12)
-    thinning: int = 16
+    tolerances: tuple[float, ...] = (1e-3, 1e-6, 1e-9, 1e-12)  # relative tolerances of the peers
+    thinning: int = 16  # only every such point of a scene is given to the peers
     scenes: tuple[Scene, ...] = SCENES
     methods: tuple[Method, ...] = METHODS
     peers: tuple[str, ...] = tuple(PEERS)
@@ -99,24 +89,12 @@ def plan_of(config: SweepConfig, plan: Plan) -> Plan:
 
 
 def measure(plan: Plan = FULL, threads: int | None = None, progress: bool = False) -> pd.DataFrame:
-    """Measure the errors and the cost of every method.
+    """Measure the errors and the cost of every method, a row for each error.
 
-    Parameters
-    ----------
-    plan : Plan
-    threads : int, optional
-        Threads of the kernel; all by default. Peers use one.
-    progress : bool
-        Whether to show the runs done and the time left on stderr.
-
-    Returns
-    -------
-    DataFrame
-        A row for each error, with the columns ``scene``; ``error_kind``, as in `Scene.errors`;
-        ``integrator`` and ``impact``, for a peer its name and ``events``; ``steps_per_period``,
-        missing if the solver chooses them; ``tolerance``, only for a peer; ``error``,
-        dimensionless, NaN or inf if the method failed; and ``seconds_per_period``, per forcing
-        period.
+    The columns are ``scene``; ``error_kind``, as in `Scene.errors`; ``integrator`` and ``impact``,
+    for a peer its name and ``events``; ``steps_per_period``, missing if the solver chooses them;
+    ``tolerance``, only for a peer; ``error``, dimensionless, NaN or inf if the method failed; and
+    ``seconds_per_period``, per forcing period. `threads` are those of the kernel; peers use one.
     """
     runs, peer_runs = list(_runs(plan)), list(_peer_runs(plan))
     rows: list[tuple] = []

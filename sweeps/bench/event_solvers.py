@@ -112,20 +112,12 @@ def heyoka(tolerance: float) -> Follow:
 
 @dataclass(frozen=True)
 class Peer:
-    """A solver for comparison.
-
-    Attributes
-    ----------
-    name : str
-    prepare : callable
-        Returns, for a relative tolerance, the function that follows a motion.
-    module : str
-        The module that must be installed.
-    """
+    """A solver for comparison."""
 
     name: str
+    #: Returns, for a relative tolerance, the function that follows a motion.
     prepare: Callable[[float], Follow]
-    module: str
+    module: str  # the module that must be installed
 
     @property
     def installed(self) -> bool:
@@ -133,14 +125,10 @@ class Peer:
         return importlib.util.find_spec(self.module) is not None
 
     def run(self, scene: Scene, tolerance: float) -> tuple[dict[str, np.ndarray], float]:
-        """Run the points of a scene from omega t = 2 pi to its section.
+        """Run the points of a scene from omega t = 2 pi to its section; return results and seconds.
 
-        Returns
-        -------
-        results : dict of str to ndarray
-            As from `Scene.run`; the deepest penetration is not known.
-        seconds : float
-            Seconds per forcing period, the best of several runs, without the preparation.
+        The results are those of `Scene.run`, without the deepest penetration. The seconds are per
+        forcing period, the best of several runs, without the preparation.
         """
         points = scene.points
         first = integrate(

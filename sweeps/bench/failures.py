@@ -58,29 +58,14 @@ COARSE, COARSE_STEPS = Oscillator(h=0.0, R=0.8, omega=0.5, f=1.0), 4
 
 
 class Failure(NamedTuple):
-    """One kind of failure.
+    """One kind of failure."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the figure.
-    scene : str
-        Description of the run and of the figure.
-    digits : str
-        Format of the figure.
-    fails : callable
-        Whether a figure is a failure.
-    to_the_letter : bool
-        Whether it can be measured for the method ``to the letter``.
-    measure : callable
-        Returns the figure of a method; NaN if it cannot be measured.
-    """
-
-    name: str
-    scene: str
-    digits: str
-    fails: Callable[[float], bool]
-    to_the_letter: bool
+    name: str  # name of the figure
+    scene: str  # description of the run and of the figure
+    digits: str  # format of the figure
+    fails: Callable[[float], bool]  # whether a figure is a failure
+    to_the_letter: bool  # whether it can be measured for the method ``to the letter``
+    #: Returns the figure of a method; NaN if it cannot be measured.
     measure: Callable[[Method], float]
 
 

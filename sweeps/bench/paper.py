@@ -49,43 +49,22 @@ PROCEDURES: Mapping[str, Callable[[Oscillator, int, int], Trajectory | PaperRun]
 
 @dataclass(frozen=True)
 class Measured:
-    """All measurements.
+    """All measurements."""
 
-    Attributes
-    ----------
-    ladder : sequence of int
-        Steps per period of the errors.
-    cases : DataFrame
-        By case and procedure: ``deepest``, the deepest penetration, and ``impacts``, the number of
-        impacts in ``PERIODS`` forcing periods, both at the paper's step; ``errors``, inf if an
-        impact is missing; and their ``order``, fitted to the three smallest steps. Also the
-        ``impacts`` of the ``exact`` motion.
-    chatter : Trajectory
-        The exact motion of ``CHATTER`` over its first period.
-    stalls : dict of int to PaperRun
-        The literal procedure, by steps per period.
-    """
-
-    ladder: Sequence[int]
+    ladder: Sequence[int]  # steps per period of the errors
+    #: By case and procedure: ``deepest``, the deepest penetration, and ``impacts``, the
+    #: number of impacts in ``PERIODS`` forcing periods, both at the paper's step; ``errors``,
+    #: inf if an impact is missing; and their ``order``, fitted to the three smallest steps.
+    #: Also the ``impacts`` of the ``exact`` motion.
     cases: pd.DataFrame
-    chatter: Trajectory
-    stalls: dict[int, PaperRun]
+    chatter: Trajectory  # the exact motion of ``CHATTER`` over its first period
+    stalls: dict[int, PaperRun]  # the literal procedure, by steps per period
 
 
 def measure(
     ladder: Sequence[int] = LADDER, spread: int = SPREAD, stalling: Sequence[int] = STALLING
 ) -> Measured:
-    """Run all cases and measure them.
-
-    Parameters
-    ----------
-    ladder : sequence of int
-        Steps per period of the errors, at least three.
-    spread : int
-        Runs per error.
-    stalling : sequence of int
-        Steps per period with which the literal procedure is run into the chatter.
-    """
+    """Measure all cases: errors over a `ladder` of three or more steps, stalls over `stalling`."""
     return Measured(
         ladder=ladder,
         cases=_cases(ladder, spread),

@@ -51,34 +51,16 @@ METHODS = tuple(
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A motion on which methods are compared.
-
-    Attributes
-    ----------
-    name : str
-    points : ndarray of dtype ``POINT``
-    periods : int
-        Forcing periods from the start to the section.
-    phase : float
-        omega t of the section; no impact is near it.
-    impacts : int
-        Number of the last true impacts that are compared.
-    recorded : int
-        Forcing periods before the section that contain these impacts.
-    at_section : bool
-        Whether the points start at a section instead of at t = 0.
-    timed : int or None
-        Forcing periods of a timed run, if those to the section are too few.
-    """
+    """A motion on which methods are compared."""
 
     name: str
-    points: np.ndarray
-    periods: int
-    phase: float = 0.0
-    impacts: int = 0
-    recorded: int = 1
-    at_section: bool = False
-    timed: int | None = None
+    points: np.ndarray  # dtype ``POINT``
+    periods: int  # forcing periods from the start to the section
+    phase: float = 0.0  # omega t of the section; no impact is near it
+    impacts: int = 0  # number of the last true impacts that are compared
+    recorded: int = 1  # forcing periods before the section that contain these impacts
+    at_section: bool = False  # whether the points start at a section instead of at t = 0
+    timed: int | None = None  # forcing periods of a timed run, if those to the section are too few
 
     def run(
         self,
@@ -112,16 +94,9 @@ class Scene:
         """Return the RMS errors of a run by kind, with keys in ``ORBIT_ERRORS``.
 
         States are compared directly or through an impact. Every true impact is compared with the
-        impact found at the nearest phase. If none was found, it counts as half a period late and
-        as without speed. The section of a failed run has the error NaN. Errors of impacts are left
-        out if there are no true impacts.
-
-        Parameters
-        ----------
-        truth : mapping of str to ndarray
-            From `truth`.
-        run : mapping of str to ndarray
-            From `run`; rows of further copies are ignored.
+        impact found at the nearest phase. If none was found, it counts as half a period late and as
+        without speed. The section of a failed run has the error NaN. Errors of impacts are left out
+        if there are no true impacts. Rows of further copies in the run are ignored.
         """
         n = len(self.points)
         R, omega, clearance = (self.points[name] for name in ("R", "omega", "clearance"))
@@ -211,13 +186,8 @@ def of_sweep(config: SweepConfig) -> Scene:
     """Return points spread over a sweep, each from the state at the end of its record.
 
     They are followed for one forcing period: over a longer time the errors of chaotic motions would
-    say nothing. Each point is computed from its own start.
-    nothing. Each point is computed from its own start.
-
-    Raises
-    ------
-    Refused
-        If no point can be computed with exact impacts.
+    say nothing. Each point is computed from its own start. Raises Refused if no point can be
+    computed with exact impacts.
     """
     points, record = config.grid.spread(NEIGHBOURS), config.record
     total_periods = record.left_out + record.periods

@@ -41,21 +41,11 @@ _ROUNDS = 10
 
 
 class Speed(NamedTuple):
-    """The measurement of one work.
+    """The measurement of one work."""
 
-    Attributes
-    ----------
-    steps : int
-        Steps per forcing period.
-    periods : dict of int to float
-        Forcing periods per second, by number of threads.
-    share : float
-        Share of the peak of one thread that the multiply-adds of the steps reach.
-    """
-
-    steps: int
-    periods: dict[int, float]
-    share: float
+    steps: int  # steps per forcing period
+    periods: dict[int, float]  # forcing periods per second, by number of threads
+    share: float  # share of the peak of one thread that the multiply-adds of the steps reach
 
 
 def _points(name: str, count: int) -> np.ndarray:
@@ -71,23 +61,10 @@ def _points(name: str, count: int) -> np.ndarray:
 def measure(
     count: int = 4096, periods: int = 300, progress: bool = False
 ) -> tuple[float, dict[str, Speed]]:
-    """Time every work on one thread and on all threads.
+    """Time every work on one thread and on all threads; return the peak, and the speeds by work.
 
-    Parameters
-    ----------
-    count : int
-        Number of points.
-    periods : int
-        Forcing periods per point; the last third is recorded.
-    progress : bool
-        Whether to show the progress on stderr.
-
-    Returns
-    -------
-    peak : float
-        Fused multiply-adds per second on one thread.
-    speeds : dict of str to Speed
-        By name of the work.
+    The last third of the forcing `periods` is recorded. The peak is in fused multiply-adds per
+    second on one thread.
     """
     threads = sorted({1, ALL_THREADS})
     scenes = {name: _points(name, count) for name in WORKS}

@@ -127,22 +127,10 @@ def picture(quick: bool = False) -> Figure:
 
 
 def grows(integrator: str, step: np.ndarray, zeta: np.ndarray, steps: int) -> np.ndarray:
-    """Whether free motion grows in a run of the kernel.
+    """Whether free motion grows in a run of the kernel of so many `steps`, over p T and h / p.
 
     It grows if its greatest section in the last third of the run is more than twice that in the
     first third, or is not a number.
-
-    Parameters
-    ----------
-    integrator : str
-    step, zeta : ndarray
-        p T and h / p; their shapes must broadcast.
-    steps : int
-        Length of the run.
-
-    Returns
-    -------
-    ndarray of bool
     """
     step, zeta = np.broadcast_arrays(step, zeta)
     points = np.zeros(step.size, dtype=POINT)

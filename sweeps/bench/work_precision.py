@@ -57,19 +57,10 @@ def _geometric_mean(values: pd.Series) -> float:
 
 
 def measured_order(steps: Sequence[int], errors: Sequence[float], floor: float = 0.0) -> float:
-    """Return the order: minus the slope of log error over log steps, by least squares.
+    """Return minus the slope of log error over log steps, by least squares, from coarse to fine.
 
-    Parameters
-    ----------
-    steps, errors : sequences of the same length
-        From coarse to fine.
-    floor : float
-        The error of the reference. Only errors ten times above it are fitted.
-
-    Returns
-    -------
-    float
-        NaN if there are fewer than three errors to fit.
+    Only errors ten times above `floor`, the error of the reference, are fitted; NaN if fewer than
+    three are left.
     """
     e = np.array(errors)
     good = np.flatnonzero((e > _ABOVE_FLOOR * floor) & (e < _LARGEST) & (e > 0.0))[-_FITTED:]
@@ -109,14 +100,7 @@ def cheapest(measured: pd.DataFrame, error: float) -> pd.DataFrame:
 
 
 def of_methods(measured: pd.DataFrame) -> str:
-    """Return a table of the orders, the errors and the cost of every method.
-
-    Parameters
-    ----------
-    measured : DataFrame
-        From `with_orders`: of one scene, or of all scenes with the geometric means over the regular
-        scenes.
-    """
+    """Return a table of the orders, the errors and the cost of every method, from `with_orders`."""
     main = main_scene(measured)
     columns = {"order": main}
     if main == MEAN:

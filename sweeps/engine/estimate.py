@@ -42,20 +42,17 @@ _LEAST_TRIED = 16
 
 @dataclass(frozen=True)
 class Cost:
-    """The expected cost of a sweep.
+    """The expected cost of a sweep."""
 
-    `seconds` is extrapolated from short trials, which cannot show later changes of the motions; it
-    excludes compilation and other processes. The next three are in bytes: `file` is the size of the
-    complete file without compression, with as many samples at impacts as in the trials; `disk` is
-    the disk space for the file and the journal, and `memory` the memory for the blocks. `block` is
-    the number of points in a block.
-    """
-
+    #: Extrapolated from short trials, which cannot show later changes of the motions; it excludes
+    #: compilation and other processes.
     seconds: float
+    #: Size of the complete file without compression, with as many samples at impacts as in the
+    #: trials [bytes].
     file: int
-    disk: int
-    memory: int
-    block: int
+    disk: int  # disk space for the file and the journal [bytes]
+    memory: int  # for the blocks [bytes]
+    block: int  # number of points in a block
 
 
 #: Forcing periods that a transient takes if it is found, as a guess for the size of blocks.

@@ -133,17 +133,6 @@ class Refinement:
 
     If the axis is followed, a new point starts from its neighbour, the previous one in the
     direction of following.
-
-    Attributes
-    ----------
-    intervals : list of tuple of ClassifiedPoint
-        The ends of the intervals that are halved next.
-    left_out : int
-        Number of intervals that are not halved because there were too many; they lie at higher
-        values of the axis.
-    points : dict of float to mapping
-        The results to write to the file, by the value of the axis: for new points, and for grid
-        points whose record does not show the class of the attractor.
     """
 
     def __init__(self, config: SweepConfig, line: xr.Dataset, threads: int | None = None) -> None:
@@ -152,8 +141,13 @@ class Refinement:
         self._followed = config.follow.direction if config.follow else None
         self._classifier = Classifier(config, threads)
         self._values = line[self._axis].values
+        #: The results to write to the file, by the value of the axis: for new points, and for grid
+        #: points whose record does not show the class of the attractor.
         self.points: dict[float, Results] = {}
+        #: Number of intervals that are not halved because there were too many; they lie at higher
+        #: values of the axis.
         self.left_out = 0
+        #: The ends of the intervals that are halved next.
         self.intervals = self._fewer(list(_intervals(list(self._grid(line)))))
 
     def __iter__(self) -> Iterator[int]:

@@ -67,13 +67,7 @@ class Branches:
         return [Step("exact branches", (config, view.ordinate), find, show)]
 
     def _find(self, view: View, config: SweepConfig) -> Parts:
-        """Follow the branches from the points of the diagram; return the data of each part.
-
-        Raises
-        ------
-        Refused
-            If the orbits do not depend on the axis.
-        """
+        """Follow the branches from the points of the diagram; return the data of each part."""
         from sweeps.plotting.exact import parts_of  # this import takes a second
 
         if self._found is None or self._found[0] != config:

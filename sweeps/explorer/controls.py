@@ -41,22 +41,13 @@ _RECORD = {
 
 
 class Controls:
-    """The widgets that change the view.
-
-    Parameters
-    ----------
-    view : View
-    change : callable
-        Called with a function that maps the current view to the requested one.
-    save : callable
-        Writes the configuration of the picture shown.
-    """
+    """The widgets that change the view."""
 
     def __init__(
         self,
         view: View,
-        change: Callable[[Callable[[View], View]], None],
-        save: Callable[[], None],
+        change: Callable[[Callable[[View], View]], None],  # with a function from view to view
+        save: Callable[[], None],  # writes the configuration of the picture shown
     ) -> None:
         self._change = change
         self.axis = self._choice("abscissa", [(name, meaning(name)) for name in PARAMETERS])

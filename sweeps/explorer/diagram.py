@@ -91,20 +91,11 @@ def fitted(values: np.ndarray) -> Window:
 
 
 def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
-    """Return the number of each pixel's colour: the share of its column's values in that pixel.
+    """Return the colours of the pixels by number: the share of a column's values in each.
 
-    Parameters
-    ----------
-    values : ndarray, shape (columns, width)
-    window : (float, float)
-        Of the ordinate.
-    rows : int
-
-    Returns
-    -------
-    ndarray of uint8, shape (rows, columns)
-        1 for ``LEAST_SHARE`` or less, 255 for all values, logarithmic between; 0 without values.
-        A value is drawn two pixels wide and high, so that the line of a periodic motion is visible.
+    They are uint8 of shape (rows, columns): 1 for ``LEAST_SHARE`` or less, 255 for all values,
+    logarithmic between; 0 without values. A value is drawn two pixels wide and high, so that the
+    line of a periodic motion is visible.
     """
     columns = len(values)
     counts = count_pixels(np.arange(columns), values, (columns, rows), *window)
@@ -120,26 +111,14 @@ def density(values: np.ndarray, window: Window, rows: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Shown:
-    """A picture of the diagram.
-
-    Attributes
-    ----------
-    view : View
-    config : SweepConfig
-    results : mapping of str to ndarray
-    window : (float, float)
-        Of the ordinate.
-    pixels : ndarray of uint8, shape (rows, columns)
-    seconds : float
-        Time to compute the results.
-    """
+    """A picture of the diagram."""
 
     view: View
     config: SweepConfig
     results: Results
-    window: Window
-    pixels: np.ndarray
-    seconds: float
+    window: Window  # of the ordinate
+    pixels: np.ndarray  # uint8, shape (rows, columns)
+    seconds: float  # time to compute the results
 
     @property
     def values(self) -> np.ndarray:

@@ -68,15 +68,9 @@ def axis_label(name: str, units: Mapping[str, str], pixels: float = math.inf) ->
 
 
 class PixelFigure:
-    """A figure with the tools common to all pictures.
+    """A figure with the tools common to all pictures; it calls `report` when a picture is shown.
 
-    Parameters
-    ----------
-    name : str
-    report : Report
-        Called when a picture is shown.
-    x_range : Range1d, optional
-        The range of another figure, to share its abscissa.
+    If `x_range` is the range of another figure, they share their abscissa.
     """
 
     def __init__(self, name: str, report: Report, x_range: Range1d | None = None) -> None:

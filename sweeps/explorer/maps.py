@@ -51,42 +51,23 @@ _OF_CLASSES = (
 
 @dataclass(frozen=True)
 class Tiles:
-    """A map, complete or partly computed.
-
-    Attributes
-    ----------
-    config : SweepConfig
-    kinds : list of (str, str, float)
-        Label, colour and share of the computed points, for each kind of motion or outcome.
-    pixels : ndarray of uint8, shape (rows, columns)
-        1 + the index of the kind; a point not computed yet has the value of a point beside it.
-    discs : list of Disc
-        The largest disc in each basin, once the map is complete.
-    points : int
-        Number of computed points.
-    seconds : float
-        Time to compute their results.
-    """
+    """A map, complete or partly computed."""
 
     config: SweepConfig
+    #: Label, colour and share of the computed points, for each kind of motion or outcome.
     kinds: list[tuple[str, str, float]]
+    #: 1 + the index of the kind; a point not computed yet has the value of a point beside it;
+    #: uint8, shape (rows, columns).
     pixels: np.ndarray
-    discs: list[Disc]
-    points: int
-    seconds: float
+    discs: list[Disc]  # the largest disc in each basin, once the map is complete
+    points: int  # number of computed points
+    seconds: float  # time to compute their results
 
 
 class Filling:
-    """A map while its points are computed, from coarse to fine.
+    """A map with the axis `x` on the abscissa, while its points are computed, coarse to fine.
 
-    Parameters
-    ----------
-    config : SweepConfig
-        Over two axes.
-    x : str
-        The axis on the abscissa.
-    basins : bool
-        Whether the points are starts, to be assigned to the basins of their attractors.
+    With `basins` the points are starts, which are assigned to the basins of their attractors.
     """
 
     def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
@@ -210,17 +191,7 @@ def _filled(pixels: np.ndarray) -> np.ndarray:
 
 
 class Map(PixelFigure):
-    """The figure of a tab over two parameters.
-
-    Parameters
-    ----------
-    name : str
-        The name of the figure.
-    tab : int
-        ``MAP`` or ``BASINS``.
-    report, x_range
-        As for `PixelFigure`.
-    """
+    """The figure of a tab over two parameters: ``MAP`` or ``BASINS``."""
 
     def __init__(self, name: str, tab: int, report: Report, x_range: Range1d | None = None) -> None:
         super().__init__(name, report, x_range)

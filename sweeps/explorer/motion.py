@@ -31,15 +31,11 @@ _MOST, _UNREPEATED = 32, 12
 
 
 class Drawn(NamedTuple):
-    """A motion to draw.
+    """A motion to draw."""
 
-    `text` gives its class with its Floquet multipliers or Lyapunov exponents. `line` and `impacts`,
-    shape (3, n), hold time, displacement and velocity; the time starts at a section.
-    """
-
-    text: str
-    line: np.ndarray
-    impacts: np.ndarray
+    text: str  # its class, with its Floquet multipliers or Lyapunov exponents
+    line: np.ndarray  # time from a section on, displacement and velocity, shape (3, n)
+    impacts: np.ndarray  # the same at the impacts
 
 
 def motion_at(view: View) -> Drawn:
@@ -89,13 +85,7 @@ def _class_in_words(point: xr.Dataset) -> tuple[int, str]:
 
 
 class MotionPanel:
-    """The two figures below the picture, and the text above them.
-
-    Parameters
-    ----------
-    close : callable
-        Removes the mark.
-    """
+    """The two figures below the picture, and the text above them; `close` removes the mark."""
 
     def __init__(self, close: Callable[[], None]) -> None:
         self.line = ColumnDataSource({"t": [], "x": [], "v": []}, name="motion")

@@ -69,17 +69,7 @@ _TEMPLATE = """
 
 
 class LivePage:
-    """One open page.
-
-    Parameters
-    ----------
-    document : Document
-        An empty document.
-    home : View
-        The view of the page when it opens and after a reset.
-    folder : Path
-        Where the page saves configurations.
-    """
+    """One open page; it begins with the view `home`, and saves configurations in `folder`."""
 
     def __init__(self, document: Document, home: View, folder: Path) -> None:
         self.document, self.home, self.view, self.folder = document, home, home, folder

@@ -14,13 +14,7 @@ from sweeps.text import printable
 
 
 def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
-    """Write the configuration of the picture in the open tab to a new file in a folder.
-
-    Raises
-    ------
-    Refused, Failed
-        If it cannot be written.
-    """
+    """Write the configuration of the picture in the open tab to a new file in a folder."""
     names = (f"{view.name}-view-{number}" for number in itertools.count(1))
     name = next(name for name in names if not os.path.lexists(folder / f"{name}.yaml"))
     path = folder / f"{name}.yaml"

@@ -74,51 +74,33 @@ def log_window_around(name: str, value: float) -> Window:
 
 @dataclass(frozen=True)
 class View:
-    """What the page shows.
+    """What the page shows."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the configuration that opened the page.
-    method, record : mapping
-        The groups ``method`` and ``record`` of a configuration.
-    values : mapping of str to float
-        The point in the space of all parameters through which the windows pass; the mark is there.
-    axis, across : str
-        The abscissa, and the ordinate of the map.
-    xlim, maplim, x0lim, v0lim : (float, float)
-        The windows along `axis` and `across`, and those over the starts.
-    units : mapping of str to str
-        Names of the units of length and time.
-    ordinate : str
-        One of ``COORDINATES``.
-    ylim : (float, float) or None
-        The ordinate window of the diagram; None to fit all points.
-    marked, exact : bool
-        Whether the motion at `values` and the exact branches are shown, respectively.
-    tab : int
-        ``DIAGRAM``, ``MAP`` or ``BASINS``.
-    log : tuple of str
-        The parameters whose axes are logarithmic.
-    """
-
-    name: str
+    name: str  # name of the configuration that opened the page
+    #: method, record: the groups ``method`` and ``record`` of a configuration.
     method: Mapping[str, Any]
     record: Mapping[str, Any]
+    #: The point in the space of all parameters through which the windows pass; the mark is
+    #: there.
     values: Mapping[str, float]
+    #: axis, across: the abscissa, and the ordinate of the map.
     axis: str
     across: str
+    #: xlim, maplim, x0lim, v0lim: the windows along `axis` and `across`, and those over the
+    #: starts.
     xlim: Window
     maplim: Window
     x0lim: Window
     v0lim: Window
-    units: Mapping[str, str]
-    ordinate: str = "poincare_x"
-    ylim: Window | None = None
+    units: Mapping[str, str]  # names of the units of length and time
+    ordinate: str = "poincare_x"  # one of ``COORDINATES``
+    ylim: Window | None = None  # the ordinate window of the diagram; None to fit all points
+    #: marked, exact: whether the motion at `values` and the exact branches are shown,
+    #: respectively.
     marked: bool = False
     exact: bool = False
-    tab: int = DIAGRAM
-    log: tuple[str, ...] = ()
+    tab: int = DIAGRAM  # ``DIAGRAM``, ``MAP`` or ``BASINS``
+    log: tuple[str, ...] = ()  # the parameters whose axes are logarithmic
 
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
@@ -245,13 +227,7 @@ class View:
         return urlencode(items, safe=":")
 
     def with_query(self, query: str) -> Self:
-        """Return the view that an address describes; entries it lacks keep their values.
-
-        Raises
-        ------
-        ConfigError
-            If a value is not allowed.
-        """
+        """Return the view that an address describes; entries it lacks keep their values."""
         entries = dict(parse_qsl(query.removeprefix("?"), keep_blank_values=True))
         changes: dict[str, Any] = {name: entries[name] for name in _NAMES if name in entries}
         changes["record"] = {**self.record, **{n: entries[n] for n in _RECORD if n in entries}}
@@ -271,13 +247,7 @@ class View:
         return replace(view, record={name: getattr(record, name) for name in _RECORD})
 
     def check(self) -> None:
-        """Refuse a view that cannot be computed.
-
-        Raises
-        ------
-        ConfigError
-            If a name is unknown, a window is empty, or a value is not allowed.
-        """
+        """Raise ConfigError if a name is unknown, a window is empty, or a value is not allowed."""
         for name in (self.axis, self.across):
             if name not in PARAMETERS:
                 raise ConfigError(f"{name} is not a parameter; expected: {', '.join(PARAMETERS)}")

@@ -18,25 +18,16 @@ from sweeps.interrupts import Cancelled
 
 @dataclass(frozen=True)
 class Step:
-    """One piece of work.
+    """One piece of work."""
 
-    Attributes
-    ----------
-    name : str
-        The place in the page that the step fills. Several steps may fill one, each with a better
-        result.
-    key : object
-        Determines the result. A step is skipped if its place already holds this result or a better
-        one of the same request.
-    compute : callable
-        Returns the result; called in the thread of the worker.
-    show : callable
-        Called with the result and the seconds it took, in the thread of the document.
-    """
-
+    #: The place in the page that the step fills. Several steps may fill one, each with a
+    #: better result.
     name: str
+    #: Determines the result. A step is skipped if its place already holds this result or a
+    #: better one of the same request.
     key: Any
-    compute: Callable[[], Any]
+    compute: Callable[[], Any]  # returns the result; called in the thread of the worker
+    #: Called with the result and the seconds it took, in the thread of the document.
     show: Callable[[Any, float], None]
 
 

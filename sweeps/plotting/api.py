@@ -30,15 +30,12 @@ from sweeps.text import nearest, suggestion
 
 
 class Kind(NamedTuple):
-    """A kind of picture: the function that draws it, and its options other than `at`.
-
-    The picture shows all axes in `shown`, and `axes` further ones, which it chooses if not given.
-    """
+    """A kind of picture."""
 
     draw: Callable[..., Figure]
-    options: tuple[str, ...] = ()
-    axes: int = 0
-    shown: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()  # of the function that draws it, other than `at`
+    axes: int = 0  # number of axes that it chooses if not given, besides those shown always
+    shown: tuple[str, ...] = ()  # axes that it always shows
 
 
 #: The pictures by name.

@@ -117,18 +117,14 @@ def colours_of_classes(dataset: xr.Dataset) -> dict[tuple[int, int], str]:
 
 
 class Paint(NamedTuple):
-    """The colours of a number per point, each field in the shape of ``status``.
+    """The colours of a number per point, each field in the shape of ``status``."""
 
-    `cells` have a colour in the legend; `values`, masked elsewhere, have one of a colour bar.
-    `variable` describes the values, and `title` is the title of the legend.
-    """
-
-    variable: xr.DataArray
-    cells: list[Cells]
-    values: np.ma.MaskedArray
+    variable: xr.DataArray  # describes the values
+    cells: list[Cells]  # have a colour in the legend
+    values: np.ma.MaskedArray  # have one of a colour bar; masked elsewhere
     norm: Normalize
     ramp: Colormap
-    title: str | None = None
+    title: str | None = None  # of the legend
 
     def colours(self) -> np.ndarray:
         """Return the colour of each point, shape (..., 4); transparent without a result."""

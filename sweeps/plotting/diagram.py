@@ -159,17 +159,14 @@ def _in_chaos(line: xr.Dataset, values: np.ndarray) -> Callable[[np.ndarray], np
 
 
 class _Drawn(NamedTuple):
-    """The points of a diagram: the `ways` in which the `line` was followed, over its `values`.
-
-    `tints` are the colours of the points of each way, shape (n, 4), if the user chose any.
-    """
+    """The points of a diagram: the `ways` in which the `line` was followed, over its `values`."""
 
     line: xr.Dataset
     axis: str
     coordinate: str
     values: np.ndarray
     ways: list[xr.Dataset]
-    tints: list[np.ndarray]
+    tints: list[np.ndarray]  # colours of the points of each way, shape (n, 4), if any are chosen
     dense: bool
 
     @classmethod

@@ -29,20 +29,15 @@ _THIN: dict[str, Any] = {"linewidth": 0.3, "alpha": 0.5}
 
 
 class Part(NamedTuple):
-    """A stable or unstable piece of a branch, or the bifurcations of one kind.
+    """A stable or unstable piece of a branch, or the bifurcations of one kind."""
 
-    `name` is its name in the legend, out of ``LINES`` or ``MARKERS``. `x` are values of the axis,
-    shape (n,), and `y` values of the coordinate, shape (n, k), with NaN for no value. A piece is
-    `thin` if its branch is stable over less than a hundredth of the axis, because many such
-    branches would hide the others; their bifurcations are not drawn. `orbit` is the class of the
-    branch.
-    """
-
-    name: str
-    x: np.ndarray
-    y: np.ndarray
+    name: str  # in the legend, out of ``LINES`` or ``MARKERS``
+    x: np.ndarray  # values of the axis, shape (n,)
+    y: np.ndarray  # values of the coordinate, shape (n, k), with NaN for no value
+    #: Whether its branch is stable over less than a hundredth of the axis, because many such
+    #: branches would hide the others; their bifurcations are not drawn.
     thin: bool = False
-    orbit: str = ""
+    orbit: str = ""  # class of the branch
 
 
 def parts_of(found: xr.Dataset, coordinate: str) -> Iterator[Part]:

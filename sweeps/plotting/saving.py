@@ -52,20 +52,10 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
 
 
 def check_picture(output: Path, data: str | Path = "") -> None:
-    """Refuse a path to which no picture can be written.
+    """Refuse a path to which no picture of `data` can be written.
 
-    Parameters
-    ----------
-    output : Path
-        The picture to write.
-    data : str or Path, optional
-        The file with the data that are drawn.
-
-    Raises
-    ------
-    Refused
-        If `output` is the file with the data, if its ending is not one of ``FORMATS``, if no file
-        can be written there, or if matplotlib cannot draw with the settings of the user.
+    Raises Refused if it is the file with the data, if its ending is not one of ``FORMATS``, if no
+    file can be written there, or if matplotlib cannot draw with the settings of the user.
     """
     if os.path.isfile(data) and os.path.exists(output) and os.path.samefile(output, data):
         raise Refused(f"the picture {output} would replace the data; give another output")
@@ -107,10 +97,7 @@ def _check_size(figure: Figure) -> None:
 def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> None:
     """Write a figure, with its `description` as metadata, to a file, either whole or not at all.
 
-    Raises
-    ------
-    Refused, Failed
-        If the figure is too large, or as raised by `writing`.
+    Raises Refused if the figure is too large, and the errors of `writing`.
     """
     _check_size(figure)
     kind = output.suffix.lower().lstrip(".")
@@ -122,12 +109,6 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
 
 
 def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> None:
-    """Write the figure that `picture` makes of measurements to a file, in the common style.
-
-    Raises
-    ------
-    Failed
-        If the picture cannot be written.
-    """
+    """Write the figure that `picture` makes of measurements to a file, in the common style."""
     with mpl.rc_context(STYLE):
         save(picture(*measured), output)

@@ -32,12 +32,11 @@ PLAIN, REDUCED_STEP, CUBIC, EXACT = range(4)
 
 @dataclass(frozen=True)
 class ImpactRule:
-    """An impact rule: its number in compiled code, and its order of accuracy through impacts.
+    """An impact rule."""
 
-    The order is reached with an integrator of at least that order. None means exact to rounding.
-    """
-
-    code: int
+    code: int  # in compiled code
+    #: Order of accuracy through impacts, with an integrator of at least that order; None if exact
+    #: to rounding.
     order: int | None
 
 
@@ -53,15 +52,13 @@ THETA, SIN, COS = range(3)
 
 
 class PhaseGrid(NamedTuple):
-    """A run of equal steps, given by the phases of the force.
+    """A run of equal steps, given by the phases of the force."""
 
-    ``table`` has the shape (3, size + 1): theta = omega t, its sine and its cosine, at the start of
-    each step and at the end of the last one. ``phase_step`` is omega T; ``size`` is their number.
-    """
-
+    #: theta = omega t, its sine and its cosine, at the start of each step and at the end of the
+    #: last one, shape (3, size + 1).
     table: np.ndarray
-    phase_step: float
-    size: int
+    phase_step: float  # omega T
+    size: int  # number of steps
 
 
 def _grid(start: float, span: float, count: int) -> PhaseGrid:
@@ -128,15 +125,11 @@ def default_steps(points: np.ndarray, impact: str, integrator: str = "exact") ->
 
 
 class Scheme(NamedTuple):
-    """How orbits are stepped.
+    """How orbits are stepped."""
 
-    ``method`` holds the codes of the impact rule and of the integrator, ``lead`` the steps before
-    the first section, and ``grid`` the steps of a forcing period.
-    """
-
-    method: tuple[int, int]
-    lead: PhaseGrid
-    grid: PhaseGrid
+    method: tuple[int, int]  # codes of the impact rule and of the integrator
+    lead: PhaseGrid  # the steps before the first section
+    grid: PhaseGrid  # the steps of a forcing period
 
 
 def scheme_of(
