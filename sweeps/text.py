@@ -59,6 +59,11 @@ def in_units(unit: str, units: Mapping[str, str]) -> str:
     return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)
 
 
+def unit_name(unit: str) -> str:
+    """Return a unit if a name was chosen for it, as mm/s, and not for rad, 1 or length/time."""
+    return "" if unit in ("1", "rad") or re.search("length|time", unit) else unit
+
+
 def shown_range(values: Sequence[float | str]) -> str:
     """Write the range of values, for example 0.5 .. 0.9; if they are words, list each one."""
     if any(isinstance(value, str) for value in values):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from operator import attrgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,7 @@ import xarray as xr
 from sweeps.analysis.grouping import SETS, STARTS, GridIndex, parameter_at_points, records
 from sweeps.analysis.regimes import UNSETTLED, Regime
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import Selection, choice_of, config_of, select, swept_axes
+from sweeps.analysis.selection import Selection, choice_of, config_of, headed, select, swept_axes
 from sweeps.analysis.settle import orbit_speeds
 from sweeps.errors import Refused
 from sweeps.store import columns_of
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 
 #: Most impact speeds that are written out; of more, only the slowest and the fastest are.
 _MOST_SPEEDS = 4
+#: The variables of `sweeps.attractors` that are fields of a `Row`, or only lead to one.
+_OWN = {"number", "fraction", "motion", "m", "q", "settled", "representative"}
+_OWN |= {"section_x", "section_v"}
+#: The distances among the measures, with the flags that the edge of the window decided them.
+_EDGES = {"integrity_factor": "factor_at_edge", "local_integrity": "local_at_edge"}
 
 
 class Row(NamedTuple):
@@ -40,6 +46,8 @@ class Row(NamedTuple):
         recorded.
     point : int
         Index in C order of a point of the file on the attractor.
+    measures : mapping of str to number
+        The variables that `sweeps.integrity` and `sweeps.knocks` add, if any.
     """
 
     parameters: Mapping[str, float]
@@ -50,6 +58,7 @@ class Row(NamedTuple):
     fraction: float
     speeds: np.ndarray
     point: int
+    measures: Mapping[str, Any]
 
     @property
     def name(self) -> str:
@@ -82,7 +91,10 @@ def cut(dataset: xr.Dataset, at: Selection) -> xr.Dataset:
 
 
 def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
-    """List the attractors that `attractors` found, by parameter point, most frequent first."""
+    """List the attractors in a result, by parameter point, most frequent first.
+
+    It is the result of `sweeps.attractors`, `sweeps.integrity` or `sweeps.knocks` for the dataset.
+    """
     axes = [str(name) for name in result["attractors"].dims]
     columns = result[[name for name in result if "coexisting" in result[name].dims]]
     frame = columns.to_dataframe(dim_order=[*axes, "coexisting"])[list(columns)]
@@ -101,6 +113,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
     computed = orbit_speeds(config_of(dataset), starts, *orbits[["m", "q"]].values.T)
     for i, values in zip(hidden.tolist(), computed, strict=True):
         speeds[i] = values
+    measures = {name: frame[name].tolist() for name in map(str, columns) if name not in _OWN}
     return [
         Row(
             {name: values[i].item() for name, values in swept.items()},
@@ -111,6 +124,7 @@ def rows(dataset: xr.Dataset, result: xr.Dataset) -> list[Row]:
             row.fraction,
             speeds[i],
             int(place[i]),
+            {name: values[i] for name, values in measures.items()},
         )
         for i, row in enumerate(frame.itertuples())
     ]
@@ -135,16 +149,11 @@ def shown_speeds(row: Row) -> str:
 
 
 def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]) -> str:
-    """Write the attractors as a table, for one parameter point or for the whole sweep."""
-    if result["attractors"].ndim:
+    """Write the attractors as a table, those of several parameter points once if not measured."""
+    if result["attractors"].ndim and "integrity_factor" not in result:
         lines = _over_parameters(dataset, result, attractors)
     else:
-        head = ["attractor", "class", "speeds before the impacts", "fraction of the starts"]
-        body = [
-            [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
-            for row in attractors
-        ]
-        lines = [table([head, *body])]
+        lines = [_row_by_row(dataset, result, attractors)]
     missing = int((result["attractor"] < 0).sum())
     if missing:
         lines.append(
@@ -160,7 +169,50 @@ def describe(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row])
     if unsettled.any():
         share = 100.0 * float(unsettled.mean())
         lines.append(f"{share:.1f} % of the starts have not settled; their attractors are unknown")
+    if "integrity_factor" in result:
+        root = "" if "p" in parameters_of(dataset) else ", p = sqrt(stiffness / mass)"
+        lines.append(
+            f"distances: sqrt(dx^2 + (dv / p)^2){root}, at omega t = 0; "
+            ">=: the window's edge decided"
+        )
     return "\n".join(lines)
+
+
+def _row_by_row(dataset: xr.Dataset, result: xr.Dataset, attractors: Sequence[Row]) -> str:
+    """Write each attractor at each parameter point, with its measures."""
+    axes = parameter_axes(dataset) if result["attractors"].ndim else ()
+    measured = [name for name in (*_EDGES, "knock_harmful") if name in result]
+    heads = {"knock_harmful": "least knock"}
+    head = [
+        *(headed(axis, dataset[axis]) for axis in axes),
+        "attractor",
+        "class",
+        headed("speeds before the impacts", result["section_v"]),
+        "share of the starts",
+        *(headed(heads.get(name, name.replace("_", " ")), result[name]) for name in measured),
+    ]
+    body = []
+    for row in attractors:
+        cells = [f"{row.parameters[axis]:.6g}" for axis in axes]
+        cells += [row.shown_number, row.name, shown_speeds(row) or "-", f"{row.fraction:.4f}"]
+        body.append(cells + [_measure(row.measures, name) for name in measured])
+    return table([head, *body])
+
+
+def _measure(measures: Mapping[str, Any], name: str) -> str:
+    """Write a measure of an attractor: a distance, or the least knock."""
+    value = measures[name]
+    if math.isnan(value):  # of a motion that is not counted, or has no knock
+        return "-"
+    if name in _EDGES:
+        return f"{'>= ' if measures[_EDGES[name]] else ''}{value:.4g}"
+    if math.isinf(value):
+        return "none up to the height of the window"
+    ends = measures["knock_ends"]
+    to = f"to {ends}" if ends >= 0 else "to an unknown attractor"
+    notes = "" if measures["knock_certified"] else ", not certified"
+    notes += ", fractal: the least tried" if measures["knock_fractal"] else ""
+    return f"{value:+.9g} at omega t = {measures['knock_phase']:.4f}, {to}{notes}"
 
 
 def _over_parameters(
@@ -168,7 +220,8 @@ def _over_parameters(
 ) -> list[str]:
     """Write each attractor once, with the range of its parameters and its share of the starts."""
     counted, axes = result["attractors"], parameter_axes(dataset)
-    head = ["attractor", "class", *axes, "parameter points", "fraction of the starts there"]
+    heads = [headed(axis, dataset[axis]) for axis in axes]
+    head = ["attractor", "class", *heads, "parameter points", "share of the starts there"]
     number = attrgetter("number")
     by_number = groupby(sorted(attractors, key=number), number)
     lines = [table([head, *(_summary(list(appearances), axes) for _, appearances in by_number)])]
@@ -200,11 +253,11 @@ def table_of(attractors: Sequence[Row]) -> pd.DataFrame:
     """Return the attractors as a table for a CSV file, with impact speeds separated by spaces."""
     import pandas as pd
 
-    axes = list(attractors[0].parameters) if attractors else []
-    columns = [*axes, "attractor", "motion", "m", "q", "fraction", "impact_v"]
+    axes, measures = (attractors[0].parameters, attractors[0].measures) if attractors else ((), ())
+    columns = [*axes, "attractor", "motion", "m", "q", "fraction", "impact_v", *measures]
     body = []
     for row in attractors:
         speeds = " ".join(map(repr, row.speeds.tolist()))
         own = [row.number, row.regime.name.lower(), row.m, row.q, row.fraction, speeds]
-        body.append([*row.parameters.values(), *own])
+        body.append([*row.parameters.values(), *own, *row.measures.values()])
     return pd.DataFrame(body, columns=columns)

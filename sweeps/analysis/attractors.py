@@ -30,7 +30,7 @@ import xarray as xr
 from sweeps.analysis.grouping import SETS, GridIndex, Groups
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
-from sweeps.analysis.selection import config_of, diagnostics_with
+from sweeps.analysis.selection import config_of, described, diagnostics_with
 from sweeps.analysis.settle import EXTENSIONS, Outcomes
 from sweeps.analysis.tracking import PeriodicAttractors, exact_links, track
 from sweeps.config.rig import model_name
@@ -128,27 +128,28 @@ def attractors(
     shown = _settled_members(of_point, heads, ends)
     x, v = groups.last[shown].T
     q = ends.q[shown] * m // np.maximum(ends.m[shown], 1)
-    columns: dict[str, tuple[np.ndarray, str]] = {
-        "number": (number, "number of the attractor"),
-        "fraction": (fraction, "fraction of the starts"),
-        "motion": (regime, "kind of motion"),
-        "m": (m, "forcing periods per repetition, 0: not periodic"),
-        "q": (q, "impacts per repetition, 0: not periodic"),
-        "settled": (~ends.followed[shown], "whether its record shows it"),
-        "section_x": (x, "displacement at the section"),
-        "section_v": (v, "velocity at the section"),
-        "representative": (points.start[shown], "number of its representative start"),
+    columns: dict[str, tuple[np.ndarray, str, str]] = {
+        "number": (number, "number of the attractor", "1"),
+        "fraction": (fraction, "share of the starts", "1"),
+        "motion": (regime, "kind of motion", "1"),
+        "m": (m, "forcing periods per repetition, 0: not periodic", "1"),
+        "q": (q, "impacts per repetition, 0: not periodic", "1"),
+        "settled": (~ends.followed[shown], "whether its record shows it", "1"),
+        "section_x": (x, "displacement at the section", "length"),
+        "section_v": (v, "velocity at the section", "length/time"),
+        "representative": (points.start[shown], "number of its representative start", "1"),
     }
+    config = config_of(dataset)
     order = np.lexsort((number, -members, parameter))
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order)) - np.searchsorted(parameter[order], parameter[order])
     data: dict[str, Any] = {}
-    for name, (values, meaning) in columns.items():
+    for name, (values, meaning, unit) in columns.items():
         missing = {"f": np.nan, "b": False}.get(values.dtype.kind, -1)
         grid = np.full((points.count, int(rank.max(initial=0)) + 1), missing, values.dtype)
         grid[parameter, rank] = values
         shaped = grid.reshape(*points.shape, -1)
-        data[name] = ((*points.parameters, "coexisting"), shaped, {"long_name": meaning})
+        data[name] = (*points.parameters, "coexisting"), shaped, described(config, meaning, unit)
     data["motion"][2]["flag_values"] = np.array(list(Regime))
     data["motion"][2]["flag_meanings"] = " ".join(regime.name.lower() for regime in Regime)
     counted = np.bincount(parameter[np.isin(regime, COUNTED)], minlength=points.count)

@@ -26,6 +26,7 @@ from sweeps.analysis.selection import (
     check_diagnostic,
     chosen_axes,
     config_of,
+    headed,
     select,
     swept_axes,
 )
@@ -99,7 +100,7 @@ def bifurcations(
     along, found = find_bifurcations(dataset, axis, at)
     named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
     named = named[[*_others(found), "kind", "value", "low", "high", "before", "after", "between"]]
-    named.attrs |= {"axis": along, "unclassified": found.attrs["unclassified"]}
+    named.attrs = {"axis": along, "unclassified": found.attrs["unclassified"]}
     return named
 
 
@@ -130,7 +131,8 @@ def find_bifurcations(
     columns = [*other_axes, *(field.name for field in fields(Change)), "kind", "value"]
     found = pd.DataFrame(rows, columns=columns)
     found["value"] = on_axis(dataset, along, found["value"].to_numpy(float))
-    found.attrs["unclassified"] = unclassified
+    heads = {name: headed(name, dataset[name]) for name in (*other_axes, along)}
+    found.attrs |= {"unclassified": unclassified, "heads": heads}
     return along, found
 
 
@@ -181,6 +183,11 @@ def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float
     return "", np.nan
 
 
+def _heads(axis: str, found: pd.DataFrame) -> list[str]:
+    """Return the heads of the columns of the other axes, and of the axis."""
+    return [found.attrs["heads"][name] for name in (*_others(found), axis)]
+
+
 def _others(found: pd.DataFrame) -> list[str]:
     """Return the names of the other axes, which are the first columns."""
     return list(found.columns[: list(found).index("low")])
@@ -198,7 +205,7 @@ def describe(axis: str, found: pd.DataFrame) -> str:
     if len(others) <= _MOST_INEXACT:
         listed = found.loc[[*listed.index, *others.index]]
     if len(listed):
-        head = [*_others(found), axis, "kind", "classes", "between", ""]
+        head = [*_heads(axis, found), "kind", "classes", "between", ""]
         parts.append(table([head, *map(_row, listed.to_dict("records"))]))
     if len(listed) < len(found):
         parts.append(f"{len(others)} changes without an exact value\n{_summary(axis, others)}")
@@ -256,7 +263,8 @@ def _summary(axis: str, found: pd.DataFrame) -> str:
         ]
         for group, items in sorted(groups, key=lambda one: -len(one[1]))
     ]
-    lines = [table([["kind", "classes", "times", axis, *others], *rows[:MOST_ROWS]])]
+    *heads, of_axis = _heads(axis, found)
+    lines = [table([["kind", "classes", "times", of_axis, *heads], *rows[:MOST_ROWS]])]
     if len(rows) > MOST_ROWS:
         lines.append(f"and {len(rows) - MOST_ROWS:,} rarer pairs of classes")
     if others:
@@ -313,7 +321,8 @@ def describe_branches(
     rows = [
         [f"{point.value:.12g}", point.kind, f"{point.m}/{point.q}"] for point in shown.itertuples()
     ]
-    lines = ["", found.attrs["summary"], "", table([[axis, "kind", "class"], *rows])]
+    head = [headed(axis, dataset[axis]), "kind", "class"]
+    lines = ["", found.attrs["summary"], "", table([head, *rows])]
     if left := len(frame) - len(shown):
         lines.append(f"{left} more on branches that are stable over less than 1 % of the axis")
     return "\n".join(lines if rows else lines[:2])

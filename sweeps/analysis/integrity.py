@@ -15,32 +15,23 @@ cuts off the disc.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractors import COUNTED, attractors
 from sweeps.analysis.grouping import points_of
-from sweeps.analysis.regimes import Regime
-from sweeps.analysis.selection import config_of, listed, swept_axes
+from sweeps.analysis.selection import config_of, described, listed, swept_axes
 from sweeps.analysis.settle import follow
 from sweeps.errors import Refused
-from sweeps.text import table
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-#: The variables that `integrity` adds.
-_MEANING = {
-    "integrity_factor": "radius of the largest disc in the basin",
-    "disc_x": "displacement at the centre of the disc",
-    "disc_v": "velocity at the centre of the disc",
-    "factor_at_edge": "whether the edge of the window decided the integrity factor",
-    "local_integrity": "distance from the attractor to the nearest start outside its basin",
-    "local_at_edge": "whether the edge of the window decided the local integrity measure",
+#: The variables that `integrity` adds, with their meanings and units.
+_MEASURES = {
+    "integrity_factor": ("radius of the largest disc in the basin", "length"),
+    "disc_x": ("displacement at the centre of the disc", "length"),
+    "disc_v": ("velocity at the centre of the disc", "length/time"),
+    "factor_at_edge": ("whether the edge of the window decided the integrity factor", "1"),
+    "local_integrity": ("distance to the nearest start outside the basin", "length"),
+    "local_at_edge": ("whether the edge of the window decided the local integrity measure", "1"),
 }
 
 
@@ -96,16 +87,16 @@ def integrity(dataset: xr.Dataset) -> xr.Dataset:
     periods = np.where(m[at] > 0, m[at], config.record.periods)  # a record if not periodic
     longest = int(periods.max(initial=1))
     _, sections = follow(config, points, longest)
-    measures = np.full((len(_MEANING), *number.shape), np.nan)
+    measures = np.full((len(_MEASURES), *number.shape), np.nan)
     for n, (i, k) in enumerate(zip(*at, strict=True)):
         basin = starts.values.reshape(-1, len(x), len(v))[i] == number[i, k]
         w = 1.0 / points["p"][n]
         states = sections[n, : periods[n]]
         measures[:, i, k] = measures_of(basin, x, v, w, points["clearance"][n], states)
-    for (name, meaning), values in zip(_MEANING.items(), measures, strict=True):
+    for (name, about), values in zip(_MEASURES.items(), measures, strict=True):
         shaped = values.reshape(found["number"].shape)
         shaped = shaped == 1.0 if name.endswith("edge") else shaped
-        found[name] = (found["number"].dims, shaped, {"long_name": meaning})
+        found[name] = (found["number"].dims, shaped, described(config, *about))
     return found
 
 
@@ -117,7 +108,7 @@ def measures_of(
     clearance: float,
     states: np.ndarray,
 ) -> tuple[float, ...]:
-    """Return the measures, in the order of ``_MEANING``, of an attractor with states (n, 2).
+    """Return the measures, in the order of ``_MEASURES``, of an attractor with states (n, 2).
 
     `basin` is the mask of the starts in its basin, over the increasing, evenly spaced values of x
     and v.
@@ -156,46 +147,3 @@ def _refuse_unfit(dataset: xr.Dataset) -> None:
         steps = np.diff(np.sort(dataset[name].values))
         if not len(steps) or np.ptp(steps) > 1e-6 * steps.max():
             raise Refused(f"the values of {name} are not evenly spaced; expected: start, stop, num")
-
-
-def table_of(found: xr.Dataset) -> pd.DataFrame:
-    """Return a row for each attractor in the result of `integrity` or `knocks`."""
-    axes = [str(name) for name in found["attractors"].dims]
-    frame = found.drop_dims(["x0", "v0"]).to_dataframe(dim_order=[*axes, "coexisting"])
-    frame = frame[frame["integrity_factor"].notna()].reset_index()
-    frame["motion"] = frame["motion"].map(lambda regime: Regime(regime).name.lower())
-    frame = frame.rename(columns={"number": "attractor"})
-    added = [name for name in found if name in _MEANING or str(name).startswith("knock_")]
-    return frame[[*axes, "attractor", "motion", "m", "q", "fraction", *added]]
-
-
-def describe(frame: pd.DataFrame) -> str:
-    """Write the rows of `table_of` for the terminal."""
-    axes = list(frame.columns[: list(frame).index("attractor")])
-    head = [*axes, "attractor", "class", "share", "integrity factor", "local integrity"]
-    head += ["least knock"] if "knock_ends" in frame else []
-    body = []
-    for row in frame.to_dict("records"):
-        cells = [f"{row[axis]:.6g}" for axis in axes]
-        name = f"{row['m']}/{row['q']}" if row["m"] else row["motion"]
-        cells += [str(row["attractor"]), name, f"{row['fraction']:.4f}"]
-        for name, edge in (("integrity_factor", "factor"), ("local_integrity", "local")):
-            cells.append(f"{'>= ' if row[f'{edge}_at_edge'] else ''}{row[name]:.4g}")
-        if "knock_ends" in row:
-            cells.append(shown_knock(row))
-        body.append(cells)
-    return (
-        f"{table([head, *body])}\n"
-        "distances: sqrt(dx^2 + (dv / p)^2), at omega t = 0; >=: the window's edge decided"
-    )
-
-
-def shown_knock(row: Mapping[str, Any]) -> str:
-    """Write a knock: its size, its phase, and the attractor to which it leads."""
-    if not math.isfinite(row["knock_harmful"]):
-        return "-" if math.isnan(row["knock_harmful"]) else "none up to the height of the window"
-    ends = row["knock_ends"]
-    to = f"to {ends}" if ends >= 0 else "to an unknown attractor"
-    notes = "" if row["knock_certified"] else ", not certified"
-    notes += ", fractal: the least tried" if row["knock_fractal"] else ""
-    return f"{row['knock_harmful']:+.9g} at omega t = {row['knock_phase']:.4f}, {to}{notes}"

@@ -25,7 +25,7 @@ import xarray as xr
 from sweeps.analysis.attractors import attractors
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import section_distance
-from sweeps.analysis.selection import config_of, oscillator_of
+from sweeps.analysis.selection import config_of, described, oscillator_of
 from sweeps.analysis.settle import follow
 from sweeps.errors import Refused
 from vibroimpact import OrbitError, Oscillator, PeriodicOrbit, periodic_orbit, simulate
@@ -42,6 +42,19 @@ _NEARNESS = 1e-6
 #: Forcing periods for which a motion is followed, one after the other until it has reached an
 #: attractor, and the last of these that are recorded.
 _FOLLOWED, _RECORD = (200, 800, 3200, 12800), 32
+
+
+#: The meaning and the unit of each field of a `Knock`.
+_FIELDS = {
+    "phase": ("phase of the forcing at the worst moment", "rad"),
+    "x": ("displacement at the worst moment", "length"),
+    "v": ("velocity at the worst moment", "length/time"),
+    "harmless": ("greatest harmless change of velocity", "length/time"),
+    "harmful": ("least harmful change of velocity", "length/time"),
+    "ends": ("number of the attractor to which it leads, -1: unknown", "1"),
+    "certified": ("whether both motions reached an attractor with no impact missed", "1"),
+    "fractal": ("whether a smaller knock may be harmful, too", "1"),
+}
 
 
 class Knock(NamedTuple):
@@ -113,8 +126,13 @@ def knocks(
         motions.worst(number, limit) if number in sought else Knock(harmful=math.nan)
         for number in found["number"].values.tolist()
     ]
-    columns = zip(Knock._fields, zip(*rows, strict=True), strict=True)
-    return found.assign({f"knock_{name}": ("coexisting", list(column)) for name, column in columns})
+    config, columns = config_of(starts), zip(*rows, strict=True)
+    return found.assign(
+        {
+            f"knock_{name}": ("coexisting", list(column), described(config, *about))
+            for (name, about), column in zip(_FIELDS.items(), columns, strict=True)
+        }
+    )
 
 
 class _Motions:

@@ -16,7 +16,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable, columns_of
-from sweeps.text import nearest, suggestion
+from sweeps.text import in_units, nearest, suggestion, unit_name
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
@@ -66,6 +66,17 @@ def config_of(dataset: xr.Dataset) -> SweepConfig:
 def _parsed(configuration: str) -> SweepConfig:
     """Parse the configuration of a file; the cache avoids doing so for each part of a picture."""
     return parse_config(configuration, "its configuration", "sweep")
+
+
+def described(config: SweepConfig, meaning: str, unit: str) -> dict[str, str]:
+    """Return the attributes of what is computed from a sweep, with the names of its units."""
+    return {"long_name": meaning, "units": in_units(unit, dict(config.units.items()))}
+
+
+def headed(name: str, variable: xr.DataArray) -> str:
+    """Return the head of a column, with the unit of the variable in brackets if it has a name."""
+    unit = unit_name(variable.attrs.get("units", "1"))
+    return f"{name} [{unit}]" if unit else name
 
 
 def oscillator_of(point: xr.Dataset | np.void | Mapping[str, float]) -> Oscillator:

@@ -40,22 +40,17 @@ def attractors(
     csv: Csv = None,
 ) -> None:
     """List the attractors of a sweep, their impact speeds, and how many starts reach each."""
-    from sweeps.analysis.attractor_table import cut, describe, rows, table_of
+    from sweeps.analysis.attractor_table import cut
     from sweeps.analysis.attractors import attractors
     from sweeps.analysis.selection import on_grid
-    from sweeps.analysis.tables import write_csv
 
     cuts = selection_of(at)
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        result = attractors(shown)
-        table = rows(shown, result)
+        found = attractors(shown)
         say_moved(cuts, here, "shown")
-        say(describe(shown, result, table))
-        if csv is not None:
-            write_csv(csv, table_of(table))
-            say(csv)
+        _show_attractors(shown, found, csv)
 
 
 def integrity(
@@ -64,25 +59,32 @@ def integrity(
     csv: Csv = None,
 ) -> None:
     """Show how large a disturbance each attractor takes, and at one point the least knock."""
-    from sweeps.analysis import integrity as measures
     from sweeps.analysis.attractor_table import cut
+    from sweeps.analysis.integrity import integrity
     from sweeps.analysis.knocks import knocks
     from sweeps.analysis.selection import config_of, on_grid
-    from sweeps.analysis.tables import write_csv
 
     cuts = selection_of(at)
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        found = measures.integrity(shown)
+        found = integrity(shown)
         if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
             found = knocks(shown, found)
         say_moved(cuts, here, "shown")
-        frame = measures.table_of(found)
-        say(measures.describe(frame))
-        if csv is not None:
-            write_csv(csv, frame)
-            say(csv)
+        _show_attractors(shown, found, csv)
+
+
+def _show_attractors(shown: xr.Dataset, found: xr.Dataset, csv: Path | None) -> None:
+    """Show the attractors found in a part of a sweep, and write them to a CSV file if given."""
+    from sweeps.analysis.attractor_table import describe, rows, table_of
+    from sweeps.analysis.tables import write_csv
+
+    table = rows(shown, found)
+    say(describe(shown, found, table))
+    if csv is not None:
+        write_csv(csv, table_of(table))
+        say(csv)
 
 
 def info(

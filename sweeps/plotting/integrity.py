@@ -120,6 +120,8 @@ def _draw_profile(
     bounded = False
     for panel, (name, at_edge, title) in zip(panels, _MEASURES, strict=True):
         panel.set_title(title, loc="left")
+        if named_unit(found[name]):
+            label_axis(panel.yaxis, found[name].assign_attrs(long_name="", symbol=""))
         is_bound = found[at_edge] if at_edge else found[name].isnull()
         values = found[name].where(found["integrity_factor"].notnull())
         highest = values.where(~is_bound).max().fillna(values.max()).fillna(0.0)
@@ -154,8 +156,8 @@ def _draw_disturbances(
     handles: list[Artist] = [
         Line2D([], [], marker="o", fillstyle="none", label="largest disc", **line)
     ]
-    measures = there.drop_dims(["x0", "v0"]).to_dataframe().to_dict("records")
-    for row, one in zip(table, measures, strict=False):
+    for row in rows(starts, there):
+        one = row.measures
         if row.number not in numbers or not one["integrity_factor"] > 0.0:
             continue  # no attractor, or none with a colour of its own
         size = 2.0 * one["integrity_factor"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,7 @@ from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import COORDINATES, config_of
 from sweeps.config.rig import parameter_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
-from sweeps.text import in_units
+from sweeps.text import in_units, unit_name
 from vibroimpact.oscillator import PARAMETERS, Parameter
 from vibroimpact.status import Status
 
@@ -59,9 +58,8 @@ def label(variable: xr.DataArray, prefix: str = "") -> str:
 
 def named_unit(variable: xr.DataArray) -> str:
     """Return the unit of a variable if a name was chosen for it, else an empty text."""
-    unit: str = variable.attrs.get("units", "1")  # a user's own coordinate has no unit
-    named = unit not in ("1", "rad") and not re.search("length|time", unit)
-    return unit.replace("^2", "$^2$") if named else ""
+    unit = variable.attrs.get("units", "1")  # a user's own coordinate has no unit
+    return unit_name(unit).replace("^2", "$^2$")
 
 
 def basins_title(config: SweepConfig) -> str:

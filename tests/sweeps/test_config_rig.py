@@ -12,7 +12,15 @@ from typer.testing import CliRunner
 
 from commands import accepted, call, refused
 from sweep_files import load, refusal, run_in
-from sweeps import bifurcations, branches, open_sweep, plotting, run_sweep
+from sweeps import (
+    bifurcations,
+    branches,
+    integrity,
+    knocks,
+    open_sweep,
+    plotting,
+    run_sweep,
+)
 from sweeps.analysis.rig import in_si
 from sweeps.cli.main import app
 from sweeps.config.json_schema import json_schema
@@ -350,6 +358,7 @@ def test_bifurcations_of_a_rig_are_in_hertz(joint):
     text = accepted("info", joint, "--bifurcations", "--csv", "found.csv")
     listed = [line for line in text.splitlines() if line.endswith("graze  1/1")]
     assert float(listed[0].split()[0]) == pytest.approx(graze(), rel=1e-10)
+    assert text.startswith("frequency [Hz]  kind") and "\n\nfrequency [Hz]  kind" in text
     assert "omega" not in text
     low, high = columns_of("found.csv", "frequency_low", "frequency_high")
     assert ((low >= 22.0) & (high <= 41.0 * (1.0 + 1e-15))).all()
@@ -473,6 +482,33 @@ def test_attractors_of_a_rig_are_listed_over_its_frequency():
     assert panel.get_xlabel().endswith("[Hz]")
     assert panel.dataLim.intervalx == pytest.approx([22.0, 41.0])
     assert "shown at frequency = 31.5" in call("attractors", path, "--at", "frequency=30").stderr
+
+
+@pytest.mark.slow
+def test_attractors_and_their_measures_have_units():
+    """At 36 Hz the motions 1/1 and 1/0 coexist."""
+    x0, v0 = "{start: -0.0015, stop: 0.0005, num: 12}", "{start: -0.4, stop: 0.4, num: 12}"
+    few = "record={transient: 200, periods: 8}", "rig.frequency=[36, 37]"
+    path = run_sweep(load(JOINT, f"start={{x0: {x0}, v0: {v0}}}", *few), "measured.h5")
+    heads = {
+        ("attractors",): ["class  frequency [Hz]  parameter points"],
+        ("attractors", "--at", "frequency=36"): ["class  speeds before the impacts [m/s]  share"],
+        ("integrity",): ["frequency [Hz]  attractor", "integrity factor [m]  local integrity [m]"],
+        ("integrity", "--at", "frequency=36"): ["local integrity [m]  least knock [m/s]"],
+    }
+    for (command, *options), parts in heads.items():
+        text = accepted(command, path, *options)
+        assert all(part in text.splitlines()[0] for part in parts)
+        assert command == "attractors" or "p = sqrt(stiffness / mass), at" in text
+    with open_sweep(path) as ds:
+        found = knocks(ds.isel(omega=0), integrity(ds.isel(omega=0)))
+        figure = plotting.integrity(ds)
+    units = {"section_x": "m", "section_v": "m/s", "disc_v": "m/s", "local_integrity": "m"}
+    units |= {"knock_harmful": "m/s", "knock_phase": "rad", "fraction": "1"}
+    assert {name: found[name].units for name in units} == units
+    figure.draw_without_rendering()
+    labels = ["", "[mm]", "[mm]", "initial velocity $v_0$ [m/s]"]
+    assert [panel.get_ylabel().strip() for panel in figure.axes] == labels
 
 
 def test_the_live_picture_of_a_rig_has_the_numbers_of_the_model():

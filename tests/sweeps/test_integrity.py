@@ -209,14 +209,17 @@ def test_the_command(tmp_path):
     file = run_in(tmp_path, CONFIG, "start.x0.num=16", "start.v0.num=21")
     lines = accepted("integrity", file).splitlines()
     assert [line.split()[:3] for line in lines[1:3]] == [["2.6", "0", "1/0"], ["2.6", "1", "2/1"]]
+    assert "[" not in lines[0]  # no unit has a name
     assert "(dv / p)^2), at omega t = 0" in lines[-1]
     text = accepted("integrity", file, "--at", "omega=2.6", "--csv", "a.csv")
     assert "to 1" in text and "to 0" in text
     heading, *rows = Path("a.csv").read_text().splitlines()
     accepted("attractors", file, "--at", "omega=2.6", "--csv", "b.csv")
-    common = "attractor,motion,m,q,fraction,"
-    assert heading.startswith(common) and Path("b.csv").read_text().startswith(common)
-    assert len(rows) == 2 and rows[1].startswith("1,periodic,2,1,")
+    other, *same = Path("b.csv").read_text().splitlines()
+    assert other == "attractor,motion,m,q,fraction,impact_v"
+    assert heading.startswith(f"{other},integrity_factor,disc_x,") and len(rows) == 2
+    assert all(row.startswith(f"{start},") for row, start in zip(rows, same, strict=True))
+    assert rows[1].startswith("1,periodic,2,1,")
 
 
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
