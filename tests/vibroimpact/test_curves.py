@@ -368,6 +368,25 @@ def test_the_folds_of_an_even_orbit_end_at_the_degenerate_flip_of_its_half(
             assert float(away) == pytest.approx(0.0, abs=1e-8)
 
 
+@pytest.mark.parametrize("case", [0, 3])
+def test_a_curve_of_folds_ends_at_an_edge_that_comes_before_its_degenerate_flip(case):
+    """The halves differ by less than a twentieth there, and the flip is beyond the range."""
+    (h, R, omega, clearance), m, phases, speeds, first, second, _ = EVEN_FOLDS[case]
+    osc = Oscillator(h=h, R=R, omega=omega, f=1.0, clearance=clearance)
+    start = PeriodicOrbit(osc, m, np.array(phases), np.array(speeds))
+    ranges = {name: RANGES[name] for name in (first, second)}
+    found = bifurcation_curve(start, "fold", *((name, *ends) for name, ends in ranges.items()))
+    at = [point.kind for point in found.special].index("flip")
+    flip, beside = found.special[at].value[1], found.values[(1, -2)[at], 1]
+    edge = flip + 0.01 * (beside - flip)
+    ranges[second] = (edge, ranges[second][1]) if flip < edge else (ranges[second][0], edge)
+    middle = found.orbit(len(found.values) // 2)
+    short = bifurcation_curve(middle, "fold", *((name, *ends) for name, ends in ranges.items()))
+    assert sorted(point.kind for point in short.special) == ["edge", "graze"]
+    (end,) = [point for point in short.special if point.kind == "edge"]
+    assert end.value[1] == pytest.approx(edge, rel=1e-9)
+
+
 def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
     """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
     osc = Oscillator(

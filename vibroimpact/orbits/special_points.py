@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -67,7 +66,8 @@ def special_points(
         if meeting is not None:
             yield from (("flip", meeting), ("fold", meeting))
     elif step.family.kind == "fold":
-        cusp = _cusp(step if half is None else _cut(step, half))
+        # At a degenerate flip the heading turns back, too, but Newton's method fails there.
+        cusp = _cusp(step)
         if cusp is not None:
             yield "cusp", cusp
 
@@ -107,17 +107,6 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
         return None
     change = after - before
     return step.root(lambda X: float(_heading(step, X) @ change))
-
-
-def _cut(step: ArclengthStep, half: np.ndarray) -> ArclengthStep:
-    """Return the part of a step on a curve of folds that ends short of its end at `half`."""
-    size = math.sqrt(np.mean(_difference_of_halves(step.family, step.begin.X) ** 2))
-    X, tangent = step.begin.X, step.begin.tangent
-    if size > _BESIDE[0]:
-        guess = X + (1.0 - _BESIDE[0] / size) * (half - X)
-        found = step.family.corrected(guess, tangent[None, :])
-        X = X if found is None else found
-    return replace(step, end=step.end._replace(X=X), length=step.place(X) * step.length)
 
 
 def _heading(step: ArclengthStep, X: np.ndarray) -> np.ndarray:
@@ -197,7 +186,7 @@ def _with_touch(
         _, u, a = state_after(values, theta, v, tau)
         if not a < 0.0 or abs(u / a) < 1e-12 * tau:
             break
-        tau = max(tau - u / a, 0.5 * tau)
+        tau -= u / a
     Y = np.insert(X, 2 * at + 2, (theta + omega * tau, 0.0))
     z = Y[: 2 * family.q + 2].reshape(-1, 2)
     touching = PeriodicOrbit(family.oscillator(X), family.m, z[:, 0], z[:, 1] * family.speed)

@@ -66,10 +66,10 @@ def is_first(w, w_i, t, bound, phase_step):
 
 
 @jit
-def bounce(eq, launch, bound, left, phase_step):
+def bounce(eq, launch, left, phase_step):
     """Return the length of a rebound that returns within half a step, and w at its end.
 
-    They are -1 and 0 if there is no proof.
+    They are -1 and 0 if no return is found. `is_first` proves that it is the first.
     """
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
@@ -90,10 +90,7 @@ def bounce(eq, launch, bound, left, phase_step):
         # Relative to t, the next change would be about the cube of this one; the change of the
         # slope would be about its square.
         if abs(change) <= 1e-6 * t:
-            w_i = t * fma(-2.0 * e, change, d)
-            if t < longest and is_first(w, w_i, t, bound, phase_step):
-                return t, w_i
-            break
+            return (t, t * fma(-2.0 * e, change, d)) if t < longest else (-1.0, 0.0)
     return -1.0, 0.0
 
 

@@ -169,7 +169,7 @@ def exact_flight(eq, launch, released, bound, left, phase_step, flight):
     if launched:
         dtheta, w_i = short_bounce(eq, launch)
         if not dtheta >= 0.0:
-            dtheta, w_i = bounce(eq, launch, bound, left, phase_step)
+            dtheta, w_i = bounce(eq, launch, left, phase_step)
         if 0.0 < dtheta < left and is_first(launch.w, w_i, dtheta, bound, phase_step):
             return dtheta, w_i, 1, -math.inf
     expand_flight(eq, launch, released, phase_step, flight)
