@@ -21,7 +21,7 @@ import xarray as xr
 from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, with_special_points
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
 from sweeps.analysis.regimes import classify
-from sweeps.analysis.rig import orbits_on_axes
+from sweeps.analysis.rig import on_axis, orbits_on_axes
 from sweeps.analysis.selection import (
     Selection,
     check_diagnostic,
@@ -118,13 +118,14 @@ def curves(
 
 
 def summary(
+    cut: xr.Dataset,
     curves: Sequence[Branch],
     classes: Collection[tuple[int, int]],
     total: int,
     explained: int,
     reasons: Mapping[str, Counter[str]],
 ) -> str:
-    """Write lines on the curves found, and on the reasons why changes have no curve."""
+    """Write lines on the curves found in a cut, and on the reasons why changes have no curve."""
     kinds = Counter(curve.kind for curve in curves)
     counted = listed([f"{kinds[kind]} of {kind}s" for kind in KINDS if kinds[kind]]) or "none"
     lines = [f"{len(curves)} exact curves: {counted}"]
@@ -149,7 +150,9 @@ def summary(
         for point in curve.special:
             if point.kind == "lost":
                 values = zip(curve.parameters, point.value.tolist(), strict=True)
-                where = ", ".join(f"{name} = {value:g}" for name, value in values)
+                where = ", ".join(
+                    f"{cut[name].dims[0]} = {on_axis(cut, name, value):g}" for name, value in values
+                )
                 why = lost_text(len(curve.values), point.orbit.speeds)
                 name = f"{curve.kind}s of {curve.m}/{curve.q}"
                 lines.append(f"a curve of {name} is lost at {where}: {why}")
@@ -176,7 +179,7 @@ class _Search:
         chosen: Collection[tuple[int, int]],
         kinds: Collection[str],
     ) -> None:
-        self._axes, self._chosen, self._kinds = axes, chosen, kinds
+        self._cut, self._axes, self._chosen, self._kinds = cut, axes, chosen, kinds
         self._values = [cut[axis].values for axis in axes]
         self._motions = PeriodicPoints.of(cut)
         self._classes = np.stack([self._motions.m, self._motions.q], axis=2)
@@ -220,7 +223,7 @@ class _Search:
         about = {
             "changes": total,
             "explained": explained,
-            "summary": summary(found, self._chosen, total, explained, counted),
+            "summary": summary(self._cut, found, self._chosen, total, explained, counted),
         }
         return rows.assign(
             kind=("point", np.array([curve.kind for curve in found], "U11")[number]),

@@ -88,10 +88,8 @@ def parameters_of(dataset: xr.Dataset) -> Mapping[str, Parameter]:
 
 def on_axis(dataset: xr.Dataset, axis: str, values: Any) -> Any:
     """Convert values of the model's parameter along an axis to the units of the axis."""
-    rig, name = rig_of(dataset), model_name(axis)
-    if rig is None or IN_SI not in dataset.attrs or name not in QUANTITIES:
-        return values
-    return rig.in_si(name, values)
+    name, rig = model_name(axis), rig_of(dataset) if IN_SI in dataset.attrs else None
+    return values if rig is None or name not in QUANTITIES else rig.in_si(name, values)
 
 
 def orbits_on_axes(dataset: xr.Dataset, found: xr.Dataset) -> xr.Dataset:

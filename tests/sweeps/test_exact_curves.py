@@ -6,10 +6,11 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from commands import accepted, refused
 from sweep_files import run_in
-from sweeps import curves, open_sweep
+from sweeps import curves, load_config, open_sweep
 from sweeps.analysis import exact_curves
 from sweeps.analysis.map_cells import middles_of_regions
 from sweeps.errors import Refused
@@ -147,7 +148,22 @@ def test_a_border_that_cannot_be_followed_is_a_reason(path, monkeypatch):
     assert "the flip does not go on" in found.attrs["summary"]
 
 
-def test_a_curve_that_is_lost_says_where_and_why():
+RIG = {"mass": 2, "stiffness": 8, "damping": 1, "force": 1, "gap": 0, "R": 0.5, "frequency": 1}
+OF_RIG = {"configuration": load_config({"rig": RIG}), "in_si": 1}
+
+
+@pytest.mark.parametrize(
+    ("cut", "place"),
+    [
+        (xr.Dataset(coords={"R": [0.2], "omega": [1.0]}), "R = 0.25, omega = 2: "),
+        (
+            xr.Dataset(coords={"R": [0.2], "omega": ("frequency", [1.0])}, attrs=OF_RIG),
+            "R = 0.25, frequency = 0.31831: ",
+        ),
+    ],
+    ids=["model", "rig"],
+)
+def test_a_curve_that_is_lost_says_where_and_why(cut, place):
     orbit = PeriodicOrbit(
         Oscillator(h=0.02, R=0.9, omega=2.0, f=1.0), 1, *np.array([[1, 2], [4, 1]])
     )
@@ -160,8 +176,8 @@ def test_a_curve_that_is_lost_says_where_and_why():
         speeds = np.ones((points, 2))
         rows = values, speeds[:, 0] < 0.0, speeds, speeds
         curve = Branch("flip", ("R", "omega"), 1, 2, *rows, [end], orbit.oscillator)
-        (_, _, line) = exact_curves.summary([curve], (), 0, 0, {}).split("\n")
-        assert line.startswith("a curve of flips of 1/2 is lost at R = 0.25, omega = 2: " + reason)
+        (_, _, line) = exact_curves.summary(cut, [curve], (), 0, 0, {}).split("\n")
+        assert line.startswith(f"a curve of flips of 1/2 is lost at {place}{reason}")
         assert line.endswith("the slowest impact has 2e-01 of the speed of the fastest")
 
 

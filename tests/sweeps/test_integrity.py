@@ -222,6 +222,20 @@ def test_the_command(tmp_path):
     assert rows[1].startswith("1,periodic,2,1,")
 
 
+@pytest.mark.slow
+def test_motions_that_have_not_settled_are_rows_without_measures(tmp_path):
+    """Without losses few motions settle."""
+    few = "start={x0: {start: -1, stop: 0.5, num: 6}, v0: {start: -1, stop: 1, num: 6}}"
+    undamped = "oscillator={h: 0, R: 1, omega: 1, f: 0.3, clearance: 0.5}"
+    file = run_in(tmp_path, CONFIG, few, undamped, "record={transient: 0, periods: 4}")
+    lines = accepted("integrity", file, "--csv", "a.csv").splitlines()
+    (row,) = (line.split() for line in lines if "unsettled" in line)
+    assert row[:2] == ["-", "unsettled"] and row[4:] == ["-", "-", "-"]
+    assert "starts have not settled; their attractors are unknown" in "\n".join(lines)
+    assert Path("a.csv").read_text().count("neutral") == 1
+    assert accepted("attractors", file).splitlines()[2].split() == row[:4]
+
+
 def test_a_sweep_by_time_steps_has_measures_and_no_knocks(tmp_path):
     few = "start={x0: {start: -2, stop: 0, num: 5}, v0: {start: -2, stop: 2, num: 5}}"
     method = "method={integrator: rk4, impact: cubic}", "oscillator.omega=2.6"
