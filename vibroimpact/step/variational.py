@@ -74,7 +74,7 @@ def carry_tangents(prepared, pair, events, n, theta, phase_step, omega):
     at = 0.0
     for k in range(n):
         u = events[k, TIME] * omega
-        pair, at = fly_tangents(eq, pair, max(u - at, 0.0)), u
+        pair, at = fly_tangents(eq, pair, u - at), u
         if events[k, KIND] == IMPACT:
             pair = apply_saltation(eq, pair, events[k, SPEED] / omega, sin_cos(theta + at)[0])
         else:
