@@ -190,7 +190,8 @@ def test_a_signal_ends_the_wait_for_a_configuration_in_a_pipe():
     environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as run:
         try:
-            writer = os.open("pipe.yaml", os.O_WRONLY)  # waits until the command reads
+            writer = os.open("pipe.yaml", os.O_WRONLY)  # waits until the command opens it
+            time.sleep(0.5)  # a signal just before the system call `read` does not end it
             run.send_signal(signal.SIGTERM)
             _, stderr = run.communicate(timeout=300)
         finally:
