@@ -12,6 +12,6 @@ from .errors import Failed as Failed
 from .errors import Refused as Refused
 from .errors import StoreError as StoreError
 from .explorer import explore as explore
-from .store.file import open_sweep as open_sweep
+from .store.reading import open_sweep as open_sweep
 
 __version__: str

@@ -1,9 +1,9 @@
 """Computing the blocks of a sweep on the workers of a Dask cluster.
 
-Only the submitting process writes, and its journal is the only record of the finished blocks. So
+Only the submitting process writes, and its folder is the only record of the finished blocks. So
 commit, resume, interrupt, lock and checksums are the same code as on one machine, and a block that
 is computed twice, because a worker was lost, is written once. If workers wrote files of their own,
-they would need a shared file system and a journal each.
+they would need a shared file system.
 
 The configuration is the result of a task on which the task of every block depends: it is sent to
 each worker once, and computed again if the worker that holds it is lost. It includes the grid,

@@ -50,7 +50,7 @@ class Cost:
     #: Size of the complete file without compression, with as many samples at impacts as in the
     #: trials [bytes].
     file: int
-    disk: int  # disk space for the file and the journal [bytes]
+    disk: int  # disk space for the file and its blocks [bytes]
     memory: int  # for the blocks [bytes]
     block: int  # number of points in a block
 

@@ -12,12 +12,13 @@ from sweeps.config.rig import RigConfig, parameter_of, si_name, si_values
 from sweeps.errors import Failed, StoreError
 from sweeps.store import (
     DIRECTION,
+    SCHEMA,
     VARIABLES,
     columns_of,
     identity,
     is_remarkable,
-    journal_path,
     kept_points,
+    parts_path,
     per_point,
     status_counts,
 )
@@ -89,8 +90,8 @@ def summary(path: Path) -> str:
 
 
 def identities(path: Path) -> tuple[object, object]:
-    """Return the `identity` of the file of a sweep and of its journal."""
-    return identity(path), identity(journal_path(path))
+    """Return the `identity` of the file of a sweep and of the schema of its blocks."""
+    return identity(path), identity(parts_path(path) / SCHEMA)
 
 
 def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) -> str:
@@ -98,12 +99,12 @@ def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) ->
 
     `old` are the `identities` of the files that the run would have overwritten.
     """
-    (file, journal), name = identities(path), journal_path(path)
+    (file, schema), name = identities(path), parts_path(path)
     points = kept_points(path)
-    if points is not None and journal != old[1]:
+    if points is not None and schema != old[1]:
         complete, total = points
         return f"{complete:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
-    if old != (None, None) and (file, journal) == old:
+    if old != (None, None) and (file, schema) == old:
         return f"nothing of it is kept, and the old {path if file else name} is unchanged"
     return "nothing is kept" if file is None else f"all of it is kept in {path}"
 

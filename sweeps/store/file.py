@@ -1,4 +1,4 @@
-"""The complete file of a sweep: written in one pass, verified before HDF5 opens it, and read.
+"""The complete file of a sweep: written in one pass, and verified before HDF5 opens it.
 
 HDF5 hangs or crashes on some damaged files: in a small sweep, a flipped bit did so in about one of
 a thousand bytes. Therefore a trailer follows the data of HDF5, which ignores it. The trailer lists
@@ -13,11 +13,10 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -25,21 +24,8 @@ import numpy as np
 from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.interrupts import check
-from sweeps.store.journal import Journal
-from sweeps.store.paths import (
-    TRAILER,
-    Content,
-    content,
-    journal_path,
-    open_regular,
-    reason,
-    refuse_version,
-)
+from sweeps.store.paths import TRAILER, Content, content, open_regular, refuse_version
 from sweeps.store.schema import Schema, describe, schema_in
-from vibroimpact.status import Status
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: The end of the trailer: size and checksum of the table before it, magic.
 _END = struct.Struct("<QI8s")
@@ -47,9 +33,15 @@ _END = struct.Struct("<QI8s")
 _REST = "rest"
 #: Most bytes under one checksum, so that several threads can share the work.
 _PIECE = 1 << 22
+#: Most bytes of blocks that are gathered, besides the last block.
+_GATHERED = 1 << 26
+#: Most bytes of an array that is joined with others.
+_SMALL = 1 << 17
 
 #: A part of the file: variable, start, size and checksum.
 Row = tuple[str, int, int, int]
+#: A box of points, and the results of a variable there.
+Part = tuple[Block, np.ndarray]
 
 
 class _Draft(io.FileIO):
@@ -78,30 +70,89 @@ class _Draft(io.FileIO):
 def write_file(
     path: Path,
     schema: Schema,
-    parts: Callable[[str], Iterable[tuple[Block, np.ndarray]]],
+    blocks: Iterable[tuple[Block, Mapping[str, np.ndarray]]],
     seconds: Callable[[], float],
     *,
     compressed: bool,
 ) -> None:
     """Write the complete file of a sweep to `path`, where there is an empty file.
 
-    `parts` yields the boxes of a variable with their results, and `seconds` returns the duration.
+    `blocks` has the results of every box of points, and `seconds` returns the duration.
     """
     with _Draft(path, "w+") as draft:
         try:
             with h5py.File(draft, "w", libver="earliest") as file:
                 describe(file, schema, compressed=compressed)
-                for name in schema.variables:
-                    dataset = file[name]
-                    for box, array in parts(name):
-                        check()
-                        dataset[box] = array
-                        draft.refuse_error()
+                for some in _gathered(blocks):
+                    for name in schema.variables:
+                        dataset = file[name]
+                        for box, array in _joined([(box, all_[name]) for box, all_ in some]):
+                            check()
+                            dataset[_with_record(box, array)] = array
+                            draft.refuse_error()
                 file.attrs["duration"] = seconds()
         finally:  # this error tells more than the error of HDF5 that follows from it
             draft.refuse_error()
+    add_table(path, schema.variables)
+
+
+def _gathered(
+    blocks: Iterable[tuple[Block, Mapping[str, np.ndarray]]],
+) -> Iterator[list[tuple[Block, Mapping[str, np.ndarray]]]]:
+    """Gather blocks, so that the chunks of a variable lie side by side in the file."""
+    some: list[tuple[Block, Mapping[str, np.ndarray]]] = []
+    size = 0
+    for block, results in blocks:
+        some.append((block, results))
+        size += sum(array.nbytes for array in results.values())
+        if size > _GATHERED:
+            yield some
+            some, size = [], 0
+    yield some
+
+
+def _joined(parts: Iterable[Part]) -> Iterator[Part]:
+    """Join small arrays whose boxes follow each other along an axis, as each call of HDF5 costs."""
+    boxes: list[Block] = []
+    arrays: list[np.ndarray] = []
+    axis = 0
+    for box, array in parts:
+        differing = [i for i, cut in enumerate(box) if boxes and cut != boxes[-1][i]]
+        if (
+            len(differing) != 1
+            or box[differing[0]].start != boxes[-1][differing[0]].stop
+            or (len(boxes) > 1 and differing != [axis])
+            or array.nbytes > _SMALL
+            or array.shape[len(box) :] != arrays[-1].shape[len(box) :]
+        ):
+            if boxes:
+                yield _join(boxes, arrays, axis)
+            boxes, arrays = [], []
+        else:
+            (axis,) = differing
+        boxes.append(box)
+        arrays.append(array)
+    yield _join(boxes, arrays, axis)
+
+
+def _join(boxes: Sequence[Block], arrays: Sequence[np.ndarray], axis: int) -> Part:
+    """Return the box of boxes that follow each other along an axis, and its array."""
+    if len(boxes) == 1:
+        return boxes[0], arrays[0]
+    first = boxes[0]
+    cut = slice(first[axis].start, boxes[-1][axis].stop)
+    return (*first[:axis], cut, *first[axis + 1 :]), np.concatenate(arrays, axis)
+
+
+def _with_record(box: Block, array: np.ndarray) -> Block:
+    """Return the box that an array fills, with its record, which may be shorter than the widest."""
+    return (*box, *(slice(0, width) for width in array.shape[len(box) :]))
+
+
+def add_table(path: Path, variables: Iterable[str] = ()) -> None:
+    """Append the table of checksums to an HDF5 file that has data of these variables."""
     with h5py.File(path, "r") as file:
-        spans = [(*span, name) for name in schema.variables for span in _spans(file[name])]
+        spans = [(*span, name) for name in variables for span in _spans(file[name])]
     rows: list[Row] = []
     at = 0
     for start, size, name in [*sorted(spans), (path.stat().st_size, 0, "")]:
@@ -154,9 +205,6 @@ def check_file(path: Path, *, verify: bool = True) -> None:
     except FileNotFoundError:
         raise StoreError(f"{path} does not exist") from None
     found = content(path) if rows is None else Content.SWEEP
-    if found is Content.JOURNAL:
-        output = str(path).removesuffix(".part")
-        raise StoreError(f"{path} is the journal of a sweep that is not complete; give {output}")
     if found is Content.OLDER:
         refuse_version(path)
     if found not in (None, Content.SWEEP):
@@ -195,72 +243,8 @@ def _rows(file: io.BufferedReader) -> list[Row] | None:
     return rows if sum(row[2] for row in rows) == start else None
 
 
-def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
-    """Open the file of a sweep; its arrays are read when they are used.
-
-    If the sweep is not complete, the journal beside `path` is opened. Points that it does not
-    contain have the status ``PENDING``.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file of the sweep, also while only its journal exists.
-    verify : bool
-        Whether to compare the data with their checksums, which reads the whole file once. The rest
-        of the file is always compared with its checksums.
-
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    StoreError
-        If the file does not exist, is not a readable sweep of this format, or is damaged.
-
-    Examples
-    --------
-    >>> import sweeps
-    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
-    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
-    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
-    >>> ds["period"].values
-    array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
-    """
-    import xarray as xr  # slow to import
-
-    path = Path(path)
-    try:
-        if content(path) in (None, Content.NOTHING):
-            with suppress(FileNotFoundError):  # no journal, or a run has just completed the file
-                from sweeps.store.partial import open_journal
-
-                return open_journal(Journal(journal_path(path), verify=verify))
-        check_file(path, verify=verify)
-        return xr.open_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
-        raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
-
-
 def schema_of(path: Path) -> Schema:
     """Verify a complete file and return its schema."""
     check_file(path)
     with h5py.File(path, "r") as file:
         return schema_in(file)
-
-
-def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
-    """Return those of the variables, with a single value per point, that the file has.
-
-    Also returns the duration of the run [s].
-    """
-    check_file(path, verify=False)
-    with h5py.File(path, "r") as file:
-        held = {name: file[name][()] for name in names if name in file}
-        return held, float(file.attrs["duration"])
-
-
-def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
-    """Count the points of a sweep with each outcome, including the outcomes without points."""
-    values = np.asarray(variables["status"])
-    return {status: int(np.count_nonzero(values == status)) for status in Status}

@@ -1,4 +1,4 @@
-"""An incomplete sweep as an ``xarray.Dataset``, read from its journal.
+"""An incomplete sweep as an ``xarray.Dataset``, read from its blocks.
 
 Its arrays are read when they are used, like those of a complete file. The classes implement the
 interface of an xarray backend
@@ -18,42 +18,41 @@ from xarray.backends import BackendArray, BackendEntrypoint
 from xarray.core import indexing
 
 from sweeps.grid import box_shape
-from sweeps.store.journal import Journal
+from sweeps.store.parts import Parts
 from sweeps.store.schema import describe
 from sweeps.store.variables import VARIABLES
 
 
-def open_journal(journal: Journal) -> xr.Dataset:
-    """Open the points in a journal as a Dataset, which closes the journal when it is closed.
+def open_parts(parts: Parts) -> xr.Dataset:
+    """Open the finished blocks of a sweep as a Dataset.
 
-    Points that are not in the journal have the status ``PENDING`` and the values NaN or -1.
+    Points that are not computed yet have the status ``PENDING`` and the values NaN or -1.
     """
-    return xr.open_dataset(journal, engine=_JournalBackend)  # type: ignore[arg-type]
+    return xr.open_dataset(parts, engine=_PartsBackend)  # type: ignore[arg-type]
 
 
-class _JournalBackend(BackendEntrypoint):
-    """Opens a journal for xarray."""
+class _PartsBackend(BackendEntrypoint):
+    """Opens the finished blocks of a sweep for xarray."""
 
     def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None) -> xr.Dataset:
-        journal: Journal = filename_or_obj
-        schema, image = journal.schema.with_samples(journal.samples), io.BytesIO()
+        parts: Parts = filename_or_obj
+        schema, image = parts.schema.with_samples(parts.samples), io.BytesIO()
         with h5py.File(image, "w") as file:
             describe(file, schema)
-            file.attrs["duration"] = journal.seconds
+            file.attrs["duration"] = parts.seconds
         with xr.open_dataset(image, engine="h5netcdf") as empty:
             dataset = empty.drop_vars(schema.variables).load()
             for name in schema.variables:
-                data = indexing.LazilyIndexedArray(_Array(journal, name, schema.shape_of(name)))
+                data = indexing.LazilyIndexedArray(_Array(parts, name, schema.shape_of(name)))
                 dataset[name] = xr.Variable(empty[name].dims, data, empty[name].attrs)
-        dataset.set_close(journal.close)
         return dataset
 
 
 class _Array(BackendArray):
-    """A variable of a journal."""
+    """A variable of the finished blocks."""
 
-    def __init__(self, journal: Journal, name: str, shape: tuple[int, ...]) -> None:
-        self._journal, self._name = journal, name
+    def __init__(self, parts: Parts, name: str, shape: tuple[int, ...]) -> None:
+        self._parts, self._name = parts, name
         self.shape, self.dtype = shape, np.dtype(VARIABLES[name].dtype)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
@@ -68,14 +67,14 @@ class _Array(BackendArray):
         ]
         window = [slice(one[0], one[-1] + 1) if one else slice(0, 0) for one in chosen]
         found = np.full(box_shape(tuple(window)), VARIABLES[self._name].fill_value)
-        for entry in self._journal.entries.values():
-            box = self._journal.box(entry, self._name)
+        for number in self._parts.entries:
+            box = self._parts.box(number, self._name)
             common = [
                 slice(max(a.start, b.start), min(a.stop, b.stop))
                 for a, b in zip(box, window, strict=True)
             ]
             if all(cut.start < cut.stop for cut in common):
-                array = self._journal.read(entry, self._name)
+                array = self._parts.read(number, [self._name])[self._name]
                 found[_within(window, common)] = array[_within(box, common)]
         steps = (slice(None, None, c.step) if isinstance(c, slice) else 0 for c in key)
         return found[tuple(steps)]

@@ -1,6 +1,6 @@
 """The paths of a sweep's files: what exists there, what may be written, and the lock of the writer.
 
-While a sweep runs, it has a journal, ``OUT.h5.part``, and a lock, ``OUT.h5.lock``.
+While a sweep runs, it has a folder for its blocks, ``OUT.h5.parts``, and a lock, ``OUT.h5.lock``.
 """
 
 from __future__ import annotations
@@ -25,11 +25,15 @@ from sweeps.text import shown_bytes
 #: The attributes ``format`` and ``format_version`` of a file.
 FORMAT = "vibroimpact-sweep"
 FORMAT_VERSION = 5
-#: The first bytes of a journal, and the last bytes of a complete file.
-JOURNAL = b"\x89VIBROJ\n"
+#: Ending of the folder of an incomplete sweep, and the name of the schema in it.
+PARTS = ".parts"
+SCHEMA = "schema.h5"
+#: The last bytes of a complete file.
 TRAILER = b"\x89VIBRO5\n"
 #: The last bytes of files with the format versions 2 to 4.
 _OLDER = re.compile(rb"\x89VIBRO[L34]\n")
+#: The first bytes of a journal, ``OUT.h5.part``, in which earlier versions kept incomplete sweeps.
+_JOURNAL = b"\x89VIBROJ\n"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
@@ -41,18 +45,27 @@ _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
 _LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
 
 
-def journal_path(path: Path) -> Path:
-    """Return the path of the journal of a sweep; for a link, it lies beside the link's target."""
+def parts_path(path: Path) -> Path:
+    """Return the folder of an incomplete sweep; for a link, it lies beside the link's target."""
     path = path.resolve() if os.path.islink(path) else path
-    return path.with_name(f"{path.name}.part")
+    return path.with_name(f"{path.name}{PARTS}")
+
+
+def journal_path(path: Path) -> Path:
+    """Return the path of the journal that earlier versions made."""
+    return parts_path(path).with_suffix(".part")
 
 
 def identity(path: Path) -> tuple[int, ...] | None:
     """Return a value that changes when the file is replaced or written; None without a file."""
     try:
-        about = path.stat()
+        return identity_of(path.stat())
     except (OSError, ValueError):
         return None
+
+
+def identity_of(about: os.stat_result) -> tuple[int, ...]:
+    """Return the `identity` of a file from its status."""
     return about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns
 
 
@@ -72,7 +85,6 @@ class Content(Enum):
     NOTHING = "empty"
     SWEEP = "the file of a sweep"
     OLDER = "the file of a sweep in an older format"
-    JOURNAL = "the journal of a sweep"
     HDF5 = "an HDF5 file, but not one that vibroimpact wrote, or truncated"
     OTHER = "not an HDF5 file"
 
@@ -89,8 +101,8 @@ def content(path: Path) -> Content | None:
             tail = file.read()
     except (FileNotFoundError, NotADirectoryError):
         return None
-    if not head or head.startswith(JOURNAL):
-        return Content.JOURNAL if head else Content.NOTHING
+    if not head or head.startswith(_JOURNAL):
+        return Content.OLDER if head else Content.NOTHING
     hdf5 = head.startswith(_HDF5)
     if TRAILER in tail or (hdf5 and FORMAT.encode() in head):
         return Content.OLDER if _OLDER.search(tail) else Content.SWEEP
@@ -111,12 +123,12 @@ def open_regular(path: Path) -> io.BufferedReader:
 
 
 def is_sweep(path: Path) -> bool:
-    """Return whether the path has an HDF5 file, of a sweep or not, or the journal of a sweep."""
+    """Return whether the path has an HDF5 file, of a sweep or not, or an incomplete sweep."""
     try:
-        found = content(path) or content(journal_path(path))
+        found = content(path) or content(parts_path(path) / SCHEMA) or content(journal_path(path))
     except StoreError:
         return False  # reading it as YAML reports the error
-    return found in (Content.SWEEP, Content.OLDER, Content.HDF5, Content.JOURNAL)
+    return found in (Content.SWEEP, Content.OLDER, Content.HDF5)
 
 
 def refuse_version(path: Path) -> NoReturn:
@@ -127,11 +139,29 @@ def refuse_version(path: Path) -> NoReturn:
     )
 
 
+def refuse_journal(path: Path) -> None:
+    """Refuse a path beside which there is the journal of an earlier version."""
+    journal = journal_path(path)
+    if content(journal) is Content.OLDER:
+        raise StoreError(
+            f"{journal} is an incomplete sweep of an earlier version of vibroimpact, which this "
+            "version cannot read; complete it with that version, or run its configuration again, "
+            "and overwrite it"
+        )
+
+
+def remove_journal(path: Path) -> None:
+    """Remove the journal of an earlier version, which `check_output` has let overwrite."""
+    if content(journal_path(path)) is Content.OLDER:
+        journal_path(path).unlink()
+
+
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
     """Raise StoreError if a sweep cannot be written to a path.
 
     The folder must exist, and the ending must not belong to another kind of file. An existing file
-    or journal must be that of a sweep, and be overwritten or resumed.
+    or incomplete sweep must be overwritten or resumed. A journal of an earlier version can only be
+    overwritten.
     """
     path = Path(path)
     check_target(path, "output")
@@ -140,28 +170,42 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"the output {path} must be an HDF5 file, whose name does not end in {path.suffix}; "
             f"did you mean {path.with_suffix('.h5')}?"
         )
-    journal = journal_path(path)
-    check_target(journal, "journal")
-    ours = {path: (Content.SWEEP, Content.OLDER), journal: (Content.JOURNAL,)}
-    for file in ours:
+    parts = parts_path(path)
+    try:
+        is_folder = stat.S_ISDIR(os.lstat(parts).st_mode)
+    except FileNotFoundError:
+        is_folder = True
+    except OSError as error:  # a name too long
+        raise StoreError(
+            f"the output {path} cannot be used: {parts.name}: {reason(error)}"
+        ) from None
+    if not is_folder:
+        raise StoreError(
+            f"{parts} is needed as a folder, but something else has that name; move it, or give "
+            "another output"
+        )
+    if not overwrite:
+        refuse_journal(path)
+    for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:
             continue
         if not (overwrite or resume):
-            raise StoreError(f"{file} exists; resume it, overwrite it, or give another output")
-        if found not in (Content.NOTHING, *ours[file]):
+            raise StoreError(f"{named} exists; resume it, overwrite it, or give another output")
+        if found not in (Content.NOTHING, Content.SWEEP, Content.OLDER):
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"
             )
 
 
 def check_room(path: Path, size: int, *, resume: bool = False) -> None:
-    """Refuse a sweep if the disk lacks `size` bytes, for its journal and its file together."""
-    journal = journal_path(path)
-    existing = journal.exists() or path.exists()
-    if resume and existing:  # the journal already takes part of the room, a complete file all
-        size = size - journal.stat().st_size if journal.exists() else 0
-    free = shutil.disk_usage(journal.parent).free
+    """Refuse a sweep if the disk lacks `size` bytes, for its blocks and its file together."""
+    parts = parts_path(path)
+    existing = parts.exists() or path.exists()
+    if resume and existing:  # the blocks already take part of the room, a complete file all
+        taken = sum(about[2] for file in parts.glob("*") if (about := identity(file)))
+        size = size - taken if parts.exists() else 0
+    free = shutil.disk_usage(parts.parent).free
     if size > free:
         also = ", delete the old file first" if existing else ""
         raise StoreError(

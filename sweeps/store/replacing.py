@@ -138,6 +138,14 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     target = _followed(path)
     remove_leftovers(target)
+    with drafted(target) as new:
+        yield new
+    _sync_names(target.parent)
+
+
+@contextmanager
+def drafted(target: Path) -> Iterator[Path]:
+    """Do the same without a search for leftovers; a loss of power may still lose the new name."""
     name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
     new = target.with_name(name)
     new.open("xb").close()  # creates the file, so that no file of another user is opened
@@ -146,7 +154,6 @@ def replacing(path: Path) -> Iterator[Path]:
         with new.open("rb+") as file:
             os.fsync(file.fileno())
         os.replace(new, target)
-        _sync_names(target.parent)
     finally:
         new.unlink(missing_ok=True)
 

@@ -1,7 +1,7 @@
 """The schema of a sweep file: dimensions, attributes, variables and blocks, without the data.
 
-`describe` writes it and `schema_in` reads it, both in a complete file and in the header of a
-journal, which is a small HDF5 file without data.
+`describe` writes it and `schema_in` reads it, both in a complete file and in the ``schema.h5`` of
+an incomplete sweep, which has no data.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ADDED = "points_added"
 
 #: Attribute that names the fixed parameters and the columns: coordinates for xarray (CF 5).
 _COORDINATES = "coordinates"
-#: Dataset of the blocks; only the header of a journal has it.
+#: Dataset of the blocks; only the schema of an incomplete sweep has it.
 _BLOCKS = "blocks"
 #: Most values in one chunk of a variable.
 _CHUNK_VALUES = 1 << 17

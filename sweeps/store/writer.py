@@ -1,12 +1,11 @@
-"""Write a sweep: its blocks to the journal, and at the end the complete file from the journal."""
+"""Write a sweep: a file for each of its blocks, and at the end the complete file from them."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from functools import partial
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +15,8 @@ import yaml
 from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.store.file import schema_of, write_file
-from sweeps.store.journal import Journal, create
-from sweeps.store.paths import identity, journal_path, reason
+from sweeps.store.parts import Parts, create, remove, remove_drafts
+from sweeps.store.paths import SCHEMA, identity, parts_path, reason, remove_journal
 from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.schema import ADDED, Schema
 from sweeps.store.variables import VARIABLES
@@ -30,55 +29,56 @@ if TYPE_CHECKING:
 def sweep_writer(
     path: str | Path, schema: Schema, *, resume: bool = False
 ) -> Iterator[SweepWriter | None]:
-    """Start the journal of the sweep at `path`, or continue it; call this inside `only_writer`.
+    """Start the sweep at `path`, or continue it; call this inside `only_writer`.
 
-    Yields None if the file is complete. An existing journal is replaced at once; with `resume` it
-    keeps its blocks, and damaged blocks become pending again. Raises StoreError if the resumed
-    file or journal belongs to another sweep or is damaged, and Failed if the journal cannot be
-    created; in that case no new journal is left behind, and an old one is unchanged.
+    Yields None if the file is complete. An existing incomplete sweep is replaced at once; with
+    `resume` it keeps its blocks, and damaged blocks become pending again. Raises StoreError if the
+    resumed sweep is another one or is damaged, and Failed if the folder of the blocks cannot be
+    created; in that case no new one is left behind, and an old one is unchanged.
     """
     # Follow a link only once, so that everything works on the file that was checked and locked.
     path = Path(path).resolve()
-    journal = journal_path(path)
+    folder = parts_path(path)
     remove_leftovers(path)  # drafts may be large
-    if resume and journal.exists() and journal.stat().st_size > 0:
-        with Journal(journal, verify=False) as old:
-            _refuse_other(journal, old.schema, schema)
+    schema_file = identity(folder / SCHEMA)
+    if folder.exists() and schema_file is None:
+        remove(folder)  # a run was killed while it did so
+    if resume and schema_file is not None:
+        remove_drafts(folder)
+        _refuse_other(folder, schema_of(folder / SCHEMA), schema)
     elif resume and path.exists() and path.stat().st_size > 0:
         _refuse_other(path, schema_of(path), schema)
         yield None
         return
     else:
-        with _failure(path, "created"), replacing(journal) as new:
-            create(new, schema)
+        with _failure(path, "created"):
+            create(folder, schema)
+            remove_journal(path)
     with _failure(path, "written"):
-        opened = Journal(journal, writable=True)
+        parts = Parts(folder)
     try:
-        yield SweepWriter(path, opened)
-    except StoreError as error:  # the journal has changed since it passed its checks
+        yield SweepWriter(path, parts)
+    except StoreError as error:  # a block has changed since it passed its checks
         raise Failed(str(error)) from error
-    finally:
-        with suppress(OSError):  # a failed write has been reported already
-            opened.close()
 
 
 class SweepWriter:
     """Writes a sweep block by block, and completes it; made by `sweep_writer`.
 
-    Every method raises Failed if the journal or the file cannot be written, for example on a full
-    disk, or if another program has removed or changed the journal.
+    Every method raises Failed if a block or the file cannot be written, for example on a full
+    disk, or if another program has removed or changed the blocks.
     """
 
-    def __init__(self, path: Path, journal: Journal) -> None:
-        self._path, self._journal, self._schema = path, journal, journal.schema
-        self._began, self._spent = time.monotonic(), journal.seconds
-        self.damaged = journal.damaged  #: Blocks that are pending again.
+    def __init__(self, path: Path, parts: Parts) -> None:
+        self._path, self._parts, self._schema = path, parts, parts.schema
+        self._began, self._spent = time.monotonic(), parts.seconds
+        self.damaged = parts.damaged  #: Blocks that are pending again.
         self._before = identity(path)
         self._numbers = {_corners(block): i for i, block in enumerate(self._schema.blocks)}
 
     def pending(self) -> list[Block]:
-        """Return the blocks that are not in the journal."""
-        there = self._journal.entries
+        """Return the blocks that are not written yet."""
+        there = self._parts.entries
         return [block for i, block in enumerate(self._schema.blocks) if i not in there]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
@@ -91,13 +91,13 @@ class SweepWriter:
         number, arrays = self._numbers[_corners(block)], self._checked(block, results)
         samples = max((a.shape[-1] for name, a in arrays.items() if _sampled(name)), default=0)
         with _failure(self._path, "written"):
-            self._journal.append(number, arrays, samples, self._seconds())
+            self._parts.write(number, arrays, samples, self._seconds())
 
     def dataset(self) -> xr.Dataset:
         """Return the sweep as written so far, as `open_sweep` does."""
-        from sweeps.store.partial import open_journal
+        from sweeps.store.partial import open_parts
 
-        return open_journal(Journal(self._journal.path, verify=False))
+        return open_parts(self._parts)
 
     def finish(
         self,
@@ -105,38 +105,36 @@ class SweepWriter:
         *,
         compressed: bool = False,
     ) -> None:
-        """Write the complete file and remove the journal, which must hold all blocks.
+        """Write the complete file and remove the blocks, all of which must be written.
 
         `points` maps further values of the only axis to the results of that point. For a value of
-        the grid, they replace the results in the journal.
+        the grid, they replace the results in the blocks.
         """
-        schema = self._schema.with_samples(self._journal.samples)
+        schema = self._schema.with_samples(self._parts.samples)
         if points is not None:
             schema = schema.with_points(np.array(list(points)))
-        self._journal.refuse_loss()
+        self._parts.refuse_loss()
         with _failure(self._path, "completed"), replacing(self._path) as new:
-            parts = partial(self._parts, points=points or {})
-            write_file(new, schema, parts, self._seconds, compressed=compressed)
+            blocks = self._blocks(points or {})
+            write_file(new, schema, blocks, self._seconds, compressed=compressed)
             self._refuse_other_file()
-        with suppress(PermissionError):  # on Windows, if another process is reading it
-            self._journal.remove()
+        remove(self._parts.folder)
 
-    def _parts(
-        self, name: str, points: Mapping[float, Mapping[str, np.ndarray]]
-    ) -> Iterator[tuple[Block, np.ndarray]]:
-        """Yield the boxes of a variable in the complete file, with their results."""
-        journal, at = self._journal, 0
-        further = {value: results[name] for value, results in points.items()}
+    def _blocks(
+        self, points: Mapping[float, Mapping[str, np.ndarray]]
+    ) -> Iterator[tuple[Block, Mapping[str, np.ndarray]]]:
+        """Yield the boxes of points in the complete file, with their results."""
+        at = 0
         for number, block in enumerate(self._schema.blocks):
-            entry = journal.entries[number]
-            part = journal.read(entry, name)
-            if not points:
-                yield journal.box(entry, name), part
-                continue
-            ((cut,), (axis,)) = block, self._schema.axes.values()
-            part = _with_further(axis, cut, part, further)
-            yield (slice(at, at + len(part)),), part
-            at += len(part)
+            results = self._parts.read(number, self._schema.variables)
+            if points:
+                ((cut,), (axis,)) = block, self._schema.axes.values()
+                for name, part in results.items():
+                    further = {value: point[name] for value, point in points.items()}
+                    results[name] = _with_further(axis, cut, part, further)
+                size = len(results["status"])
+                block, at = (slice(at, at + size),), at + size
+            yield block, results
 
     def _refuse_other_file(self) -> None:
         """Refuse to replace a file that another program has written in the meantime."""

@@ -48,7 +48,7 @@ LIMITS = {
     # A short sweep: starting, laying out and writing take longer than the kernel.
     "run, from YAML to the closed file / kernel alone": (5.5, 5.5),
     # Yardstick steps per number.
-    # Every block is made durable three times, and its checksum is taken from the bytes written.
+    # Every block is on the disk as a file of its own before it is written to the HDF5 file.
     "store, written": (2.6, 2.6),
     "store, read": (1.6, 1.6),
     # Measured 7 to 8, where the bare interpreter starts in 10 ms.

@@ -142,7 +142,7 @@ class Forks:
         """Return the folder after removing files of earlier runs."""
         for path in self.folder.iterdir():
             if path.name != "sweep.yaml" and not path.name.startswith("whole"):
-                path.unlink()
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
         return self.folder
 
     def run(self, *arguments: str, folder: Path | None = None) -> tuple[int, str]:
@@ -243,7 +243,7 @@ def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str
     folder = forks.folder
     out = folder / "out.h5"
     if code == 0:
-        assert text == "" and out.exists() and not Path(f"{out}.part").exists(), about
+        assert text == "" and out.exists() and not Path(f"{out}.parts").exists(), about
     elif number in ANSWERED:
         assert code == 1, about
         assert text.count("\n") == 1, about
@@ -256,7 +256,7 @@ def check_end(forks: Forks, number: int, code: int, text: str, changes: list[str
     else:
         assert code == -number, about
     if number in ANSWERED:
-        left = {path.name for path in folder.iterdir()} - {"out.h5", "out.h5.part", "sweep.yaml"}
+        left = {path.name for path in folder.iterdir()} - {"out.h5", "out.h5.parts", "sweep.yaml"}
         assert not {name for name in left if not name.startswith("whole")}, (left, about)
     assert forks.run(*command(changes), "--resume") == (0, ""), about
     assert data(out).identical(data(forks.whole(changes))), about

@@ -154,7 +154,7 @@ def test_an_interrupted_run_says_what_is_kept(stop_after):
         with stop_after(1, size=2):
             result = call("run", option, "sweep.yaml", "--quiet", "--set", "name=a b")
         assert result.exit_code == 1
-        assert f"interrupted; {done} of 10 points kept in a b.h5.part; " in result.stderr
+        assert f"interrupted; {done} of 10 points kept in a b.h5.parts; " in result.stderr
         command = "vibroimpact run sweep.yaml --quiet --set 'name=a b' --resume"
         assert result.stderr.endswith(f"; to go on: {command}\n")
 

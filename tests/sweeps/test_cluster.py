@@ -191,7 +191,7 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blo
     assert result.exit_code == 1
     pattern = (
         rf"vibroimpact: error: the run failed: the scheduler {address} was lost.*; (\d+) of 300 "
-        rf"points kept in out\.h5\.part; to go on: vibroimpact run sweep\.yaml -o out\.h5 --dask "
+        rf"points kept in out\.h5\.parts; to go on: vibroimpact run sweep\.yaml -o out\.h5 --dask "
         rf"{address} --quiet --resume\n"
     )
     found = re.fullmatch(pattern, result.stderr)

@@ -405,7 +405,7 @@ def test_a_run_of_a_rig_is_planned_in_hertz_and_resumed(monkeypatch):
         assert isinstance(
             CliRunner().invoke(app, ["run", "joint.yaml"]).exception, ZeroDivisionError
         )
-    assert not Path("joint.h5").exists() and Path("joint.h5.part").exists()
+    assert not Path("joint.h5").exists() and Path("joint.h5.parts").exists()
     accepted("run", "joint.yaml", "--resume")
     with open_sweep(whole) as ds, open_sweep("joint.h5") as part:
         assert ds["poincare_x"].values.tobytes() == part["poincare_x"].values.tobytes()

@@ -1,11 +1,12 @@
 """Every change of a complete file is refused, and no damaged file gives wrong data.
 
-The cases are random and aimed, on complete files, compressed or not, and on journals. All 5,000 of
-them: ``pytest -m campaign tests/sweeps/test_damage.py``.
+The cases are random and aimed, on complete files, compressed or not, and on the schema and a block
+of an incomplete sweep. All 5,000 of them: ``pytest -m campaign tests/sweeps/test_damage.py``.
 """
 
 import faulthandler
 import itertools
+import shutil
 from pathlib import Path
 
 import h5py
@@ -26,32 +27,47 @@ PATIENCE = 300
 
 
 class Base:
-    """An intact sweep, complete or not: its bytes and their layout."""
+    """An intact sweep, complete or not, and one of its files: the bytes and their layout."""
 
-    def __init__(self, folder, blocks, compressed=False):
+    def __init__(self, folder, blocks, name="out.h5", compressed=False):
         fill_blocks(folder / "out.h5", blocks, compressed)
-        (path,) = folder.iterdir()
-        self.name, self.complete = path.name, blocks is None
-        self.content = path.read_bytes()
+        self.name, self.complete = name, name == "out.h5"
+        self.files = {
+            path.relative_to(folder): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
+        self.content = self.files[Path(name)]
         self.data = data(folder / "out.h5")
         end = len(self.content)
-        self.parts = {
-            "superblock": (0, 96),
-            "head": (0, 9000),
-            "coordinates": (self.content.index(GRID.axes["omega"].tobytes()), 48),
-            "trailer": (end - 3000, 3000),
-            "end": (end - 20, 20),
-        }
+        self.parts = {"head": (0, min(end, 9000)), "trailer": (end - 2000, 2000)}
+        self.parts |= {"end": (end - 20, 20), "superblock": (0, 96)}
+        if "block" not in name:
+            at = self.content.index(GRID.axes["omega"].tobytes())
+            self.parts["coordinates"] = at, 48
         if self.complete:
-            with h5py.File(path) as file:
-                for name in ("poincare_x", "impact_v", "period", "status"):
-                    chunk = file[name].id.get_chunk_info(0)
-                    self.parts[name] = chunk.byte_offset, chunk.size
+            with h5py.File(folder / name) as file:
+                for variable in ("poincare_x", "impact_v", "period", "status"):
+                    chunk = file[variable].id.get_chunk_info(0)
+                    self.parts[variable] = chunk.byte_offset, chunk.size
+
+    def restore(self):
+        """Write the intact files."""
+        shutil.rmtree("out.h5.parts", ignore_errors=True)
+        Path("out.h5").unlink(missing_ok=True)
+        for path, content in self.files.items():
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content)
 
 
 @pytest.fixture(scope="module")
 def bases(tmp_path_factory):
-    cases = {"complete": (None,), "packed": (None, True), "empty": (0,), "begun": (3,)}
+    cases = {
+        "complete": (None,),
+        "packed": (None, "out.h5", True),
+        "empty": (0, "out.h5.parts/schema.h5"),
+        "begun": (3, "out.h5.parts/block-000001.npz"),
+    }
     return {name: Base(tmp_path_factory.mktemp(name), *case) for name, case in cases.items()}
 
 
@@ -111,7 +127,8 @@ def judge(base, change, seed, whole):
     random = np.random.default_rng(seed)
     content = bytearray(base.content)
     for _ in range(random.integers(1, 3)):
-        change(random, base, content) if len(content) > 9000 else None
+        change(random, base, content) if len(content) >= len(base.content) else None
+    base.restore()
     Path(base.name).write_bytes(content)
     same = content == base.content
     try:
@@ -146,8 +163,6 @@ def judged(bases, seeds, commands):
     whole, refused = bases["complete"].data, 0
     pairs = itertools.cycle(itertools.product(bases.values(), CHANGES))
     for seed, (base, change) in zip(seeds, pairs, strict=False):
-        for path in Path().glob("out.h5*"):
-            path.unlink()
         faulthandler.dump_traceback_later(PATIENCE, exit=True)
         try:
             seen = judge(base, change, seed, whole)
@@ -215,17 +230,33 @@ def test_damage_outside_the_results_is_found_without_verifying_them(bases):
     fill_blocks("out.h5", overwrite=True)
 
 
-def test_a_damaged_block_of_a_journal_is_computed_again_and_the_others_are_not(bases):
-    fill_blocks("out.h5", 1)
-    at = Path("out.h5.part").stat().st_size - 100
+def test_a_damaged_block_is_computed_again_and_the_others_are_not(bases):
+    bases["begun"].restore()
     content = bytearray(bases["begun"].content)
-    content[at] ^= 1
-    Path("out.h5.part").write_bytes(content)
+    content[len(content) // 2] ^= 1
+    Path(bases["begun"].name).write_bytes(content)
     with open_sweep("out.h5") as dataset:
         pending = dataset["status"].values == Status.PENDING
-    assert pending[0].tolist() == [True, True, False, False, False, False]
+    assert pending[0].tolist() == [False, False, True, True, False, False]
     assert fill_blocks("out.h5", resume=True) == 1
     xr.testing.assert_equal(data("out.h5"), bases["complete"].data)
+
+
+@pytest.mark.campaign
+def test_every_byte_of_a_block_is_covered_or_means_nothing(bases):
+    base = bases["begun"]
+    base.restore()
+    content = bytearray(base.content)
+    for at in range(len(content)):
+        content[at] ^= 1 + at % 255
+        Path(base.name).write_bytes(content)
+        with open_sweep("out.h5") as dataset:
+            done = (dataset["status"] != Status.PENDING).values
+            assert done[0, :2].all() and done[0, 4:].all()
+            for name in VARIABLES:
+                seen, right = dataset[name].values[done], base.data[name].values[done]
+                np.testing.assert_array_equal(seen, right[..., : seen.shape[-1]])
+        content[at] ^= 1 + at % 255
 
 
 def test_a_damaged_file_is_computed_again_from_its_own_configuration():

@@ -87,7 +87,7 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
     assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
     size = run_sweep(sweep, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
-    assert told.disk == 2 * told.file  # the journal, and the file at the end
+    assert told.disk == 2 * told.file  # the blocks, and the file at the end
 
 
 @pytest.mark.parametrize("every", [1, 20])

@@ -79,7 +79,7 @@ def test_a_table_goes_on_where_it_was_stopped(stop_after):
     run_sweep("sweep.yaml", "whole.h5")
     with stop_after(3, size=20), pytest.raises(KeyboardInterrupt):
         run_sweep("sweep.yaml", "out.h5")
-    with open_sweep("out.h5") as part:  # read from its journal
+    with open_sweep("out.h5") as part:  # read from its blocks
         assert 0 < (part["status"] == -1).sum() < len(part["status"])
         assert_array_equal(part["omega"], columns["omega"])
     for other in (

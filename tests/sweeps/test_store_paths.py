@@ -19,7 +19,7 @@ from commands import accepted, call
 from sweeps.errors import StoreError
 from sweeps.store import check_output, check_room, only_writer, open_sweep
 from sweeps.store.paths import FORMAT, FORMAT_VERSION
-from written_files import fill_blocks
+from written_files import contents, fill_blocks
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
@@ -40,18 +40,19 @@ def run(*options):
 def test_an_existing_sweep_is_kept_unless_told(blocks):
     fill_blocks("out.h5", blocks)
     (path,) = Path().glob("out.h5*")
-    before = path.read_bytes()
+    before = contents(path)
     with pytest.raises(StoreError, match=f"{path} exists; resume it, overwrite it, or"):
         fill_blocks("out.h5")
-    assert path.read_bytes() == before
+    assert contents(path) == before
     fill_blocks("out.h5", overwrite=True)
     open_sweep("out.h5").close()
-    assert not Path("out.h5.part").exists()
+    assert not Path("out.h5.parts").exists()
 
 
-@pytest.mark.parametrize("name", ["out.h5", "out.h5.part"])
+@pytest.mark.parametrize("name", ["out.h5", "out.h5.parts/schema.h5"])
 def test_what_is_no_regular_file_is_refused_and_stays(name):
     """Without waiting for a writer; for other kinds of files see ``test_replacing.py``."""
+    Path(name).parent.mkdir(exist_ok=True)
     os.mkfifo(name)
     before = os.stat(name).st_mode
     for option in ("--overwrite", "--resume"):
@@ -62,11 +63,39 @@ def test_what_is_no_regular_file_is_refused_and_stays(name):
     for command in ("info", "plot"):
         result = call(command, "out.h5")
         assert result.exit_code == 2 and "not a regular file" in result.stderr
-    assert sorted(path.name for path in Path().iterdir()) == [name, "sweep.yaml"]
+    assert sorted(path.name for path in Path().iterdir()) == [name.split("/")[0], "sweep.yaml"]
 
 
-@pytest.mark.parametrize("name", ["out.h5", "out.h5.part"])
+@pytest.mark.parametrize(
+    "make", [os.mkfifo, lambda path: Path(path).touch(), lambda path: Path(path).symlink_to("a")]
+)
+def test_what_is_no_folder_is_not_used_for_the_blocks(make):
+    Path("a").mkdir()
+    make("out.h5.parts")
+    for option in ("--overwrite", "--resume", "--quiet"):
+        result = run(option)
+        assert result.exit_code == 2
+        assert "out.h5.parts is needed as a folder, but something else has that" in result.stderr
+    assert call("info", "out.h5").exit_code == 2
+    assert sorted(os.listdir()) == ["a", "out.h5.parts", "sweep.yaml"] and not os.listdir("a")
+
+
+def test_other_files_in_the_folder_of_the_blocks_stay():
+    fill_blocks("out.h5", 2)
+    mine = [Path("out.h5.parts") / name for name in ("notes.txt", "block-x.npz", ".new")]
+    for path in mine:
+        path.touch()
+    fill_blocks("out.h5", resume=True)
+    assert sorted(Path("out.h5.parts").iterdir()) == sorted(mine)
+    open_sweep("out.h5").close()
+    fill_blocks("out.h5", 2, overwrite=True)
+    fill_blocks("out.h5", 0, overwrite=True)
+    assert sorted(os.listdir("out.h5.parts")) == sorted([*(p.name for p in mine), "schema.h5"])
+
+
+@pytest.mark.parametrize("name", ["out.h5", "out.h5.parts/schema.h5"])
 def test_a_file_of_another_kind_is_never_replaced(name):
+    Path(name).parent.mkdir(exist_ok=True)
     Path(name).write_bytes(b"precious")
     for option in ("--overwrite", "--resume"):
         result = run(option)
@@ -113,9 +142,9 @@ def test_outputs_that_are_refused(tmp_path):
         check_output(tmp_path, overwrite=True)
     with pytest.raises(StoreError, match=r"the folder missing of the output new\.h5 does not"):
         check_output("missing/new.h5", overwrite=True)
-    check_output(f"{'x' * 247}.h5")
-    with pytest.raises(StoreError, match="File name too long"):  # the name of its journal
-        check_output(f"{'x' * 248}.h5")
+    check_output(f"{'x' * 246}.h5")
+    with pytest.raises(StoreError, match="File name too long"):  # the name of its folder
+        check_output(f"{'x' * 247}.h5")
     Path("link.h5").symlink_to("missing/new.h5")
     said = r"the folder .*missing of the output link\.h5, a link to .*new\.h5, does not exist"
     with pytest.raises(StoreError, match=said):
@@ -124,11 +153,11 @@ def test_outputs_that_are_refused(tmp_path):
 
 def test_a_sweep_larger_than_the_disk_is_refused(monkeypatch):
     fill_blocks("old.h5", 2)
-    part = Path("old.h5.part").stat().st_size
+    part = sum(map(len, contents(Path("old.h5.parts")).values()))
     monkeypatch.setattr("shutil.disk_usage", lambda _: types.SimpleNamespace(free=100_000))
     with pytest.raises(StoreError, match=r"takes about 50 MB .* only 100 kB left; record less, or"):
         check_room(Path("out.h5"), 50_000_000)
-    # An existing file frees no space, but a resumed journal already has part of the data.
+    # An existing file frees no space, but the blocks of a resumed sweep already take room.
     with pytest.raises(StoreError, match="only 100 kB left; record less, delete the old file"):
         check_room(Path("old.h5"), 100_001)
     check_room(Path("old.h5"), 100_000)
@@ -155,17 +184,18 @@ def test_files_that_are_not_ours_are_refused(tmp_path):
             open_sweep("out.h5")
 
 
-def test_the_journal_itself_is_refused_with_the_name_to_give():
+@pytest.mark.parametrize("name", ["", "/schema.h5", "/block-000001.npz"])
+def test_the_folder_of_blocks_is_refused_with_the_name_to_give(name):
     fill_blocks("out.h5", 2)
-    with pytest.raises(StoreError, match=r"of a sweep that is not complete; give out\.h5$"):
-        open_sweep("out.h5.part")
+    with pytest.raises(StoreError, match=r"to a sweep that is not complete; give out\.h5$"):
+        open_sweep(f"out.h5.parts{name}")
 
 
 def test_an_incomplete_sweep_is_read_through_a_link_to_its_output():
     Path("folder").mkdir()
     Path("link.h5").symlink_to("folder/real.h5")
     fill_blocks("link.h5", 2)
-    assert Path("folder/real.h5.part").exists()
+    assert Path("folder/real.h5.parts").exists()
     open_sweep("link.h5").close()
 
 
@@ -182,14 +212,27 @@ def test_files_of_older_versions_are_refused(ending, version):
     fill_blocks("out.h5", overwrite=True)
 
 
-def test_a_journal_of_another_version_is_refused():
-    fill_blocks("out.h5", 2)
-    content = bytearray(Path("out.h5.part").read_bytes())
-    content[8] += 1
-    Path("out.h5.part").write_bytes(content)
-    for use in (open_sweep, lambda path: fill_blocks(path, resume=True)):
-        with pytest.raises(StoreError, match=f"another format version than {FORMAT_VERSION}"):
+def test_the_journal_of_an_earlier_version_is_refused_until_it_is_overwritten():
+    """It was one file, ``out.h5.part``."""
+    Path("out.h5.part").write_bytes(b"\x89VIBROJ\n\5\0\0\0" + bytes(1000))
+    for use in (open_sweep, fill_blocks, lambda path: fill_blocks(path, resume=True)):
+        with pytest.raises(StoreError, match=r"out\.h5\.part is an incomplete sweep of an earlier"):
             use("out.h5")
+    with pytest.raises(StoreError, match=f"another format version than {FORMAT_VERSION}"):
+        open_sweep("out.h5.part")
+    assert "complete it with that version, or" in call("info", "out.h5").stderr
+    assert "overwrite it" in run().stderr
+    assert Path("out.h5.part").exists()
+    fill_blocks("out.h5", 1, overwrite=True)
+    assert not Path("out.h5.part").exists()
+    open_sweep("out.h5").close()
+
+
+def test_a_file_that_only_has_the_name_of_a_journal_is_left_alone():
+    Path("out.h5.part").write_text("precious")
+    fill_blocks("out.h5", overwrite=True)
+    open_sweep("out.h5").close()
+    assert Path("out.h5.part").read_text() == "precious"
 
 
 # The lock and the new files beside the output

@@ -47,7 +47,7 @@ def test_a_run_that_is_killed_goes_on_and_every_command_works(sweep):
         while not share_written(Path("sweep.h5")) and killed.poll() is None:
             time.sleep(0.02)
         killed.kill()
-    assert Path("sweep.h5.part").exists(), "the run ended before it was killed"
+    assert Path("sweep.h5.parts").exists(), "the run ended before it was killed"
     few = ("--set", "oscillator.omega.num=50", "-o", "few.h5")
     commands = [
         [*run, "--set", "record.transient=2000", "--resume"],

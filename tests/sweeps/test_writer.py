@@ -7,7 +7,7 @@ import os
 import re
 import resource
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Grid
 from sweeps.store import SweepWriter, sweep_writer
 from vibroimpact.status import Status
-from written_files import GRID, fill_blocks, results, schema
+from written_files import GRID, contents, fill_blocks, results, schema
 
 CONFIG = """\
 oscillator: {h: 0.1, R: 0.8, omega: {start: 1.5, stop: 3.0, num: 40}, f: 1.0}
@@ -30,7 +30,7 @@ method: {integrator: newmark, impact: plain}
 record: {transient: 3, periods: 4, impacts: 2}
 output: out.h5
 """
-PART = Path("out.h5.part")
+PARTS = Path("out.h5.parts")
 SECTOR = 512
 
 
@@ -72,7 +72,7 @@ def test_a_resumed_sweep_ends_with_the_same_data(whole, compressed):
     assert Path("out.h5").read_bytes() == before
 
 
-def test_a_journal_keeps_its_own_blocks():
+def test_an_incomplete_sweep_keeps_its_own_blocks():
     fill_blocks("out.h5", 2)
     with sweep_writer("out.h5", schema(block_size=5), resume=True) as store:
         assert store.pending() == list(GRID.blocks(2))[2:]
@@ -107,13 +107,13 @@ def test_the_duration_is_that_of_all_sessions(monkeypatch):
 @pytest.mark.parametrize("blocks", [2, None])
 def test_another_sweep_is_not_resumed(changed, parts, blocks):
     fill_blocks("out.h5", blocks)
-    name = "out.h5" if blocks is None else "out.h5.part"
-    before = Path(name).read_bytes()
+    name = "out.h5" if blocks is None else "out.h5.parts"
+    before = contents(Path(name))
     with pytest.raises(StoreError, match=rf"{name} cannot be resumed: ") as caught:
         with sweep_writer("out.h5", schema(**changed), resume=True):
             pass
     assert all(part in str(caught.value) for part in (*parts, "overwrite it"))
-    assert Path(name).read_bytes() == before
+    assert contents(Path(name)) == before
 
 
 def test_another_name_is_no_other_sweep():
@@ -126,49 +126,97 @@ def test_another_name_is_no_other_sweep():
 # A kill, or a loss of power
 
 
-def test_a_journal_that_is_cut_off_anywhere_has_the_blocks_before(whole):
-    """As a kill or a loss of power may leave it."""
-    fill_blocks("out.h5", 0)
-    header = PART.stat().st_size
-    fill_blocks("out.h5", 3, resume=True)
-    content = PART.read_bytes()
-    lengths = {header, len(content), *np.linspace(header, len(content), 7).astype(int)}
-    counts = []
-    for length in sorted(lengths):
-        PART.write_bytes(content[:length])
-        counts.append(done_of("out.h5", whole))
+def last_block():
+    return max(PARTS.glob("block-*.npz"))
+
+
+def test_a_block_file_that_is_cut_off_anywhere_counts_as_not_computed(whole):
+    """Not by a kill, which leaves a draft, but by another program or a broken disk."""
+    fill_blocks("out.h5", 3)
+    content = last_block().read_bytes()
+    for length in np.linspace(0, len(content), 12).astype(int):
+        last_block().write_bytes(content[:length])
+        done = 6 if length == len(content) else 4
+        assert done_of("out.h5", whole) == done
         with sweep_writer("out.h5", schema(), resume=True) as store:
-            assert 12 - 2 * len(store.pending()) == counts[-1] and store.damaged == 0
-    assert counts == sorted(counts) and set(counts) == {0, 2, 4, 6}
-    PART.write_bytes(content[: header + (len(content) - header) // 2])
+            assert 12 - 2 * len(store.pending()) == done and store.damaged == (done < 6)
+    last_block().write_bytes(content[: len(content) // 2])
     resumed(whole)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("old", [b"\0", None])
-def test_of_the_last_block_any_sectors_may_be_lost(whole, old):
-    """They hold zeros or old data of the disk instead."""
-    fill_blocks("out.h5", 2)
-    start = PART.stat().st_size
-    fill_blocks("out.h5", 1, resume=True)
-    content = PART.read_bytes()
+def test_of_a_block_any_sectors_may_be_lost(whole, old):
+    """They hold zeros or old data of the disk instead; the other blocks stay."""
+    fill_blocks("out.h5", 3)
+    first = PARTS / "block-000000.npz"
+    content = first.read_bytes()
     random = np.random.default_rng(1)
-    sectors = range(start // SECTOR, -(-len(content) // SECTOR))
+    sectors = range(-(-len(content) // SECTOR))
     for case in (0, 1, 2, 3, 6, 9, 12, 15):
         lost = [sectors[case % len(sectors)]] if case < 4 else random.permutation(sectors)[:case]
         damaged = bytearray(content)
         for sector in lost:
-            cut = slice(max(start, sector * SECTOR), min((sector + 1) * SECTOR, len(content)))
+            cut = slice(sector * SECTOR, min((sector + 1) * SECTOR, len(content)))
             size = cut.stop - cut.start
             damaged[cut] = old * size if old else random.bytes(size)
-        PART.write_bytes(damaged)
-        if case % 2:
-            fill_blocks("out.h5", 0, resume=True)  # cuts off the lost part
+        first.write_bytes(damaged)
         assert done_of("out.h5", whole) == (6 if damaged == content else 4)
     resumed(whole)
 
 
-def test_each_block_is_on_the_disk_before_the_next_and_the_file_before_the_journal_goes(
+def test_a_block_of_another_sweep_or_of_another_number_is_not_used(whole):
+    fill_blocks("out.h5", 2)
+    with sweep_writer("other.h5", schema(numerics="2")) as store:
+        for block in store.pending()[:1]:
+            store.write(block, results(block))
+    blocks = sorted(PARTS.iterdir())[:2]
+    shutil.copy(Path("other.h5.parts") / blocks[0].name, blocks[0])
+    shutil.copy(blocks[1], PARTS / "block-000004.npz")
+    assert done_of("out.h5", whole) == 2
+    shutil.rmtree("other.h5.parts")
+    assert fill_blocks("out.h5", resume=True) == 2
+    xr.testing.assert_identical(data("out.h5"), whole)
+
+
+def test_numpy_reads_a_block():
+    block = next(GRID.blocks(2))
+    fill_blocks("out.h5", 1)
+    with np.load(last_block()) as file:
+        given = results(block)
+        np.testing.assert_array_equal(file["poincare_x"].reshape(2, -1), given["poincare_x"])
+        np.testing.assert_array_equal(file["points"]["chatters"].ravel(), given["chatters"])
+        assert file["points"].dtype["status"] == np.int8
+
+
+def test_what_killed_runs_left_in_the_folder_is_removed(whole):
+    fill_blocks("out.h5", 2)
+    (PARTS / ".block-000003.npz.1-01234567.new").write_bytes(b"half of a block")
+    resumed(whole)
+    # A run that was killed while it removed its folder, after the schema.
+    for resume in (True, False):
+        fill_blocks("other.h5", 2)
+        os.unlink("other.h5.parts/schema.h5")
+        os.replace("other.h5.parts", PARTS)
+        fill_blocks("out.h5", resume=resume, overwrite=not resume)
+        assert not PARTS.exists()
+
+
+def test_a_dataset_that_is_read_after_the_end_of_its_run_says_so(whole):
+    fill_blocks("out.h5", 2)
+    for then in ({"resume": True}, {"overwrite": True, "blocks": 3}):
+        with open_sweep("out.h5") as early:
+            fill_blocks("out.h5", **then)
+            if PARTS.exists():
+                assert (early["status"].values[0, :2] == 0).all()
+                continue
+            said = r"block-000000\.npz was removed by another program, or its sweep was completed"
+            with pytest.raises(StoreError, match=said):
+                early["status"].load()
+        fill_blocks("out.h5", 2, overwrite=True)
+
+
+def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_the_blocks_go(
     monkeypatch,
 ):
     events = []
@@ -185,21 +233,24 @@ def test_each_block_is_on_the_disk_before_the_next_and_the_file_before_the_journ
         events.append(("replaced", Path(target).name))
 
     def unlinked(path, **options):
-        unlink(path, **options)
-        events.append(("removed", path.name))
+        with suppress(FileNotFoundError):  # a draft that has its name
+            unlink(path)
+            events.append(("removed", path.name))
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "replace", replaced)
     monkeypatch.setattr(Path, "unlink", unlinked)
     with sweep_writer("out.h5", schema()) as store:
+        assert events[-2] == ("replaced", "schema.h5")
         for block in store.pending():
             store.write(block, results(block))
-            assert events[-1] == ("sync", PART.stat().st_ino, PART.stat().st_size)
+            assert events[-1] == ("replaced", last_block().name)
         folder = os.stat(".").st_ino
         store.finish()
     at = events.index(("replaced", "out.h5"))
     assert events[at + 1][:2] == ("sync", folder)
-    assert events.index(("removed", "out.h5.part")) > at + 1
+    assert [event[0] for event in events[at + 2 :]] == ["removed"] * 7
+    assert events[at + 2] == ("removed", "schema.h5")
 
 
 # A full disk
@@ -226,7 +277,7 @@ def test_a_disk_that_is_full_before_the_start_leaves_nothing(tmp_path):
 def test_a_disk_that_fills_up_keeps_every_block_before(whole):
     fill_blocks("out.h5", 2)
     with pytest.raises(Failed, match=r"out\.h5 cannot be written: File too large$"):
-        with small_disk(PART.stat().st_size + 1000):
+        with small_disk(last_block().stat().st_size - 100):
             fill_blocks("out.h5", resume=True)
     assert done_of("out.h5", whole) == 4
     resumed(whole)
@@ -248,7 +299,7 @@ def test_a_disk_that_is_full_at_the_end_loses_nothing(whole, compressed, sizes):
             with pytest.raises(Failed, match=r"out\.h5 cannot be completed: File too large$"):
                 with small_disk(size):
                     store.finish(compressed=compressed)
-    assert {path.name for path in Path().iterdir()} == {"out.h5.part", "sweep.yaml"}
+    assert {path.name for path in Path().iterdir()} == {"out.h5.parts", "sweep.yaml"}
     assert done_of("out.h5", whole) == 12
     resumed(whole, compressed=compressed)
 
@@ -261,39 +312,50 @@ def small_blocks(monkeypatch):
     monkeypatch.setattr("sweeps.engine.estimate.block_size", lambda *_, **__: 10)
 
 
+def remove():
+    shutil.rmtree(PARTS)
+
+
 def replace():
-    shutil.copy(PART, "other")
-    os.replace("other", PART)
+    shutil.copytree(PARTS, "other")
+    shutil.rmtree(PARTS)
+    os.replace("other", PARTS)
+
+
+def remove_block():
+    (PARTS / "block-000000.npz").unlink()
 
 
 def truncate():
-    os.truncate(PART, PART.stat().st_size - 100)
+    os.truncate(PARTS / "block-000000.npz", 1000)
 
 
 def empty_and_restore():
     """Like ``cp``: the size is the same, the content is not."""
-    size = PART.stat().st_size
-    os.truncate(PART, 0)
-    os.truncate(PART, size)
+    path = PARTS / "block-000000.npz"
+    size = path.stat().st_size
+    os.truncate(path, 0)
+    os.truncate(path, size)
 
 
 def move_folder():
     Path("elsewhere").mkdir()
-    PART.rename("elsewhere/out.h5.part")
+    PARTS.rename("elsewhere/out.h5.parts")
 
 
 LOSSES = {
-    PART.unlink: "out.h5.part was removed by another program",
-    replace: "out.h5.part was replaced by another program",
-    truncate: "out.h5.part was truncated by another program",
-    empty_and_restore: "a block of .*out.h5.part was changed by another program",
-    move_folder: "out.h5.part was removed by another program",
+    remove: "out.h5.parts was removed by another program",
+    replace: "out.h5.parts was replaced by another program",
+    remove_block: "block-000000.npz was removed by another program",
+    truncate: "block-000000.npz is damaged",
+    empty_and_restore: "block-000000.npz is damaged",
+    move_folder: "out.h5.parts was removed by another program",
 }
 
 
 @pytest.mark.parametrize("at", [1, 3])
 @pytest.mark.parametrize("lose", LOSSES)
-def test_a_lost_journal_is_a_failure_that_says_so(monkeypatch, small_blocks, lose, at):
+def test_a_lost_block_is_a_failure_that_says_so(monkeypatch, small_blocks, lose, at):
     """Between two of four blocks, or before the last."""
     blocks = []
 
@@ -311,7 +373,7 @@ def test_a_lost_journal_is_a_failure_that_says_so(monkeypatch, small_blocks, los
     assert re.search(LOSSES[lose], result.stderr)
     assert not Path("out.h5").exists() and not list(Path().glob(".out*"))
     if lose is replace:  # the message names the kept blocks
-        assert f"{10 * at} of 40 points kept in out.h5.part; to go on: " in result.stderr
+        assert f"{10 * at} of 40 points kept in out.h5.parts; to go on: " in result.stderr
 
 
 def test_a_file_that_another_program_puts_there_is_left_alone(monkeypatch):
@@ -326,7 +388,7 @@ def test_a_file_that_another_program_puts_there_is_left_alone(monkeypatch):
         result = call("run", "sweep.yaml", "--quiet")
     assert result.exit_code == 1
     assert "out.h5 was written by another program" in result.stderr
-    assert "40 of 40 points kept in out.h5.part; to go on: " in result.stderr
+    assert "40 of 40 points kept in out.h5.parts; to go on: " in result.stderr
     assert Path("out.h5").read_bytes() == b"precious"
     Path("out.h5").unlink()
     assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
@@ -353,19 +415,19 @@ def test_what_is_lost_at_the_very_end_is_said(monkeypatch):
 def test_a_failed_overwrite_says_that_the_old_one_is_there(monkeypatch, failure, blocks):
     fill_blocks("out.h5", blocks)
     (old,) = Path().glob("out.h5*")
-    before = old.read_bytes()
+    before = contents(old)
 
     def fail(*_, **__):
         raise failure
 
-    for where in ("sweeps.store.journal.describe", "sweeps.engine.estimate.trial"):
+    for where in ("sweeps.store.parts.describe", "sweeps.engine.estimate.trial"):
         with monkeypatch.context() as patch:
             patch.setattr(where, fail)
             result = call("run", "sweep.yaml", "--quiet", "--overwrite")
         assert result.exit_code == 1
         assert f"nothing of it is kept, and the old {old} is unchanged" in result.stderr
         assert "--resume" not in result.stderr
-        assert old.read_bytes() == before
+        assert contents(old) == before
 
 
 def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, small_blocks, whole):
@@ -383,12 +445,12 @@ def test_an_overwritten_file_stays_until_the_new_one_is_complete(monkeypatch, sm
         patch.setattr(executors, "compute_block", stopping)
         result = call("run", "sweep.yaml", "--quiet", "--overwrite")
     assert result.exit_code == 1
-    assert "10 of 40 points kept in out.h5.part; to go on: " in result.stderr
+    assert "10 of 40 points kept in out.h5.parts; to go on: " in result.stderr
     xr.testing.assert_identical(data("out.h5"), whole)
     assert call("run", "sweep.yaml", "--quiet", "--resume").exit_code == 0
     with open_sweep("out.h5") as dataset:
         assert dataset["status"].shape == (40,)
-    assert not PART.exists()
+    assert not PARTS.exists()
 
 
 def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
@@ -400,7 +462,7 @@ def test_the_commands_read_a_sweep_that_is_not_complete(stop_after):
         assert call(*arguments).exit_code == 0
     Path("sweep.yaml").unlink()
     assert call("run", "out.h5", "--quiet", "--resume").exit_code == 0
-    assert "40 points" in call("info", "out.h5").stdout and not PART.exists()
+    assert "40 points" in call("info", "out.h5").stdout and not PARTS.exists()
 
 
 # A name that changes its meaning during a run
@@ -426,6 +488,6 @@ def test_a_run_keeps_to_the_file_that_it_began(tmp_path, monkeypatch, change):
     config = load_config("sweep.yaml")
     monkeypatch.setattr(SweepWriter, "write", writing)
     run_sweep(config, "link.h5")
-    assert not (tmp_path / "other.h5").exists() and not (tmp_path / "real.h5.part").exists()
+    assert not (tmp_path / "other.h5").exists() and not (tmp_path / "real.h5.parts").exists()
     with open_sweep(tmp_path / "real.h5") as dataset:
         assert not (dataset["status"] == Status.PENDING).any()

@@ -1,5 +1,7 @@
 """Files with random results in place of computed ones, written block by block or for pictures."""
 
+from pathlib import Path
+
 import numpy as np
 
 from sweep_files import fill, random_results
@@ -63,6 +65,13 @@ def results(block, samples=None, widths=WIDTHS):
 def fill_blocks(path, blocks=None, compressed=False, **options):
     """Write the first pending blocks, all by default; finish the file if none is left."""
     return fill(path, schema(), results, blocks, compressed, **options)
+
+
+def contents(folder=Path("out.h5.parts")):
+    """Return the bytes of a file, or of each file in a folder by its name."""
+    if folder.is_file():
+        return folder.read_bytes()
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def whole(grid=GRID, samples=6):

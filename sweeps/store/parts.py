@@ -1,0 +1,236 @@
+"""The folder of an incomplete sweep, ``OUT.h5.parts``: its schema, and a file for each block done.
+
+``schema.h5`` is a complete file without data. ``block-NNNNNN.npz``, which `numpy.load` reads, holds
+a block: an array for each variable with a record dimension, and ``points``, a structured array with
+the single values of each point. Each file is on the disk before it gets its name, so a kill or a
+loss of power leaves it whole or not at all. The checksums of ZIP reveal a block that was damaged
+later; it counts as not computed, like a block that belongs to another sweep.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+import zipfile
+import zlib
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from sweeps.errors import Failed, StoreError
+from sweeps.grid import Block, block_points, box_shape
+from sweeps.interrupts import check
+from sweeps.store.file import add_table, schema_of
+from sweeps.store.paths import SCHEMA, identity, identity_of, open_regular, parts_path
+from sweeps.store.replacing import drafted, replacing
+from sweeps.store.schema import Schema, add_blocks, describe
+from sweeps.store.variables import VARIABLES
+
+#: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
+#: duration of the run so far [s].
+_ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
+_DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.\d+-[0-9a-f]{8}\.new"
+_BLOCK = r"block-\d+\.npz"
+#: What else may have happened to a block that a reader does not find.
+_ELSE = "its sweep was completed or begun anew; open the sweep again"
+
+
+class Entry(NamedTuple):
+    """A finished block: its samples, the duration so far, and the `identity` of its file."""
+
+    samples: int
+    seconds: float
+    file: object
+
+
+def create(folder: Path, schema: Schema) -> None:
+    """Begin a sweep in a folder, and remove the blocks of another one."""
+    is_new = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        with replacing(folder / SCHEMA) as new:  # from here on, no old block belongs to the sweep
+            image = io.BytesIO()
+            with h5py.File(image, "w", libver="earliest") as file:
+                describe(file, schema)
+                add_blocks(file, schema)
+            new.write_bytes(image.getvalue())
+            add_table(new)
+    except BaseException:
+        if is_new:
+            folder.rmdir()
+        raise
+    _remove(folder, f"{_BLOCK}|{_DRAFT}")
+
+
+def remove(folder: Path) -> None:
+    """Remove the files of a sweep from its folder, the schema first, and the folder if empty."""
+    with suppress(OSError):  # on Windows, another process is reading it; there are other files
+        (folder / SCHEMA).unlink(missing_ok=True)
+        _remove(folder, f"{_BLOCK}|{_DRAFT}")
+        folder.rmdir()
+
+
+def remove_drafts(folder: Path) -> None:
+    """Remove the drafts that killed writers left in a folder."""
+    _remove(folder, _DRAFT)
+
+
+def _remove(folder: Path, names: str) -> None:
+    for path in folder.iterdir():
+        if re.fullmatch(names, path.name):
+            path.unlink()
+
+
+class Parts:
+    """The folder of an incomplete sweep, for reading or for the only writer of the sweep.
+
+    `entries` maps the number of a block to its entry; `damaged` counts the blocks that are damaged
+    or belong to another sweep. With `verify`, all data are compared with their checksums. Raises
+    StoreError if the schema is missing, damaged or of another format version.
+    """
+
+    def __init__(self, folder: Path, *, verify: bool = True) -> None:
+        self.folder = folder
+        self.schema = schema_of(folder / SCHEMA)
+        self._identity = identity(folder / SCHEMA)
+        self._sweep = zlib.crc32((folder / SCHEMA).read_bytes())
+        self._singles = [name for name in self.schema.variables if _is_single(name)]
+        self._points = np.dtype([(name, VARIABLES[name].dtype) for name in self._singles])
+        self.entries: dict[int, Entry] = {}
+        self.damaged = 0
+        files = {path.name for path in folder.iterdir()}
+        for number in range(len(self.schema.blocks)):
+            if self._file(number).name not in files:
+                continue
+            if verify:  # without it, a sweep is also read after an interrupt, for the report
+                check()
+            try:
+                self.entries[number] = self._entry(number)
+                if verify:
+                    self.read(number, self.schema.variables)
+            except StoreError:
+                self.entries.pop(number, None)
+                self.damaged += 1
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the longest trajectory."""
+        return max((entry.samples for entry in self.entries.values()), default=1)
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the run [s] when its last block was written."""
+        return max((entry.seconds for entry in self.entries.values()), default=0.0)
+
+    def box(self, number: int, name: str) -> Block:
+        """Return the part of a variable that a block holds; its trajectories may be shorter."""
+        block, dimension = self.schema.blocks[number], VARIABLES[name].dimension
+        if dimension is None:
+            return block
+        width = len(self.schema.records[dimension])
+        samples = self.entries[number].samples
+        return (*block, slice(0, samples if dimension == "sample" else width))
+
+    def read(self, number: int, names: Collection[str]) -> dict[str, np.ndarray]:
+        """Return variables of a block, each of shape (box..., record).
+
+        Raises StoreError if they are damaged, or if the file is gone or another one.
+        """
+        path, block = self._file(number), self.schema.blocks[number]
+        singles = set(self._singles).intersection(names)
+        found: dict[str, np.ndarray] = {}
+        with _opened(path) as (file, now):
+            if now != self.entries[number].file:
+                raise StoreError(f"{path} was replaced by another program, or {_ELSE}")
+            if singles:
+                points = _array(file, "points", self._points, block)
+                found = {name: points[name] for name in singles}
+            for name in set(names) - singles:
+                found[name] = _array(file, name, VARIABLES[name].dtype, self.box(number, name))
+        return found
+
+    def write(
+        self, number: int, arrays: Mapping[str, np.ndarray], samples: int, seconds: float
+    ) -> None:
+        """Write a block, given by contiguous arrays; it is then on the disk."""
+        self.refuse_loss()
+        points = np.empty(box_shape(self.schema.blocks[number]), self._points)
+        for name in self._singles:
+            points[name] = arrays[name]
+        records = {name: array for name, array in arrays.items() if not _is_single(name)}
+        about = np.array((self._sweep, number, samples, seconds), _ABOUT)
+        with drafted(self._file(number)) as new:
+            with zipfile.ZipFile(new, "w") as file:
+                for name, array in {"about": about, "points": points, **records}.items():
+                    _write_array(file, name, array)
+        self.entries[number] = Entry(samples, seconds, identity(self._file(number)))
+
+    def refuse_loss(self) -> None:
+        """Raise Failed if another program has removed or replaced the schema."""
+        now = identity(self.folder / SCHEMA)
+        if now != self._identity:
+            loss = "removed" if now is None else "replaced"
+            raise Failed(f"{self.folder} was {loss} by another program while it was written")
+
+    def _file(self, number: int) -> Path:
+        """Return the path of the file of a block."""
+        return self.folder / f"block-{number:06}.npz"
+
+    def _entry(self, number: int) -> Entry:
+        """Return the entry of a block; refuse the block of another sweep."""
+        with _opened(self._file(number)) as (file, now):
+            about = _array(file, "about", _ABOUT, ())
+        if (about["sweep"], about["number"]) != (self._sweep, number):
+            raise StoreError(f"{self._file(number)} belongs to another sweep")
+        return Entry(int(about["samples"]), float(about["seconds"]), now)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, object]]:
+    """Open the file of a block, and return it with its `identity`; any error is a StoreError."""
+    try:
+        with open_regular(path) as file, zipfile.ZipFile(file) as held:
+            yield held, identity_of(os.fstat(file.fileno()))
+    except StoreError:
+        raise
+    except FileNotFoundError:
+        raise StoreError(f"{path} was removed by another program, or {_ELSE}") from None
+    except Exception as error:  # zipfile has many for damaged files
+        raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
+
+
+def _write_array(file: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
+    """Write an array as `numpy.savez` does, but without a copy of it."""
+    with file.open(f"{name}.npy", "w", force_zip64=True) as member:
+        np.lib.format.write_array_header_1_0(
+            member, np.lib.format.header_data_from_array_1_0(array)
+        )
+        member.write(array.reshape(-1).view(np.uint8).data)
+
+
+def _array(file: zipfile.ZipFile, name: str, dtype: Any, box: Block) -> np.ndarray:
+    """Return an array of a block file; its header only repeats what the schema says."""
+    data, shape = file.read(f"{name}.npy"), box_shape(box)  # ZIP compares the checksum
+    start = len(data) - math.prod(shape) * np.dtype(dtype).itemsize
+    return np.ndarray(shape, dtype, data, start)
+
+
+def _is_single(name: str) -> bool:
+    return VARIABLES[name].dimension is None
+
+
+def kept_points(path: Path) -> tuple[int, int] | None:
+    """Return the number of finished points and of all points; None without an incomplete sweep."""
+    try:
+        parts = Parts(parts_path(path), verify=False)
+    except StoreError:
+        return None
+    blocks = parts.schema.blocks
+    done = sum(block_points(blocks[number]) for number in parts.entries)
+    return done, sum(map(block_points, blocks))

@@ -1,0 +1,109 @@
+"""Read a sweep: its complete file, or the folder of its blocks while it is incomplete."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+
+from sweeps.errors import StoreError
+from sweeps.store.file import check_file
+from sweeps.store.parts import Parts
+from sweeps.store.paths import (
+    PARTS,
+    SCHEMA,
+    Content,
+    content,
+    parts_path,
+    reason,
+    refuse_journal,
+)
+from vibroimpact.status import Status
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
+    """Open the file of a sweep; its arrays are read when they are used.
+
+    If the sweep is not complete, the blocks in the folder beside `path` are opened. Points that
+    are not computed yet have the status ``PENDING``.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file of the sweep, also while only the folder of its blocks exists.
+    verify : bool
+        Whether to compare the data with their checksums, which reads the whole file once. The rest
+        of the file is always compared with its checksums.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    StoreError
+        If the file does not exist, is not a readable sweep of this format, or is damaged.
+
+    Examples
+    --------
+    >>> import sweeps
+    >>> omega = {"start": 2.6, "stop": 2.7, "num": 20}
+    >>> scene = {"oscillator": {"h": 0.1, "R": 0.8, "omega": omega, "f": 1.0}}
+    >>> ds = sweeps.open_sweep(sweeps.run_sweep(scene, "flip.h5", overwrite=True))
+    >>> ds["period"].values
+    array([1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2])
+    """
+    import xarray as xr  # slow to import
+
+    path = Path(path)
+    try:
+        _refuse_parts(path)
+        if _is_missing(path) and (parts_path(path) / SCHEMA).exists():
+            from sweeps.store.partial import open_parts
+
+            try:
+                return open_parts(Parts(parts_path(path), verify=verify))
+            except StoreError:
+                if _is_missing(path):  # otherwise a run has just completed the file
+                    raise
+        if _is_missing(path):
+            refuse_journal(path)
+        check_file(path, verify=verify)
+        return xr.open_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
+
+
+def _is_missing(path: Path) -> bool:
+    return content(path) in (None, Content.NOTHING)
+
+
+def _refuse_parts(path: Path) -> None:
+    """Refuse the folder of an incomplete sweep and its files, and name the path to give."""
+    for folder in (path, path.parent):
+        if folder.name.endswith(PARTS) and (folder / SCHEMA).exists():
+            output = str(folder).removesuffix(PARTS)
+            raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
+
+
+def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:
+    """Return those of the variables, with a single value per point, that the file has.
+
+    Also returns the duration of the run [s].
+    """
+    check_file(path, verify=False)
+    with h5py.File(path, "r") as file:
+        held = {name: file[name][()] for name in names if name in file}
+        return held, float(file.attrs["duration"])
+
+
+def status_counts(variables: Mapping[Any, Any]) -> dict[Status, int]:
+    """Count the points of a sweep with each outcome, including the outcomes without points."""
+    values = np.asarray(variables["status"])
+    return {status: int(np.count_nonzero(values == status)) for status in Status}
