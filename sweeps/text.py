@@ -54,6 +54,16 @@ def shortest(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
 
 
+def told_apart(*values: float) -> list[str]:
+    """Write numbers with six digits, or with as many as different numbers need to differ."""
+    texts: list[str] = []
+    for digits in range(6, 18):
+        texts = [f"{value:.{digits}g}" for value in values]
+        if len(set(texts)) == len(set(values)):
+            break
+    return texts
+
+
 def in_units(unit: str, units: Mapping[str, str]) -> str:
     """Replace length and time in a unit by the units chosen for them: mm/s^2 for length/time^2."""
     return re.sub("length|time", lambda match: units.get(match[0], match[0]), unit)

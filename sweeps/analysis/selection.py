@@ -16,7 +16,7 @@ from sweeps.config.sweep import SweepConfig
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.store.variables import DIRECTION, VARIABLES, Variable, columns_of
-from sweeps.text import in_units, nearest, suggestion, unit_name
+from sweeps.text import in_units, nearest, suggestion, told_apart, unit_name
 from vibroimpact.orbits.periodic import periodic_orbit
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.status import Status
@@ -140,7 +140,8 @@ def on_grid(dataset: xr.Dataset, at: Selection) -> dict[str, float | str]:
         low, high = float(values.min()), float(values.max())
         slack = 1e-9 * max(abs(low), abs(high))  # a user types 0.3 for a grid value of 0.1 * 3
         if not low - slack <= value <= high + slack:
-            raise Refused(f"{name} = {value:g} is outside the sweep: {low:g} to {high:g}")
+            asked, first, last = told_apart(value, low, high)
+            raise Refused(f"{name} = {asked} is outside the sweep: {first} to {last}")
         closest = float(values[np.argmin(np.abs(values - value))])
         fixed_at[name] = value if abs(closest - value) <= slack else closest
     return fixed_at

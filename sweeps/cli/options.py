@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sweeps.errors import Refused
-from sweeps.text import printable
+from sweeps.text import printable, told_apart
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -225,8 +225,8 @@ def say_moved(requested: Selection, cut: Selection, verb: str) -> None:
     """Report each requested value that is not on the grid, and the value used instead."""
     for name, value in requested.items():
         if value != cut[name]:
-            text = f"{name} = {value:g} is not on the grid; {verb} at {name} = {cut[name]:g}"
-            say(text, error=True)
+            asked, there = told_apart(float(value), float(cut[name]))
+            say(f"{name} = {asked} is not on the grid; {verb} at {name} = {there}", error=True)
 
 
 # Output to a terminal: a warning takes one line, and control characters are escaped

@@ -72,6 +72,10 @@ def test_a_cut_off_the_grid_is_told(ran):
     result = call("plot", "small.h5", "--at", "clearance=0.06")
     assert (result.exit_code, result.stdout) == (0, "small-clearance-0.06.png\n")
     assert result.stderr == "clearance = 0.06 is not on the grid; drawn at clearance = 0.1\n"
+    near = call("plot", "small.h5", "--at", "clearance=0.09999996")
+    assert near.stderr == "clearance = 0.09999996 is not on the grid; drawn at clearance = 0.1\n"
+    beyond = refused("plot", "small.h5", "--at", "clearance=0.10000004")
+    assert "clearance = 0.10000004 is outside the sweep: 0 to 0.1\n" in beyond
     rounded = call("plot", "small.h5", "--at", "clearance=0.1000000000001")
     assert (rounded.exit_code, rounded.stderr) == (0, "")
 
