@@ -20,12 +20,15 @@ from numba import njit
 #: rest of the margin is for other processors. A loop that is no longer vectorized takes three times
 #: as long. Unless noted, the unit is a step of the yardstick per forcing period of one point.
 LIMITS = {
-    "plain, euler": (2.25, 4.88),
-    "plain, semi-implicit-euler": (2.25, 4.88),
-    "plain, verlet": (2.25, 4.88),
-    "plain, newmark": (2.25, 4.88),
-    "plain, rk4": (2.25, 4.88),
-    "plain, exact": (2.38, 5.0),
+    # On one processor (Zen) 1.8 to 2.1; but 3.4 to 3.8 for minutes while another machine works on
+    # the same cores, which slows down vectors but not the reference. Without vectors it is 4.65;
+    # with vectors of 256 bits 2.75, which ``test_vectors.py`` finds in the machine code.
+    "plain, euler": (4.2, 4.88),
+    "plain, semi-implicit-euler": (4.2, 4.88),
+    "plain, verlet": (4.2, 4.88),
+    "plain, newmark": (4.2, 4.88),
+    "plain, rk4": (4.2, 4.88),
+    "plain, exact": (4.2, 5.0),
     "plain, rk4, all recorded": (5.12, 8.25),
     "reduced-step, euler": (3.75, 5.4),
     "reduced-step, semi-implicit-euler": (3.75, 5.4),
