@@ -158,7 +158,7 @@ class Parts:
     def write(
         self, number: int, arrays: Mapping[str, np.ndarray], samples: int, seconds: float
     ) -> None:
-        """Write a block, given by contiguous arrays; it is then on the disk."""
+        """Write a block, given by contiguous arrays; a loss of power may still lose its name."""
         self.refuse_loss()
         points = np.empty(box_shape(self.schema.blocks[number]), self._points)
         for name in self._singles:

@@ -82,7 +82,7 @@ class SweepWriter:
         return [block for i, block in enumerate(self._schema.blocks) if i not in there]
 
     def write(self, block: Block, results: Mapping[str, np.ndarray]) -> None:
-        """Write the results of one block; they are on the disk when this returns.
+        """Write the results of one block; no kill of the process can then lose them.
 
         `results` must have an array of shape (points of the block, ...) in C order for every
         variable of the file; otherwise KeyError or ValueError is raised. Trajectories may have any
