@@ -8,11 +8,11 @@ from typing import NamedTuple
 from vibroimpact.destination.section_map import follow
 from vibroimpact.jit import inlined, jit
 
-#: Most iterations, and the longest correction in the units of the record.
-_MOST_ITERATIONS, _LONGEST = 10, 0.2
+#: Most iterations.
+_MOST_ITERATIONS = 10
 #: An iteration has converged when its correction is below this; the correction is still made.
 _CONVERGED = 1e-9
-#: An orbit farther than this from the last section is not near the motion.
+#: An orbit farther than this from the last section, in the units of the record, is not near it.
 _NEARNESS = 0.2
 #: An orbit may repeat a part of itself if its sections do so to within the first. It is that part
 #: if Newton's method leads from it to a section within the second.
@@ -78,17 +78,18 @@ def correction(flow, y, w, m, size):
 @jit
 def orbit_from(flow, y, w, m, size):
     """Return the ``Orbit`` of m periods to which Newton's method leads; it may repeat a part."""
-    before = math.inf
+    most, start_y, start_w = _NEARNESS, y, w
     for _ in range(_MOST_ITERATIONS):
         dy, dw, J, q = correction(flow, y, w, m, size)
         length = max(abs(dy), abs(dw))
-        if q < 0 or not length < before:
+        if q < 0 or not length <= most:
             break
+        y, w = min(y + dy * size[0], 0.0), w + dw * size[1]
         if length <= _CONVERGED:
-            return Orbit(m, q, min(y + dy * size[0], 0.0), w + dw * size[1], J)
-        share = min(1.0, _LONGEST / length)
-        before = max(0.9 * length, _CONVERGED) if share == 1.0 else math.inf
-        y, w = min(y + share * dy * size[0], 0.0), w + share * dw * size[1]
+            return Orbit(m, q, y, w, J)
+        most = max(0.9 * length, _CONVERGED)
+        if max(abs(y - start_y) / size[0], abs(w - start_w) / size[1]) > _NEARNESS:
+            break
     return no_orbit()
 
 
