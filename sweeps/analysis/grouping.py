@@ -14,7 +14,7 @@ from sweeps.analysis.section_distance import Cycles, representatives, shortest_t
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.analysis.tracking import PeriodicAttractors
 from sweeps.errors import Refused
-from sweeps.grid import TABLE, Block, Grid, block_points
+from sweeps.grid import TABLE, Grid, block_points
 from sweeps.store import DIRECTION
 from vibroimpact.oscillator import PARAMETERS, POINT
 
@@ -177,9 +177,9 @@ def _ends(dataset: xr.Dataset, period: np.ndarray) -> Iterator[tuple[slice, np.n
 
     Yields a slice of k points in C order, and their states, shape (k, longest period, 2).
     """
-    for block, cut in _blocks(dataset, max(1, _PART // max(1, int(period.max(initial=1))))):
-        ends = np.s_[*block, -max(1, int(period[cut].max(initial=1))) :]
-        x, v = (dataset[name][ends].values for name in ("poincare_x", "poincare_v"))
+    for part, cut in in_parts(dataset, _PART // max(1, int(period.max(initial=1)))):
+        last = np.s_[..., -max(1, int(period[cut].max(initial=1))) :]
+        x, v = (part[name][last].values for name in ("poincare_x", "poincare_v"))
         yield cut, np.stack([x, v], axis=-1).reshape(cut.stop - cut.start, -1, 2)
 
 
@@ -187,24 +187,18 @@ def records(dataset: xr.Dataset, name: str, at: np.ndarray) -> np.ndarray:
     """Return a coordinate at points given in C order, shape (k, record), reading in parts."""
     width = dataset.sizes[COORDINATES[name].dimension]
     result = np.empty((len(at), width))
-    for block, cut in _blocks(dataset, max(1, _PART // width)):
+    for part, cut in in_parts(dataset, _PART // width):
         wanted = np.flatnonzero((at >= cut.start) & (at < cut.stop))
         if len(wanted):
-            part = dataset.isel(dict(zip(dataset["status"].dims, block, strict=True)))
             values = recorded_coordinate(part, name).values.reshape(-1, width)
             result[wanted] = values[at[wanted] - cut.start]
     return result
 
 
-def grid_of(dataset: xr.Dataset) -> Grid:
-    """Return a grid with the dimensions of the file; its values are arbitrary."""
-    sizes = dataset["status"].sizes
-    return Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
-
-
-def _blocks(dataset: xr.Dataset, size: int) -> Iterator[tuple[Block, slice]]:
-    """Yield blocks of at most `size` points, each with its slice of the points in C order."""
-    stop = 0
-    for block in grid_of(dataset).blocks(size):
+def in_parts(dataset: xr.Dataset, size: int) -> Iterator[tuple[xr.Dataset, slice]]:
+    """Yield parts of at most `size` points (at least 1), each with its slice of all in C order."""
+    sizes, stop = dataset["status"].sizes, 0
+    grid = Grid({str(name): np.empty(length) for name, length in sizes.items()}, {})
+    for block in grid.blocks(max(1, size)):
         start, stop = stop, stop + block_points(block)
-        yield block, slice(start, stop)
+        yield dataset.isel(dict(zip(sizes, block, strict=True))), slice(start, stop)

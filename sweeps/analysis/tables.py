@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from sweeps.analysis.grouping import grid_of
+from sweeps.analysis.grouping import in_parts
 from sweeps.analysis.rig import parameters_of
 from sweeps.analysis.selection import COORDINATES
 from sweeps.errors import Refused
@@ -93,12 +93,8 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
     """
     check_table(path)
     data = _scalars(dataset) if ROWS[rows] is None else _records(dataset, rows)
-    axes = [str(name) for name in data["status"].dims]
-    size = max(1, _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1))
-    parts = (
-        _frame(data.isel(dict(zip(axes, block, strict=True))), ROWS[rows])
-        for block in grid_of(dataset).blocks(size)
-    )
+    size = _PART // (data.sizes[ROWS[rows]] if ROWS[rows] else 1)
+    parts = (_frame(part, ROWS[rows]) for part, _ in in_parts(data, size))
     write = _write_parquet if path.suffix == ".parquet" else _write_csv
     with writing(path, "table") as new:
         return write(new, parts)

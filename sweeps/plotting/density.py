@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
+from sweeps.analysis.grouping import in_parts
 from sweeps.analysis.regimes import has_result
 from sweeps.analysis.selection import COORDINATES, recorded_coordinate
 from sweeps.plotting import canvas
@@ -43,13 +44,11 @@ def computed_parts(line: xr.Dataset, coordinate: str) -> Iterator[tuple[np.ndarr
 
     Yields the indices of k points and their values, shapes (k,) and (k, record).
     """
-    (axis,), computed = line["status"].dims, has_result(line["status"].values)
-    rows = max(1, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension])
-    for start in range(0, len(computed), rows):
-        kept = np.flatnonzero(computed[start : start + rows])
+    computed = has_result(line["status"].values)
+    for part, cut in in_parts(line, _PART_SIZE // line.sizes[COORDINATES[coordinate].dimension]):
+        kept = np.flatnonzero(computed[cut])
         if len(kept):
-            part = line.isel({axis: slice(start, start + rows)})
-            yield start + kept, recorded_coordinate(part, coordinate).values[kept]
+            yield cut.start + kept, recorded_coordinate(part, coordinate).values[kept]
 
 
 def value_range(lines: Sequence[xr.Dataset], coordinate: str) -> tuple[float, float]:
