@@ -108,7 +108,8 @@ def _gathered(
         if size > _GATHERED:
             yield some
             some, size = [], 0
-    yield some
+    if some:
+        yield some
 
 
 def _joined(parts: Iterable[Part]) -> Iterator[Part]:

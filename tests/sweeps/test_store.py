@@ -35,7 +35,12 @@ def write_all(path, expected, *, grid=GRID, size=12, backwards=False, compressed
 
 @pytest.mark.parametrize("size", [1, 5, 12])
 @pytest.mark.parametrize("compressed", [False, True])
-def test_every_variable_comes_back_from_blocks_in_any_order(tmp_path, size, compressed):
+@pytest.mark.parametrize("gathered", ["all blocks", "each alone"])
+def test_every_variable_comes_back_from_blocks_in_any_order(
+    tmp_path, monkeypatch, size, compressed, gathered
+):
+    if gathered == "each alone":
+        monkeypatch.setattr("sweeps.store.file._GATHERED", 0)
     path = tmp_path / "out.h5"
     expected = whole()
     write_all(path, expected, size=size, backwards=size == 5, compressed=compressed)
