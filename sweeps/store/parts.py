@@ -218,6 +218,8 @@ def _array(file: zipfile.ZipFile, name: str, dtype: Any, box: Block) -> np.ndarr
     """Return an array of a block file; its header only repeats what the schema says."""
     data, shape = file.read(f"{name}.npy"), box_shape(box)  # ZIP compares the checksum
     start = len(data) - math.prod(shape) * np.dtype(dtype).itemsize
+    if start < 0:  # zeros are the checksum of nothing
+        raise ValueError(f"{name} is incomplete")
     return np.ndarray(shape, dtype, data, start)
 
 

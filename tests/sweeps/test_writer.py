@@ -7,6 +7,7 @@ import os
 import re
 import resource
 import shutil
+import zipfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -162,6 +163,21 @@ def test_of_a_block_any_sectors_may_be_lost(whole, old):
             damaged[cut] = old * size if old else random.bytes(size)
         first.write_bytes(damaged)
         assert done_of("out.h5", whole) == (6 if damaged == content else 4)
+    resumed(whole)
+
+
+def test_zeros_in_the_directory_of_a_block_are_no_empty_array(whole):
+    """Zeros are the checksum of nothing, and the size of nothing."""
+    fill_blocks("out.h5", 3)
+    content = last_block().read_bytes()
+    with zipfile.ZipFile(last_block()) as file:
+        members = file.infolist()
+    for member in members:
+        entry = content.rindex(member.filename.encode()) - 46
+        damaged = bytearray(content)
+        damaged[entry + 16 : entry + 28] = bytes(12)  # CRC-32, compressed size, size
+        last_block().write_bytes(damaged)
+        assert done_of("out.h5", whole) == 4
     resumed(whole)
 
 
