@@ -236,6 +236,66 @@ def test_no_flips_and_folds_meet_a_graze_where_their_condition_vanishes_all_alon
     assert [point.kind for point in found.special] == ["edge", "edge"]
 
 
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("h", [0.0, 0.05])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("f", 0.0, 3.0), ("omega", 0.3, 3.0)),
+        (("clearance", 0.0, 2.0), ("f", 0.0, 3.0)),
+        (("omega", 0.3, 3.0), ("clearance", 0.0, 2.0)),
+        (("f", 0.0, 3.0), ("p", 0.2, 3.0)),
+    ],
+)
+def test_the_grazes_of_the_free_oscillation_go_from_edge_to_edge(h, m, first, second):
+    """Also where the force or both parameters vanish; in few steps, since nothing happens."""
+
+    def amplitude(osc):
+        return osc.f / math.hypot(osc.p**2 - osc.omega**2, 2.0 * osc.h * osc.omega)
+
+    scene = Oscillator(h=h, R=0.8, omega=0.8, f=1.0, clearance=0.5)
+    scene = replace(scene, f=0.5 / amplitude(scene))
+    phase = 0.5 * math.pi + math.atan2(-2.0 * h * 0.8, -(1.0 - 0.8**2)) % (2.0 * math.pi)
+    touch = PeriodicOrbit(scene, m, np.array([phase % (2.0 * math.pi)]), np.zeros(1))
+    found = bifurcation_curve(touch, "graze", first, second)
+    ends = [point for point in found.special if point.kind not in ("flip", "fold")]
+    assert [point.kind for point in ends] == ["edge", "edge"]
+    for point in ends:
+        pairs = zip(point.value.tolist(), (first[1:], second[1:]), strict=True)
+        assert any(value in edges for value, edges in pairs)
+    for values in found.values:
+        osc = replace(scene, **dict(zip(found.parameters, values.tolist(), strict=True)))
+        if osc.f > 0.0:
+            assert amplitude(osc) == pytest.approx(osc.clearance, rel=1e-7)
+    assert len(found.values) < 130
+
+
+def test_a_curve_of_folds_that_ends_where_no_energy_is_lost_has_no_cusp_there():
+    """It touches R = 1 at f = 0, where the parameters change by less than rounding."""
+    osc = Oscillator(
+        h=0.0, R=0.762018830994887, omega=9.061092841253766, f=0.255390283887717,
+        p=1.4670466634746546, clearance=-0.26200537754160713,
+    )  # fmt: skip
+    start = PeriodicOrbit(osc, 1, np.array([6.270993163818162]), np.array([0.2432289187730071]))
+    found = bifurcation_curve(start, "fold", ("f", 0.0, 3.0), ("R", 0.05, 1.0))
+    assert [point.kind for point in found.special] == ["edge", "edge"]
+    assert found.special[1].value.tolist() == [0.0, 1.0]
+
+
+def test_a_graze_that_newtons_method_finds_elsewhere_is_not_the_end_of_a_branch(monkeypatch):
+    start, ranges = one_impact_orbit(Oscillator(h=0.0, R=0.9, omega=1.2, f=1.0)), (0.9, 1.3)
+    (expected,) = [p for p in branch(start, "omega", *ranges).special if p.kind == "graze"]
+    bifurcation_of = OrbitFamily.bifurcation
+
+    def elsewhere(self, X, kind, graze=0):
+        Z = bifurcation_of(self, X, kind, graze)
+        return Z + 0.01 if kind == "graze" and Z is not None else Z
+
+    monkeypatch.setattr(OrbitFamily, "bifurcation", elsewhere)
+    (graze,) = [p for p in branch(start, "omega", *ranges).special if p.kind == "graze"]
+    assert graze.value == pytest.approx(expected.value, abs=1e-7)
+
+
 def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
     """The rounding of c1 grows with the period."""
     scene = Oscillator(h=0.0, R=0.9, omega=12 * 1.95, f=1.0)

@@ -128,10 +128,9 @@ def _step(family: OrbitFamily, begin: Point, length: float) -> ArclengthStep:
     while length > _SHORTEST:
         Y = family.corrected(X + length * along, along[None, :])
         if Y is not None and family.inner(Y - X, Y - X) < 4.0 * length * length:
-            tangent = family.tangent(Y)
-            cosine = family.inner(tangent, along)
-            if abs(cosine) > _LEAST_COSINE:
-                end = family.point(Y, math.copysign(1.0, cosine) * tangent)
+            tangent = family.tangent(Y, along)
+            if family.inner(tangent, along) > _LEAST_COSINE:
+                end = family.point(Y, tangent)
                 step = ArclengthStep(family, begin, end, length)
                 if length > _RESOLVED and step.jumps():
                     length *= 0.5
@@ -149,10 +148,7 @@ def _to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
     """Return the part of a step up to its last point that is an orbit."""
     family = step.family
     X, reason = _last_orbit(step, reason)
-    tangent = family.tangent(X)
-    if family.inner(tangent, step.begin.tangent) < 0.0:
-        tangent = -tangent
-    end = family.point(X, tangent)
+    end = family.point(X, family.tangent(X, step.begin.tangent))
     end.tests[0, np.abs(end.tests[0]) < ROUNDING] = math.nan  # a zero there is not within the step
     length, margin = step.place(X) * step.length, family.margin(end, reason)
     return ArclengthStep(

@@ -143,12 +143,12 @@ def _oscillates_far(system, X, Y):
 
 @jit
 def _flights(system, X, tangent, i, n, zeros):
-    """Return the polynomials of a flight, their slopes along the tangent, and their rounding."""
+    """Return the polynomials of a flight and their slopes along the tangent."""
     step = max(FLIGHT_DIFFERENCE, difference(system, X))
     above, below = moved(X, step, tangent), moved(X, -step, tangent)
     m, speed, q = system.m, system.speed, system.q
     pt = parameters(parameters_at(system, X))
-    C, rounding = polynomials(pt, m, speed, X, q, i, n, zeros)
+    C, _ = polynomials(pt, m, speed, X, q, i, n, zeros)
     pt = parameters(parameters_at(system, above))
     slopes, _ = polynomials(pt, m, speed, above, q, i, n, zeros)
     pt = parameters(parameters_at(system, below))
@@ -156,16 +156,14 @@ def _flights(system, X, tangent, i, n, zeros):
     for k in range(n):
         for j in range(TERMS):
             slopes[k, j] = (slopes[k, j] - down[k, j]) / (2.0 * step)
-        rounding[k] /= step
-    return C, slopes, rounding
+    return C, slopes
 
 
 @jit
-def _may_meet(c, here, slopes, there, k, length, rounding):
+def _may_meet(c, here, slopes, there, k, length):
     """Whether step k of a flight may meet the stop at the control point near an end; sets `c`."""
     for j in range(TERMS):
         c[j] = 4.0 * here[k, j] + 2.0 * length * slopes[k, j] - there[k, j]
-    c[0] -= 4.0 * abs(length) * rounding[k]
     return not is_below(c) and first_crossing(c, 0, 1.0)[0] >= 0.0
 
 
@@ -179,12 +177,12 @@ def _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         n = 1 + max(steps_of(pt, m, X, q, i), steps_of(pt_Y, m, Y, q, i))
         zeros, zeros_Y = zeros_of(pt.R, X, q, i), zeros_of(pt_Y.R, Y, q, i)
         zeros = min(zeros[0], zeros_Y[0]), min(zeros[1], zeros_Y[1])
-        a, a_slope, rounding = _flights(system, X, tangent, i, n, zeros)
-        b, b_slope, rounding_Y = _flights(system, Y, tangent_Y, i, n, zeros)
+        a, a_slope = _flights(system, X, tangent, i, n, zeros)
+        b, b_slope = _flights(system, Y, tangent_Y, i, n, zeros)
         for k in range(n):
-            if _may_meet(c, a, a_slope, b, k, length, rounding):
+            if _may_meet(c, a, a_slope, b, k, length):
                 return True
-            if _may_meet(c, b, b_slope, a, k, -length_Y, rounding_Y):
+            if _may_meet(c, b, b_slope, a, k, -length_Y):
                 return True
     return False
 

@@ -192,9 +192,10 @@ class OrbitFamily:
         X[at], plane[0, at] = value / self.spans[parameter], 1.0
         return self.corrected(X, plane)
 
-    def tangent(self, X: np.ndarray) -> np.ndarray:
-        """Return the direction of the family."""
-        return corrector.tangent(self.system, X)
+    def tangent(self, X: np.ndarray, along: np.ndarray | None = None) -> np.ndarray:
+        """Return the direction of the family; with `along`, that which goes the same way."""
+        tangent = corrector.tangent(self.system, X)
+        return -tangent if along is not None and self.inner(tangent, along) < 0.0 else tangent
 
     def inner(self, X: np.ndarray, Y: np.ndarray) -> float:
         """Return the inner product of the continuation."""

@@ -127,18 +127,19 @@ def residuals(values, m, speed, X, q):
     pt = parameters(values)
     F, A, B = np.empty((q, 2)), np.empty((q, 2, 2)), np.empty((q, 2, 2))
     coefficients, M = np.empty(TERMS), np.empty((2, 2))
-    length, longest = speed / pt.omega, 4.0 * math.pi * m / pt.omega  # twice a repetition
+    length = speed / pt.omega
     if not time_steps(values, m, 0) <= MOST_ORBIT_STEPS:
         F[:], A[:], B[:] = math.inf, math.nan, math.nan
         return F, A, B
+    for i in range(q):
+        if not X[2 * i] < phase_of_landing(m, X, q, i):
+            F[:] = math.inf
+            return F, A, B
     for i in range(q):
         theta, v = X[2 * i], X[2 * i + 1] * speed
         end = phase_of_landing(m, X, q, i)
         arrival = X[1] if i + 1 == q else X[2 * i + 3]
         tau = (end - theta) / pt.omega
-        if not 0.0 < tau < longest:
-            F[:] = math.inf
-            return F, A, B
         y, u = _land(_divide(tau, pt, 1), theta, v, pt, coefficients, M)
         push = -pt.p * pt.p * pt.clearance
         launched = 2.0 * pt.h * pt.R * v + push - pt.f * sin_cos(theta)[0]
