@@ -32,8 +32,6 @@ SCHEMA = "schema.h5"
 TRAILER = b"\x89VIBRO5\n"
 #: The last bytes of files with the format versions 2 to 4.
 _OLDER = re.compile(rb"\x89VIBRO[L34]\n")
-#: The first bytes of a journal, ``OUT.h5.part``, in which earlier versions kept incomplete sweeps.
-_JOURNAL = b"\x89VIBROJ\n"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Number of bytes at each end of a file that are searched for its format and its trailer.
 _ENDS = 1 << 16
@@ -49,11 +47,6 @@ def parts_path(path: Path) -> Path:
     """Return the folder of an incomplete sweep; for a link, it lies beside the link's target."""
     path = path.resolve() if os.path.islink(path) else path
     return path.with_name(f"{path.name}{PARTS}")
-
-
-def journal_path(path: Path) -> Path:
-    """Return the path of the journal that earlier versions made."""
-    return parts_path(path).with_suffix(".part")
 
 
 def identity(path: Path) -> tuple[int, ...] | None:
@@ -101,8 +94,8 @@ def content(path: Path) -> Content | None:
             tail = file.read()
     except (FileNotFoundError, NotADirectoryError):
         return None
-    if not head or head.startswith(_JOURNAL):
-        return Content.OLDER if head else Content.NOTHING
+    if not head:
+        return Content.NOTHING
     hdf5 = head.startswith(_HDF5)
     if TRAILER in tail or (hdf5 and FORMAT.encode() in head):
         return Content.OLDER if _OLDER.search(tail) else Content.SWEEP
@@ -125,7 +118,7 @@ def open_regular(path: Path) -> io.BufferedReader:
 def is_sweep(path: Path) -> bool:
     """Return whether the path has an HDF5 file, of a sweep or not, or an incomplete sweep."""
     try:
-        found = content(path) or content(parts_path(path) / SCHEMA) or content(journal_path(path))
+        found = content(path) or content(parts_path(path) / SCHEMA)
     except StoreError:
         return False  # reading it as YAML reports the error
     return found in (Content.SWEEP, Content.OLDER, Content.HDF5)
@@ -139,29 +132,11 @@ def refuse_version(path: Path) -> NoReturn:
     )
 
 
-def refuse_journal(path: Path) -> None:
-    """Refuse a path beside which there is the journal of an earlier version."""
-    journal = journal_path(path)
-    if content(journal) is Content.OLDER:
-        raise StoreError(
-            f"{journal} is an incomplete sweep of an earlier version of vibroimpact, which this "
-            "version cannot read; complete it with that version, or run its configuration again, "
-            "and overwrite it"
-        )
-
-
-def remove_journal(path: Path) -> None:
-    """Remove the journal of an earlier version, which `check_output` has let overwrite."""
-    if content(journal_path(path)) is Content.OLDER:
-        journal_path(path).unlink()
-
-
 def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = False) -> None:
     """Raise StoreError if a sweep cannot be written to a path.
 
     The folder must exist, and the ending must not belong to another kind of file. An existing file
-    or incomplete sweep must be overwritten or resumed. A journal of an earlier version can only be
-    overwritten.
+    or incomplete sweep must be overwritten or resumed.
     """
     path = Path(path)
     check_target(path, "output")
@@ -184,8 +159,6 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"{parts} is needed as a folder, but something else has that name; move it, or give "
             "another output"
         )
-    if not overwrite:
-        refuse_journal(path)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:

@@ -19,7 +19,6 @@ from sweeps.store.paths import (
     content,
     parts_path,
     reason,
-    refuse_journal,
 )
 from vibroimpact.status import Status
 
@@ -72,8 +71,6 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
             except StoreError:
                 if _is_missing(path):  # otherwise a run has just completed the file
                     raise
-        if _is_missing(path):
-            refuse_journal(path)
         check_file(path, verify=verify)
         return xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError) as error:

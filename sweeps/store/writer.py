@@ -16,7 +16,7 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.store.file import schema_of, write_file
 from sweeps.store.parts import Parts, create, remove, remove_drafts
-from sweeps.store.paths import SCHEMA, identity, parts_path, reason, remove_journal
+from sweeps.store.paths import SCHEMA, identity, parts_path, reason
 from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.schema import ADDED, Schema
 from sweeps.store.variables import VARIABLES
@@ -53,7 +53,6 @@ def sweep_writer(
     else:
         with _failure(path, "created"):
             create(folder, schema)
-            remove_journal(path)
     with _failure(path, "written"):
         parts = Parts(folder)
     try:

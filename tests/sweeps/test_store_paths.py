@@ -212,29 +212,6 @@ def test_files_of_older_versions_are_refused(ending, version):
     fill_blocks("out.h5", overwrite=True)
 
 
-def test_the_journal_of_an_earlier_version_is_refused_until_it_is_overwritten():
-    """It was one file, ``out.h5.part``."""
-    Path("out.h5.part").write_bytes(b"\x89VIBROJ\n\5\0\0\0" + bytes(1000))
-    for use in (open_sweep, fill_blocks, lambda path: fill_blocks(path, resume=True)):
-        with pytest.raises(StoreError, match=r"out\.h5\.part is an incomplete sweep of an earlier"):
-            use("out.h5")
-    with pytest.raises(StoreError, match=f"another format version than {FORMAT_VERSION}"):
-        open_sweep("out.h5.part")
-    assert "complete it with that version, or" in call("info", "out.h5").stderr
-    assert "overwrite it" in run().stderr
-    assert Path("out.h5.part").exists()
-    fill_blocks("out.h5", 1, overwrite=True)
-    assert not Path("out.h5.part").exists()
-    open_sweep("out.h5").close()
-
-
-def test_a_file_that_only_has_the_name_of_a_journal_is_left_alone():
-    Path("out.h5.part").write_text("precious")
-    fill_blocks("out.h5", overwrite=True)
-    open_sweep("out.h5").close()
-    assert Path("out.h5.part").read_text() == "precious"
-
-
 # The lock and the new files beside the output
 
 
