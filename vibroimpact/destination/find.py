@@ -28,8 +28,10 @@ from vibroimpact.destination.free_motion import (
 )
 from vibroimpact.destination.nearby_orbit import (
     STABLE,
+    Orbit,
     correction,
     distance,
+    doubled,
     multipliers,
     nearby_orbit,
 )
@@ -40,7 +42,7 @@ from vibroimpact.destination.repetition import (
     repetition,
     size_of,
 )
-from vibroimpact.destination.section_map import flow_of
+from vibroimpact.destination.section_map import flow_of, follow
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.propagator import from_dimensionless, to_dimensionless
@@ -66,9 +68,6 @@ _REPEATS, _FREE = int(Evidence.REPEATS), int(Evidence.FREE)
 
 #: A multiplier below this shows without a proof of its own that a record is on a stable orbit.
 _CLEARLY_STABLE = 1.0 - 1e-4
-#: An orbit whose multiplier is between this and -1 has flipped: a stable orbit of twice the period
-#: may be near by.
-_FLIPPED = -1.5
 # Kinds of records. A record has a result, and it has no impact, impacts, or rests.
 _NO_RESULT, _NO_IMPACT, _IMPACTS, _RESTS = range(4)
 
@@ -106,19 +105,29 @@ def judge(flow, y, w, m, size, found):
     orbit = nearby_orbit(flow, y, w, m, size)
     if orbit.m == 0:
         return False
-    greatest, mu = multipliers(orbit.J)
-    if not greatest < STABLE:
+    if not multipliers(orbit.J)[0] < STABLE:
         found.evidence = max(found.evidence, _UNSTABLE)
-        if not _FLIPPED < mu < -1.0:
-            return False
-        orbit = nearby_orbit(flow, y, w, 2 * orbit.m, size)
-        if orbit.m == 0 or not multipliers(orbit.J)[0] < STABLE:
+        orbit = nearest(flow, doubled(flow, orbit, size), y, w, size)
+        if orbit.m == 0:
             return False
     proof = evidence(flow, orbit, y, w, size)
     if proof > found.evidence:
         off = distance(y, w, orbit, size)
         put(found, orbit, flow.pt, multipliers(orbit.J)[0], off, proof)
     return proof > _UNREACHED
+
+
+@jit
+def nearest(flow, orbit, y, w, size):
+    """Return a doubled orbit from that of its two sections which is nearer to a state."""
+    if orbit.m == 0:
+        return orbit
+    end = follow(flow, orbit.y, orbit.w, orbit.m // 2, False)
+    other = Orbit(orbit.m, orbit.q, end.y, end.w, orbit.J)
+    if distance(y, w, orbit, size) <= distance(y, w, other, size):
+        return orbit
+    J = correction(flow, end.y, end.w, orbit.m, size)[2]
+    return Orbit(orbit.m, orbit.q, end.y, end.w, J)
 
 
 @jit

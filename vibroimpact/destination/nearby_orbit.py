@@ -19,6 +19,9 @@ _NEARNESS = 0.2
 _NEARLY, _SAME = 1e-3, 1e-7
 #: A multiplier below this is inside the unit circle, rounding included.
 STABLE = 1.0 - 1e-9
+#: A multiplier this far below -1 may have left a stable orbit of twice the period near by, at one
+#: of these distances.
+_FLIPPED, _DISTANCES = -1.5, (1e-1, 1e-2, 1e-3, 1e-4)
 
 
 class Orbit(NamedTuple):
@@ -108,3 +111,23 @@ def nearby_orbit(flow, y, w, m, size):
     """Return the orbit of m periods, or of a divisor of m, near a state; none if it is far."""
     orbit = shortest(flow, orbit_from(flow, y, w, m, size), size)
     return orbit if orbit.m > 0 and distance(y, w, orbit, size) <= _NEARNESS else no_orbit()
+
+
+@jit
+def doubled(flow, orbit, size):
+    """Return the orbit of twice the period near an orbit that has flipped, if it is stable."""
+    _, mu = multipliers(orbit.J)
+    a, b, c, d = orbit.J
+    if not _FLIPPED < mu < -1.0:
+        return no_orbit()
+    # The eigenvector of mu, from the row of J - mu that is not zero.
+    along = (b, mu - a) if abs(b) + abs(mu - a) > abs(c) + abs(mu - d) else (mu - d, c)
+    length = max(abs(along[0]), abs(along[1]))
+    for far in _DISTANCES:
+        y = min(orbit.y + far * along[0] / length * size[0], 0.0)
+        w = orbit.w + far * along[1] / length * size[1]
+        twice = orbit_from(flow, y, w, 2 * orbit.m, size)
+        if twice.m > 0 and distance(twice.y, twice.w, orbit, size) > _SAME:
+            if multipliers(twice.J)[0] < STABLE:
+                return twice
+    return no_orbit()
