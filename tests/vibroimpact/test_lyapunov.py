@@ -148,3 +148,11 @@ def test_two_nearby_orbits_part_as_the_tangent_vectors_do(given, x0, v0):
     # The first vector starts along x.
     assert growth[0] == pytest.approx(math.log(np.linalg.norm(matrix[:, 0])), abs=1e-6)
     assert growth.sum() == pytest.approx(math.log(abs(np.linalg.det(matrix))), abs=1e-4)
+
+
+def test_the_size_of_the_force_has_no_effect():
+    """Scaling f scales the motion, so the exponents are the same."""
+    sizes = [1.0, 1e-100, 1e-160, 1e-200]
+    points = np.concatenate([Oscillator(0.05, 0.8, 2.7, f).at() for f in sizes])
+    found = integrate(points, transient=100, periods=200, lyapunov=True)["lyapunov"]
+    np.testing.assert_allclose(found[1:], found[:1].repeat(3, axis=0), rtol=1e-9)

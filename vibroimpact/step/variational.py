@@ -48,8 +48,10 @@ def fly_tangents(eq, pair, dt):
 def apply_saltation(eq, pair, w_i, s):
     """Carry two tangent vectors through an impact at `w_i` and a phase with the sine `s`."""
     ay, aw, by, bw = pair
-    # The limit keeps the stretching by a graze finite.
-    turn = (1.0 + eq.R) * fma(eq.of_sin, s, eq.of_1) / max(w_i, 1e-150)
+    # The limit keeps the stretching by a graze finite. It is a share of the acceleration, since
+    # motions with a force of 1e-200 are as good as any.
+    least = fma(abs(eq.of_sin) + abs(eq.of_1), 1e-150, 1e-307)
+    turn = (1.0 + eq.R) * fma(eq.of_sin, s, eq.of_1) / max(w_i, least)
     return (-eq.R * ay, fma(turn, ay, -eq.R * aw), -eq.R * by, fma(turn, by, -eq.R * bw))
 
 
