@@ -111,10 +111,16 @@ def continue_branch(family: OrbitFamily, start: Point) -> Iterator[ArclengthStep
 
 
 def lost_text(points: int, speeds: np.ndarray) -> str:
-    """Return why a path of this many points is lost at an orbit with these speeds."""
+    """Return why a path of this many points is lost at an orbit with these speeds.
+
+    The speed 0, of the impact that grazes all along a curve of grazes, says nothing.
+    """
     text = "Newton's method fails or takes too long"
     if points >= MOST_POINTS:
         text = f"not at its end after {MOST_POINTS:,} points"
+    speeds = speeds[speeds != 0.0]
+    if speeds.size == 0:
+        return text
     slowest, fastest = float(speeds.min()), float(speeds.max())
     return f"{text}; the slowest impact has {slowest / fastest:.0e} of the speed of the fastest"
 
