@@ -1,5 +1,6 @@
 """The kernel: every method, chatter, Lyapunov exponents, threads. Results are checked first."""
 
+import dataclasses
 import math
 import time
 
@@ -12,9 +13,10 @@ from limits import cpu_seconds
 from vibroimpact import Oscillator, integrate, one_impact_orbit, simulate
 from vibroimpact.jit import on_threads
 from vibroimpact.kernel import run
-from vibroimpact.kernel.integrate import run_points
+from vibroimpact.points.compute import compute_points
+from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.status import Evidence, Status
-from vibroimpact.step.scheme import scheme_of
+from vibroimpact.step.scheme import default_steps
 
 pytestmark = pytest.mark.benchmark(timer=cpu_seconds)
 
@@ -108,24 +110,41 @@ def test_lyapunov(race):
     np.testing.assert_allclose(found["lyapunov"].sum(axis=1), expected, rtol=1e-9)
 
 
-def test_classes(race):
+def race_of_classes(race, name, points, transient, periods):
+    """Return the results with classes, after a race against the sweep without them."""
+    steps = default_steps(points, "exact")
+    without = RunSpec(
+        integrator="exact", impact="exact", steps_per_period=steps, transient=transient,
+        longest=None, periods=periods, phase=0.0, impacts=0, lyapunov=False, period=False,
+        every=None, scaled=False, followed=None, directions=(),
+    )  # fmt: skip
+
+    def sweep(spec):
+        return compute_points(spec, points, 1)
+
+    spec = dataclasses.replace(without, period=True)
+    return race.run(name, lambda: sweep(spec), lambda: sweep(without), of_reference=1.0)
+
+
+def test_classes_of_a_map(race):
     """A map with chaos, long transients, rests and free motions; the shares of its classes."""
     R, omega = np.meshgrid(np.linspace(0.4, 0.95, 60), np.linspace(1.0, 2.6, 60), indexing="ij")
     points = Oscillator(h=0.03, R=0.8, omega=1.0, f=1.0, clearance=0.3).at().repeat(R.size)
     points["R"], points["omega"] = R.ravel(), omega.ravel()
-
-    scheme = scheme_of(points, "exact", "exact", None)
-
-    def sweep(classes):
-        return run_points(points, scheme, (200, 32, 0), False, 1, np.zeros(1, np.int64), classes)
-
-    found = race.run(
-        "classes of a map on / off", lambda: sweep(True), lambda: sweep(False), of_reference=1.0
-    )
-    evidence = found["destination"]["evidence"]
+    found = race_of_classes(race, "classes of a map on / off", points, 200, 32)
+    evidence = found["class_evidence"]
     free = found["impacts_per_period"] == 0.0
     assert (evidence[free] == Evidence.FREE).mean() > 0.9
     assert 0.05 < (evidence <= Evidence.UNREACHED).mean() < 0.2
+
+
+def test_classes_with_rests(race):
+    """A diagram with chaos, and with rests whose repetitions do not divide the record."""
+    points = Oscillator(h=0.1, R=0.8, omega=1.0, f=1.0).at().repeat(2048)
+    points["omega"] = np.linspace(0.8, 4.0, 2048)
+    found = race_of_classes(race, "classes of a diagram on / off", points, 300, 100)
+    rests = (found["period"] > 0) & (found["rest_fraction"] > 0.0)
+    assert (100 % found["period"][rests] != 0).sum() > 10
 
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")

@@ -241,6 +241,21 @@ def test_impacts_are_counted_on_the_orbit():
     assert (np.rint(24 * out["impacts_per_period"]) == 31).any()
 
 
+def test_impacts_are_counted_through_rests():
+    """Repetitions of 4 to 50 periods with rests, most of which do not divide the record."""
+    points = Oscillator(h=0.05, R=0.8, omega=2.0, f=1.0).at().repeat(300)
+    points["omega"] = np.linspace(2.7, 2.9, 300)
+    _, out = run(points, transient=300, periods=101)
+    rests = (out["period"] > 0) & (out["rest_fraction"] > 0.0)
+    assert rests.sum() > 50 and (101 % out["period"][rests] != 0).all()
+    for m in np.unique(out["period"][rests]).tolist():
+        rows = rests & (out["period"] == m)
+        once = integrate(points[rows], transient=401, periods=m, impacts=0)
+        np.testing.assert_array_equal(
+            out["period_impacts"][rows], np.rint(m * once["impacts_per_period"])
+        )
+
+
 def test_a_motion_far_from_its_orbit_has_its_class():
     """After no transient the class, the orbit and the distance are those of the settled motion."""
     osc = Oscillator(h=0.01, R=0.9, omega=2.0, f=1.0)

@@ -42,7 +42,7 @@ from vibroimpact.destination.repetition import (
     repetition,
     size_of,
 )
-from vibroimpact.destination.section_map import flow_of, follow
+from vibroimpact.destination.section_map import flow_of, follow, impacts_over
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence, Status
 from vibroimpact.step.propagator import from_dimensionless, to_dimensionless
@@ -53,7 +53,7 @@ from vibroimpact.step.scheme import COS, SIN
 DESTINATION = np.dtype(
     [
         ("m", np.int64),
-        ("q", np.int64),  # -1 where it must be counted over a repetition
+        ("q", np.int64),  # -1 with other rules than exact: not counted yet
         ("x", float),  # state of the orbit at the last section of the record
         ("v", float),
         ("multiplier", float),  # greatest |multiplier|, NaN where it is not known
@@ -146,12 +146,12 @@ def find_exact(pt, sections, kind, grid, memory, found):
         return
     m, off = repetition(sections, size)
     neutral = pt.h == 0.0 and (pt.R == 1.0 or kind == _NO_IMPACT)
-    if m > 0 and (kind == _RESTS or neutral):
-        put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, -1)
-        return
-    if neutral or kind == _RESTS:
-        return
     y, w = to_dimensionless(x, v, pt.clearance, pt.omega)
+    if neutral or kind == _RESTS:
+        if m > 0:
+            q = impacts_over(flow, y, w, m)
+            put_repetition(found, sections, m, off, 1.0 if neutral else 0.0, q)
+        return
     units = size[0], size[1] / pt.omega
     if m > 0:
         dy, dw, J, q = correction(flow, y, w, m, units)

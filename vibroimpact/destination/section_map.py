@@ -15,8 +15,8 @@ from vibroimpact.step.propagator import (
     coefficients_of,
     propagator_of,
 )
-from vibroimpact.step.scheme import COS, SIN, THETA, PhaseGrid
-from vibroimpact.step.stepper import take_exact_step
+from vibroimpact.step.scheme import THETA, PhaseGrid
+from vibroimpact.step.stepper import take_exact_grid_step
 from vibroimpact.step.variational import carry_tangents
 
 #: Rows of the memory for the states at the sections of a motion.
@@ -64,24 +64,36 @@ def follow(flow, y, w, periods, carrying):
     hide how distances shrink.
     """
     widest_vectors()  # it keeps LLVM from merging this function into each of its callers
-    pt, table, phase_step = flow.pt, flow.grid.table, flow.grid.phase_step
-    prepared, events = (flow.eq, flow.propagators[0]), flow.scratch.events
+    grid, events = flow.grid, flow.scratch.events
     pair, impacts = (1.0, 0.0, 0.0, 1.0), 0
     for k in range(periods):
-        for n in range(flow.grid.size):
-            phase = table[THETA, n], table[SIN, n], table[COS, n]
-            wave = table[SIN, n + 1], table[COS, n + 1]
-            y, w, _, n_events, _, _, _ = take_exact_step(
-                flow.eq, flow.propagators, (y, w, False), phase, wave, phase_step, pt, flow.scratch
+        for n in range(grid.size):
+            (y, w, _), n_events, _ = take_exact_grid_step(
+                0, (flow.eq, flow.propagators), (y, w, False), grid, n, flow.pt, flow.scratch
             )
             for j in range(n_events):
                 if events[j, KIND] != IMPACT:
                     return Passage(y, w, pair, impacts, False)
                 impacts += 1
             if carrying:
+                prepared, theta = (flow.eq, flow.propagators[0]), grid.table[THETA, n]
                 pair = carry_tangents(
-                    prepared, pair, events, n_events, phase[0], phase_step, pt.omega
+                    prepared, pair, events, n_events, theta, grid.phase_step, flow.pt.omega
                 )
         if k < MOST_SECTIONS:
             flow.passed[k, 0], flow.passed[k, 1] = y, w
     return Passage(y, w, pair, impacts, np.isfinite(y) and np.isfinite(w))
+
+
+@jit
+def impacts_over(flow, y, w, periods):
+    """Count the impacts of a motion, which may rest, over some forcing periods."""
+    events, state, impacts = flow.scratch.events, (y, w, False), 0
+    for _ in range(periods):
+        for n in range(flow.grid.size):
+            state, n_events, _ = take_exact_grid_step(
+                0, (flow.eq, flow.propagators), state, flow.grid, n, flow.pt, flow.scratch
+            )
+            for j in range(n_events):
+                impacts += events[j, KIND] == IMPACT
+    return impacts

@@ -63,7 +63,7 @@ def _impacts(
     periods: int,
     threads: int | None,
 ) -> np.ndarray:
-    """Count the impacts of motions over one repetition of m periods.
+    """Count the impacts of motions over one repetition of m periods, with other rules than exact.
 
     A record of whole repetitions shows them. Any other motion is followed on from its `last`
     section.
