@@ -127,6 +127,33 @@ def test_the_graze_of_a_doubled_orbit_ends_where_the_orbit_flips_and_grazes():
     assert len(ends) == 2 and ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
+def test_the_graze_of_a_doubled_orbit_is_not_lost_where_newtons_method_fails(monkeypatch):
+    """Beside the end, where 8/5 without its grazing impact becomes twice 4/2 at a flip."""
+    corrected = OrbitFamily.corrected
+
+    def fails(self, *arguments, **options):
+        X = corrected(self, *arguments, **options)
+        if X is None or self.q != 5:
+            return X
+        first, second = np.delete(X[1:10:2], self.system.graze).reshape(2, 2)
+        return None if np.abs(first - second).max() < 2e-6 else X
+
+    monkeypatch.setattr(OrbitFamily, "corrected", fails)
+    osc = Oscillator(
+        h=0.004247847778552961, R=0.44136611149792243, omega=4.543361480819898, f=1.0,
+        clearance=0.024006723057881485,
+    )  # fmt: skip
+    phases = np.array([1.823602, 7.937557, 12.938735, 26.92361, 38.577648])
+    speeds = np.array([0.181186, 0.0, 0.247833, 0.268621, 0.217353])
+    start = PeriodicOrbit(osc, 8, phases, speeds)
+    found = bifurcation_curve(start, "graze", ("omega", 4.0, 5.2), ("R", 0.2, 1.0))
+    assert [point.kind for point in found.special] == ["edge", "flip", "fold", "graze"]
+    end = found.special[-1].orbit
+    half = np.flatnonzero(end.speeds)[:2]
+    orbit = PeriodicOrbit(end.oscillator, 4, end.phases[half], end.speeds[half])
+    assert orbit.multipliers.real.min() == pytest.approx(-1.0, abs=1e-4)
+
+
 def test_the_graze_of_the_free_oscillation_is_its_closed_form_with_the_meeting_marked():
     found = bifurcation_curve(
         one_impact_orbit(SCENE, 2), "graze", ("f", 0.2, 0.6), ("omega", 0.7, 0.9)

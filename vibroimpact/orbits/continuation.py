@@ -147,7 +147,10 @@ def _step(family: OrbitFamily, begin: Point, length: float) -> ArclengthStep:
                 if length < _RESOLVED or (ends and not step.may_miss()):
                     return step
         length *= 0.5
-    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=family.slowest(X))
+    margin = family.slowest(X)
+    if family.kind:  # on a branch, a flight that touches the stop becomes inadmissible first
+        margin = min(margin, -begin.maximum)
+    return ArclengthStep(family, begin, begin, 0.0, last=True, margin=margin)
 
 
 def _to_last_orbit(step: ArclengthStep, reason: Inadmissible) -> ArclengthStep:
