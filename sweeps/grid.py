@@ -1,4 +1,4 @@
-"""The grid of a sweep: its axes, its points, and the blocks in which the points are computed."""
+"""A sweep: the axes and points of its grid, its blocks, and what is computed of each point."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibroimpact.oscillator import POINT, mesh, parameters_of
+from vibroimpact.points.run_spec import RunSpec
 
 Block = tuple[slice, ...]
 
@@ -36,7 +37,7 @@ def as_table(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     return table
 
 
-@dataclass(frozen=True, eq=False)  # arrays do not compare; `SweepConfig` compares without the grid
+@dataclass(frozen=True, eq=False)  # arrays do not compare
 class Grid:
     """The Cartesian product of the swept axes.
 
@@ -128,3 +129,22 @@ class Grid:
         last = np.array(self.shape)[:, None] - 1
         indices = tuple(np.rint(fractions * last).astype(int))
         return self.numbered(np.unique(np.ravel_multi_index(indices, self.shape)))
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What a configuration computes: the points of a grid, and the same quantities of each."""
+
+    grid: Grid
+    spec: RunSpec
+
+    @property
+    def size(self) -> int:
+        """Number of points to compute, counting each direction of a followed axis."""
+        return self.grid.size * max(1, len(self.spec.directions))
+
+    @property
+    def most_periods(self) -> int:
+        """Most forcing periods of a point: those that are left out, and those that are kept."""
+        spec = self.spec
+        return (spec.transient if spec.longest is None else spec.longest) + spec.periods

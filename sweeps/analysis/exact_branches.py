@@ -84,7 +84,7 @@ def with_classes(cut: xr.Dataset) -> xr.Dataset:
     points, dims, shape = points_of(cut), cut["status"].dims, cut["status"].shape
     columns = {name: cut[name].transpose(*dims, ...).values for name in RECORD}
     results = {name: a.reshape(len(points), *a.shape[len(shape) :]) for name, a in columns.items()}
-    classes = classified(config_of(cut).spec, points, results, None, None)
+    classes = classified(config_of(cut).sweep.spec, points, results, None, None)
     return cut.assign(
         {name: (dims, a.reshape(shape)) for name, a in classes.items() if name not in RECORD}
     )

@@ -42,8 +42,9 @@ def dataset_of(
         dimension = VARIABLES[name].dimension
         dimensions = (*axes, dimension) if dimension else tuple(axes)
         variables[name] = (dimensions, values.reshape((*shape, *values.shape[1:])))
-    section = config.record.left_out + 1 + np.arange(config.record.periods)
-    coordinates = {**config.grid.fixed, **axes, "section": section}
+    sweep = config.sweep
+    section = sweep.spec.transient + 1 + np.arange(sweep.spec.periods)
+    coordinates = {**sweep.grid.fixed, **axes, "section": section}
     return xr.Dataset(variables, coordinates, {"configuration": config})
 
 

@@ -52,8 +52,9 @@ def follow(
     `options` are arguments of `vibroimpact.integrate`. Returns its results and the states at the
     sections, shape (n, periods, 2).
     """
+    method = config.method.arguments
     record = {"transient": 0, "phase": config.record.phase, "impacts": 0} | options
-    results = integrate(points, **config.integration, periods=periods, at_section=True, **record)
+    results = integrate(points, **method, periods=periods, at_section=True, **record)
     return results, np.stack([results["poincare_x"], results["poincare_v"]], axis=2)
 
 
@@ -157,7 +158,7 @@ class Outcomes:
         results, _ = self._record(at, _RECORD)
         share = np.maximum(growth["rest_fraction"], results["rest_fraction"])
         points = self._points.oscillators[self._points.parameter[at]]
-        results = classified(self._config.spec, points, results, None, None)
+        results = classified(self._config.sweep.spec, points, results, None, None)
         regime = regimes_of(growth | results | {"rest_fraction": share}, points["omega"], grown)
         periodic = regime == Regime.PERIODIC
         self.followed[at] = True

@@ -123,7 +123,7 @@ def continued_motion(
         motion = simulate(
             oscillator,
             periods,
-            **config.integration,
+            **config.method.arguments,
             x0=float(x[last]),
             v0=float(v[last]),
             phase=config.record.phase,
@@ -132,6 +132,6 @@ def continued_motion(
         raise Refused(str(error)) from error
     if motion.status.failed:
         raise Refused(f"the motion cannot be computed at this point: {motion.status.meaning}")
-    turns = config.record.left_out + last + 1
+    turns = config.sweep.spec.transient + last + 1
     rows = np.stack([motion.t, motion.x, motion.v])
     return PointMotion.of(point, [rows], periods, most, turns)

@@ -189,12 +189,10 @@ def of_sweep(config: SweepConfig) -> Scene:
     say nothing. Each point is computed from its own start. Raises Refused if no point can be
     computed with exact impacts.
     """
-    points, record = config.grid.spread(NEIGHBOURS), config.record
-    total_periods = record.left_out + record.periods
+    points, spec = config.sweep.grid.spread(NEIGHBOURS), config.sweep.spec
+    transient = spec.transient + spec.periods - 1
     try:
-        last = integrate(
-            points, transient=total_periods - 1, periods=1, phase=record.phase, impacts=0
-        )
+        last = integrate(points, transient=transient, periods=1, phase=spec.phase, impacts=0)
     except ValueError as error:
         raise Refused(str(error)) from error
     good = np.array([not Status(status).failed for status in last["status"]])
@@ -202,5 +200,5 @@ def of_sweep(config: SweepConfig) -> Scene:
         raise Refused(f"{config.name} has no point that exact impacts can be found for")
     points["x0"], points["v0"] = last["poincare_x"][:, 0], last["poincare_v"][:, 0]
     return Scene(
-        f"sweep {config.name}", points[good], 1, record.phase, impacts=4, at_section=True, timed=20
+        f"sweep {config.name}", points[good], 1, spec.phase, impacts=4, at_section=True, timed=20
     )

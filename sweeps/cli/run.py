@@ -87,24 +87,24 @@ def run(
     from sweeps.store import check_output
 
     existing = existing_output(resume, overwrite)
-    sweeps = []
-    for config in configs:
+    loaded = []
+    for source in configs:
         check()
-        sweeps.append(read_config(config, overrides or ()))
-    paths = targets(configs, output, [sweep.output for sweep in sweeps])
+        loaded.append(read_config(source, overrides or ()))
+    paths = targets(configs, output, [config.output for config in loaded])
     for path in paths:
         check()
         check_output(path, **existing)
     with _client(dask, threads, quiet) as client:
         if dry_run:
             texts = [
-                plan_of(sweep, path, threads, client, resume)
-                for sweep, path in zip(sweeps, paths, strict=True)
+                plan_of(config, path, threads, client, resume)
+                for config, path in zip(loaded, paths, strict=True)
             ]
             say("\n\n".join(texts))
             return
-        for sweep, path in zip(sweeps, paths, strict=True):
-            run_and_report(sweep, path, quiet, threads=threads, client=client, **existing)
+        for config, path in zip(loaded, paths, strict=True):
+            run_and_report(config, path, quiet, threads=threads, client=client, **existing)
     if not quiet:
         say(f"next: vibroimpact plot {shlex.join(map(str, paths))}")
 
@@ -131,17 +131,18 @@ def _client(address: str | None, threads: int | None, quiet: bool) -> Iterator[C
 
 
 def plan_of(
-    sweep: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
+    config: SweepConfig, path: Path, threads: int | None, client: Client | None, resume: bool
 ) -> str:
     """Return the plan of a sweep in words; refuse the sweep if it takes too much."""
     from sweeps.engine.cluster import computer_for
     from sweeps.engine.estimate import expected_cost
     from sweeps.engine.reports import plan
 
-    return plan(sweep, path, expected_cost(sweep, path, computer_for(client, threads), resume))
+    computer = computer_for(client, threads)
+    return plan(config, path, expected_cost(config.sweep, path, computer, resume))
 
 
-def run_and_report(sweep: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
+def run_and_report(config: SweepConfig, path: Path, quiet: bool, **options: Any) -> None:
     """Run a sweep and print its summary; on failure, name the command that resumes the run."""
     from sweeps.engine import reports
 
@@ -150,7 +151,7 @@ def run_and_report(sweep: SweepConfig, path: Path, quiet: bool, **options: Any) 
         from sweeps.engine.run import run_sweep
 
         check()
-        path = run_sweep(sweep, path, progress=not quiet, **options)
+        path = run_sweep(config, path, progress=not quiet, **options)
         summary = reports.summary(path)
     except (Cancelled, KeyboardInterrupt):
         raise Failed(f"interrupted; {reports.kept(path, resuming(), old)}") from None

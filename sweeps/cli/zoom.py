@@ -82,15 +82,15 @@ def zoom(
     axes = {name: piece for name, piece in limits.items() if name not in COORDINATES}
     with opened(file, verify=False) as dataset:  # refuses a configuration
         choose_coordinate(dataset, coordinate)  # the piece has the same
-    sweep = zoomed(read_config(file), axes)
+    config = zoomed(read_config(file), axes)
     path = output or file.with_name(_name(file, axes))
     figure = path.with_suffix(".png")
     check_output(path, **existing)
     check_picture(figure)
     if dry_run:
-        say(plan_of(sweep, path, threads, None, resume))
+        say(plan_of(config, path, threads, None, resume))
         return
-    run_and_report(sweep, path, quiet=False, threads=threads, **existing)
+    run_and_report(config, path, quiet=False, threads=threads, **existing)
     with opened(path, verify=False) as dataset, raised_at_once():
         draw(dataset, figure, None, {}, page, coordinate=coordinate)
 

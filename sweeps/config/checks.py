@@ -1,44 +1,75 @@
-"""Checks that involve several groups of a configuration: enough steps, and allowed refinement."""
+"""Checks that involve several groups of a configuration, which are each valid on their own."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
-from sweeps.config.groups import FollowConfig, MethodConfig, OscillatorConfig, RecordConfig
-from sweeps.config.values import MisplacedError, as_array, extremes
-from vibroimpact.oscillator import POINT
+from sweeps.config.groups import StartConfig, UnitsConfig
+from sweeps.config.rig import si_name
+from sweeps.config.sweep import SweepConfig
+from sweeps.config.values import Axis, Key, MisplacedError
+from sweeps.grid import TABLE
+from sweeps.text import shortest
+from vibroimpact.oscillator import POINT, mesh
 from vibroimpact.step.integrators import INTEGRATORS
-from vibroimpact.step.scheme import MOST_STEPS
+from vibroimpact.step.scheme import MOST_STEPS, default_steps
 from vibroimpact.step.stability import least_stable_steps
+
+# Limits that turn a typing error into a message instead of a lack of memory.
+_MOST_POINTS = 1_000_000_000
+_MOST_SAMPLES = 10_000_000
 
 # Number of values of h examined at once, to bound the memory for a long axis.
 _CHUNK = 1 << 16
 
 
-def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
-    """Return the two points of a grid that need the most steps, with only h, p and omega set.
+def completed(config: SweepConfig) -> SweepConfig:
+    """Return a configuration with the steps per period and the units that its groups determine.
 
-    For a table, all points are returned. For a grid, the first point has the largest h and p, where
-    exact impacts need the shortest step. At the second, the integrator needs the most steps to be
-    stable. Every value of h is examined, because the longest stable step T is not monotone in h:
-    for Euler T rises as 2h / p^2 and then falls, and for Runge-Kutta it has a minimum at
-    h = 0.54 p. Of p the two ends suffice: at any h, T has no minimum between them.
+    Raises MisplacedError if the groups do not go together.
     """
-    if any(isinstance(value, np.ndarray) for _, value in oscillator.items()):
-        columns = {name: as_array(value) for name, value in oscillator.items()}
-        points = np.zeros(max(map(len, columns.values())), POINT)
-        for name in ("h", "p", "omega"):
-            points[name] = columns[name]
-        return points
-    h, omega = as_array(oscillator.h), min(extremes(oscillator.omega))
-    least_p, most_p = min(extremes(oscillator.p)), max(extremes(oscillator.p))
+    axes = config.axes()
+    if config.points is None:
+        points = _extreme_points(axes, config.method.integrator)
+    else:
+        points = mesh({TABLE: config.points}, {name: axis.first for name, axis in axes.items()})
+    _refuse_start(config, points)
+    _refuse_large_grid(config, axes)
+    steps = _chosen_steps(config, points)
+    _refuse_record(config, steps)
+    _refuse_neighbours(config)
+    _refuse_follow(config, axes)
+    units = _chosen_units(config)
+    _refuse_refinement(config, axes)
+    method = config.method.model_copy(update={"steps_per_period": steps})
+    return config.model_copy(update={"method": method, "units": units})
+
+
+def _key_of(config: SweepConfig, name: str) -> Key:
+    """Return the key of a parameter of the model in its group, which may be the rig."""
+    if name in StartConfig.model_fields:
+        return "start", name
+    return ("oscillator", name) if config.rig is None else ("rig", si_name(name, config.rig))
+
+
+def _extreme_points(axes: dict[str, Axis], integrator: str) -> np.ndarray:
+    """Return two points at which every check fails that fails at a point of the grid.
+
+    Their start is the one closest to the stop or farthest beyond it, and their omega is the least.
+    The first point has the largest h and p, where exact impacts need the shortest step. At the
+    second, the integrator needs the most steps to be stable. Every value of h is examined, because
+    the longest stable step T is not monotone in h: for Euler T rises as 2h / p^2 and then falls,
+    and for Runge-Kutta it has a minimum at h = 0.54 p. Of p the two ends suffice: at any h, T has
+    no minimum between them.
+    """
+    h, omega, p = axes["h"].values(), axes["omega"].low, axes["p"]
     points = np.zeros(2, POINT)
-    points["h"], points["p"], points["omega"] = h.max(), most_p, omega
+    points["x0"], points["clearance"] = axes["x0"].high, axes["clearance"].low
+    points["h"], points["p"], points["omega"] = axes["h"].high, p.high, omega
     most = 0.0
-    for end in (least_p, most_p):
+    for end in (p.low, p.high):
         for part in np.array_split(h, math.ceil(h.size / _CHUNK)):
             steps = least_stable_steps(integrator, part, end, omega)
             k = int(steps.argmax())
@@ -47,7 +78,51 @@ def worst_points(oscillator: OscillatorConfig, integrator: str) -> np.ndarray:
     return points
 
 
-def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
+def _refuse_start(config: SweepConfig, points: np.ndarray) -> None:
+    """Refuse starts beyond the stop."""
+    beyond = points["x0"] > points["clearance"]
+    if not beyond.any():
+        return
+    row = int(beyond.argmax())
+    x0, clearance = points["x0"][row], points["clearance"][row]
+    where = "" if config.points is None else f"row {row + 1} of points: "
+    typed, stop = "x0" in config.start.model_fields_set, si_name("clearance", config.rig)
+    raise MisplacedError(
+        _key_of(config, "x0" if typed else "clearance"),
+        f"{where}x0 = {shortest(x0)} lies beyond the stop at {stop} = "
+        f"{shortest(clearance)}; every x0 must be <= every {stop}",
+    )
+
+
+def _refuse_large_grid(config: SweepConfig, axes: dict[str, Axis]) -> None:
+    """Refuse a grid of too many points."""
+    points = math.prod(axis.size for axis in axes.values())
+    if points > _MOST_POINTS:
+        raise MisplacedError(
+            _key_of(config, max(axes, key=lambda name: axes[name].size)),
+            f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
+        )
+
+
+def _chosen_steps(config: SweepConfig, points: np.ndarray) -> int:
+    """Return the steps per period, chosen if no number is given; refuse too few."""
+    method, steps = config.method, config.method.steps_per_period
+    try:
+        needed = default_steps(points, method.impact, method.integrator)
+    except ValueError as error:
+        raise MisplacedError(_key_of(config, "omega"), str(error)) from None
+    if steps is not None and method.impact == "exact" and steps < needed:
+        raise MisplacedError(
+            ("method", "steps_per_period"),
+            f"{steps} are not enough for exact impacts here; "
+            f"expected: an integer from {needed} to {MOST_STEPS}, or null",
+        )
+    if not method.allow_unstable:
+        _refuse_unstable(method.integrator, steps or needed, points)
+    return steps or needed
+
+
+def _refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     """Refuse `steps` per period if they make the integrator unstable at one of `points`."""
     all_least = least_stable_steps(integrator, points["h"], points["p"], points["omega"])
     least = all_least.max()
@@ -77,44 +152,105 @@ def refuse_unstable(integrator: str, steps: int, points: np.ndarray) -> None:
     )
 
 
-def refuse_refinement(
-    name: str,
-    axes: Mapping[str, np.ndarray],
-    method: MethodConfig,
-    record: RecordConfig,
-    follow: FollowConfig | None,
-) -> None:
-    """Refuse refinement along the axis `name`, one of the swept `axes`, if that is not possible."""
-    if list(axes) != [name]:
-        swept = ", ".join(axes) or "none"
+def _refuse_record(config: SweepConfig, steps: int) -> None:
+    """Refuse Lyapunov exponents without exact impacts, and trajectories of too many samples."""
+    record, impact = config.record, config.method.impact
+    if "lyapunov" in record.diagnostics and impact != "exact":
+        raise MisplacedError(
+            ("record", "diagnostics"),
+            f"lyapunov needs the impact rule exact, not {impact}; "
+            "expected: method.impact: exact, or diagnostics without lyapunov",
+        )
+    if not record.trajectory:
+        return
+    samples = record.periods * steps // record.trajectory.every + 1
+    if samples > _MOST_SAMPLES:
+        raise MisplacedError(
+            ("record", "trajectory"),
+            f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
+        )
+
+
+def _refuse_neighbours(config: SweepConfig) -> None:
+    """Refuse to follow or refine a table, which has no axis, or transients that are found."""
+    for title, group in (("follow", config.follow), ("refine", config.refine)):
+        if group is not None and config.points is not None:
+            problem = "needs an axis, but points has none; expected: a range instead of points"
+            raise MisplacedError((title,), problem)
+        if group is not None and config.record.transient is None:
+            problem = f"auto cannot be used with {title}; expected: an integer"
+            raise MisplacedError(("record", "transient"), problem)
+
+
+def _refuse_follow(config: SweepConfig, axes: dict[str, Axis]) -> None:
+    """Refuse to follow an axis that is not swept."""
+    if config.follow is None or axes[config.follow.axis].size > 1:
+        return
+    swept = [
+        si_name(name, config.rig)
+        for name, axis in axes.items()
+        if axis.size > 1 and name not in StartConfig.model_fields
+    ]
+    raise MisplacedError(
+        ("follow", "axis"),
+        f"{si_name(config.follow.axis, config.rig)} has only one value, so that there is nothing "
+        "to follow; expected: "
+        + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
+    )
+
+
+def _chosen_units(config: SweepConfig) -> UnitsConfig:
+    """Return the names of the units; refuse non-SI names for a rig, and mass without a rig."""
+    units = config.units
+    if config.rig is None:
+        if "mass" in units.model_fields_set:
+            problem = "without a rig there is no mass; expected: rig in place of oscillator"
+            raise MisplacedError(("units", "mass"), problem)
+        return units
+    si = UnitsConfig(length="m", time="s", mass="kg")
+    for name, unit in units.items():
+        if unit not in (getattr(si, name), name):
+            problem = f"{unit} is not the unit of a rig; expected: {getattr(si, name)}"
+            raise MisplacedError(("units", name), problem)
+    return si
+
+
+def _refuse_refinement(config: SweepConfig, axes: dict[str, Axis]) -> None:
+    """Refuse refinement if it is not possible."""
+    if config.refine is None:
+        return
+    axis, name = config.refine.axis, si_name(config.refine.axis, config.rig)
+    swept = [parameter for parameter in axes if axes[parameter].swept]
+    if swept != [axis]:
+        listed = ", ".join(si_name(parameter, config.rig) for parameter in swept) or "none"
         raise MisplacedError(
             ("refine", "axis"),
-            f"{name} must be the only swept axis, but these are swept: {swept}; expected: one "
+            f"{name} must be the only swept axis, but these are swept: {listed}; expected: one "
             "axis, and its name here",
         )
-    if len(axes[name]) < 2 or not (np.diff(axes[name]) > 0.0).all():
+    if axes[axis].size < 2 or not (np.diff(axes[axis].values()) > 0.0).all():
         raise MisplacedError(
             ("refine", "axis"),
             f"{name} cannot be refined; expected: two or more values of it, in increasing order",
         )
-    if method.impact != "exact":
+    if config.method.impact != "exact":
         raise MisplacedError(
             ("refine",),
-            f"refine needs the impact rule exact, not {method.impact}; "
+            f"refine needs the impact rule exact, not {config.method.impact}; "
             "expected: method.impact: exact, or no refine",
         )
-    if "period" not in record.diagnostics:
+    if "period" not in config.record.diagnostics:
         raise MisplacedError(
             ("refine",),
             "the class of the motion is not recorded; expected: record.diagnostics: [period] or "
             "[period, lyapunov], or no refine",
         )
-    if record.trajectory:
+    if config.record.trajectory:
         raise MisplacedError(
             ("record", "trajectory"),
             "cannot be recorded with refine; expected: false, or no refine",
         )
-    if follow is not None and follow.direction == "both":
+    if config.follow is not None and config.follow.direction == "both":
         raise MisplacedError(
             ("follow", "direction"),
             "both directions cannot be refined at once; expected: up or down, or no refine",

@@ -6,7 +6,7 @@ The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from functools import partial
 from typing import Annotated, Any, Literal, Self
 
@@ -22,12 +22,13 @@ from pydantic import (
 )
 
 from sweeps.config.values import (
+    Axis,
+    Elsewhere,
     Group,
     Integer,
     MisplacedError,
     Number,
     Values,
-    extremes,
     form,
     integer,
     null,
@@ -82,13 +83,12 @@ def _with_bounds(parameter: Parameter, schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{**number, **bounds}, {**values, "items": bounds}, {**extent, **ends}]
 
 
-def refuse_out_of_bounds(value: Any, parameter: Parameter) -> Any:
-    """Return the values unchanged; refuse those outside the bounds of a parameter."""
-    for extreme in extremes(value):
-        if not parameter.accepts(extreme):
-            contains = "" if isinstance(value, float) else f"contains {shortest(extreme)}, which "
+def refuse_out_of_bounds(axis: Axis, parameter: Parameter) -> None:
+    """Refuse values outside the bounds of a parameter."""
+    for value in sorted({axis.low, axis.high}):
+        if not parameter.accepts(value):
+            contains = f"contains {shortest(value)}, which " if axis.swept else ""
             raise ValueError(f"{contains}is not allowed")
-    return value
 
 
 class ParameterConfig(Group):
@@ -98,7 +98,17 @@ class ParameterConfig(Group):
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of their parameter."""
-        return refuse_out_of_bounds(value, PARAMETERS[str(info.field_name)])
+        if not isinstance(value, Elsewhere):
+            refuse_out_of_bounds(Axis.of(value), PARAMETERS[str(info.field_name)])
+        return value
+
+    def items(self) -> Iterator[tuple[str, Any]]:
+        """Yield names and values as other groups do, without those that are given elsewhere."""
+        return (item for item in super().items() if not isinstance(item[1], Elsewhere))
+
+    def axes(self) -> dict[str, Axis]:
+        """Return the values that are given here by the names and in the units of the model."""
+        return {name: Axis.of(value) for name, value in self.items()}
 
 
 class OscillatorConfig(ParameterConfig):
@@ -139,6 +149,11 @@ class MethodConfig(Group):
         description="compute even if the step is too long for the integrator to be stable: "
         "true or false",
     )
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Integrator, impact rule and steps per period: keyword arguments of `integrate`."""
+        return self.model_dump(exclude={"allow_unstable"})
 
     @model_validator(mode="before")
     @classmethod
@@ -226,18 +241,6 @@ class RecordConfig(Group):
         f"{', '.join(DIAGNOSTICS)}",
     )
 
-    @property
-    def left_out(self) -> int:
-        """Forcing periods that every point leaves out; 0 if each has its own transient."""
-        return self.transient or 0
-
-    @property
-    def most_left_out(self) -> int:
-        """Most forcing periods that a point leaves out."""
-        if self.transient is None:
-            return self.longest or LONGEST_TRANSIENT
-        return self.transient
-
     @model_validator(mode="after")
     def _transient_can_be_found(self) -> Self:
         if self.transient is not None and self.longest is not None:
@@ -285,6 +288,11 @@ class FollowConfig(Group):
         DIRECTIONS,
         "up",
     )
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """The directions of the sweeps along the axis, one after the other."""
+        return ("up", "down") if self.direction == "both" else (self.direction,)
 
 
 def _unit(quantity: str) -> Any:

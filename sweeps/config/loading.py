@@ -14,11 +14,19 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
+from sweeps.config.checks import completed
 from sweeps.config.groups import key_list
-from sweeps.config.messages import dotted, explained, shown, source_of, without_misspelt
+from sweeps.config.messages import (
+    conflict_at,
+    dotted,
+    explained,
+    shown,
+    source_of,
+    without_misspelt,
+)
 from sweeps.config.points import read_points
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Key, null
+from sweeps.config.values import Key, MisplacedError, null
 from sweeps.errors import ConfigError
 from sweeps.text import shortened, shown_count
 
@@ -107,7 +115,9 @@ def _checked(
         except ValueError as error:
             raise ConfigError(f"{source}: points: {error}") from None
     try:
-        return SweepConfig.model_validate(data)
+        return completed(SweepConfig.model_validate(data))
+    except MisplacedError as conflict:
+        raise ConfigError(conflict_at(conflict, sources, origin)) from None
     except ValidationError as refusal:
         errors = without_misspelt(refusal.errors())
         texts = [explained(error, data, sources, origin) for error in errors[:_MOST_ERRORS]]

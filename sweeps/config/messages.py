@@ -8,9 +8,8 @@ from typing import Any, get_args
 from pydantic_core import ErrorDetails
 
 from sweeps.config.groups import RecordConfig, TrajectoryConfig, key_list
-from sweeps.config.rig import QUANTITIES
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import Group, Key, MisplacedError, Range, null
+from sweeps.config.values import Group, Key, MisplacedError, Range
 from sweeps.text import nearest, shortened, suggestion
 
 #: The wording of pydantic's error types for numbers and truth values.
@@ -48,9 +47,8 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     """Write a pydantic error in one line: the place, the given value and the allowed values."""
     reason = error.get("ctx", {}).get("error")
     if isinstance(reason, MisplacedError):
-        key = _key_given(reason.key, data)
-        return f"{source_of(key, sources, path)}: {dotted(key)}: {reason}"
-    key, group, expected = _located(_key_given(error["loc"], data))
+        return conflict_at(reason, sources, path)
+    key, group, expected = _located(error["loc"])
     where = f"{source_of(key, sources, path)}: "
     if error["type"] == "missing":
         return f"{where}{dotted(key)} is missing; expected: {expected}"
@@ -65,11 +63,9 @@ def explained(error: ErrorDetails, data: object, sources: Mapping[Key, str], pat
     return f"{where}{typed} {problem}; expected: {expected}"
 
 
-def _key_given(loc: Key, data: Any) -> Key:
-    """Return the key that the user gave: of the rig, if the oscillator was converted from one."""
-    if null(data.get("rig")) is None or loc[:1] != ("oscillator",):
-        return loc
-    return "rig", *(QUANTITIES[str(k)].name if k in QUANTITIES else k for k in loc[1:2]), *loc[2:]
+def conflict_at(conflict: MisplacedError, sources: Mapping[Key, str], path: str) -> str:
+    """Write the conflict of a value with another one in one line: the place and the problem."""
+    return f"{source_of(conflict.key, sources, path)}: {dotted(conflict.key)}: {conflict}"
 
 
 def _located(loc: Key) -> tuple[Key, type[Group], str]:

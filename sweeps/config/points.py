@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from sweeps.config.groups import OscillatorConfig, StartConfig
-from sweeps.config.values import MisplacedError, plain_number
+from sweeps.config.rig import RigConfig, model_name
+from sweeps.config.values import Elsewhere, MisplacedError, null, plain_number
 from sweeps.grid import as_table
 from sweeps.text import nearest, printable, shortened, suggestion
 from vibroimpact.oscillator import PARAMETERS
@@ -44,18 +45,24 @@ def read_points(given: Any, folder: Path) -> np.ndarray:
 
 
 def with_columns(data: dict[str, Any]) -> dict[str, Any]:
-    """Copy the columns of the table into their groups; refuse axes in addition to a table."""
-    table, groups = data["points"], {}
-    for title, group in (("oscillator", OscillatorConfig), ("start", StartConfig)):
+    """Mark the columns of the table in their groups; refuse axes in addition to a table."""
+    names, groups = data["points"].dtype.names, {}
+    of_rig = null(data.get("rig")) is not None
+    parameters = ("rig", RigConfig) if of_rig else ("oscillator", OscillatorConfig)
+    for title, group in (parameters, ("start", StartConfig)):
         given = data.get(title, {})
         if not isinstance(given, dict):
             continue  # refused by the check of the group
-        columns = {name: table[name] for name in table.dtype.names if name in group.model_fields}
+        for name in group.model_fields:
+            if name in names and name != model_name(name):
+                problem = f"expected: {model_name(name)}, in the unit of the model"
+                raise MisplacedError(("points", name), f"cannot be a column with a rig; {problem}")
+        columns = [name for name in group.model_fields if model_name(name) in names]
         for name, value in given.items():
             if name in columns or isinstance(value, list | tuple | dict):
                 problem = "conflicts with points; expected: one number here, or only a column"
-                raise MisplacedError((title, name), f"{problem} {name} of points")
-        groups[title] = {**given, **columns}
+                raise MisplacedError((title, name), f"{problem} {model_name(name)} of points")
+        groups[title] = {**given, **dict.fromkeys(columns, Elsewhere.COLUMN)}
     return {**data, **groups}
 
 

@@ -9,13 +9,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Annotated, Any, NamedTuple, Self
+from functools import partial
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field, ValidationError, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
-from sweeps.config.groups import UnitsConfig, parameter_field, refuse_out_of_bounds
-from sweeps.config.values import Group, MisplacedError, Number, Range, Values
+from sweeps.config.groups import (
+    OscillatorConfig,
+    ParameterConfig,
+    parameter_field,
+    refuse_out_of_bounds,
+)
+from sweeps.config.values import (
+    Axis,
+    Elsewhere,
+    MisplacedError,
+    Number,
+    Range,
+    Values,
+    distinct,
+)
+from sweeps.text import shortest
 from vibroimpact.oscillator import PARAMETERS, Parameter
 
 
@@ -69,12 +84,13 @@ QUANTITIES: Mapping[str, Quantity] = {
 }  # fmt: skip
 
 
-class RigConfig(Group):
+class RigConfig(ParameterConfig):
     """A rig in SI units, with the arguments of `Oscillator.from_rig`.
 
     Columns of a table hold values of the model, not of the rig.
     """
 
+    # The first field, because the checks of the others need it.
     mass: Annotated[Number, Field(gt=0.0)] = Field(
         description=f"mass [kg]: {MASS.allowed}, the same all over the sweep"
     )
@@ -85,11 +101,33 @@ class RigConfig(Group):
     gap: Values = parameter_field(QUANTITIES["clearance"].description)
     R: Values = parameter_field(PARAMETERS["R"])
 
-    @field_validator("stiffness", "damping", "force", "frequency", "gap", "R")
+    @field_validator("*")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse values outside the bounds of the parameter they are converted to."""
-        return refuse_out_of_bounds(value, PARAMETERS[model_name(str(info.field_name))])
+        title, mass = str(info.field_name), info.data.get("mass")
+        if title == "mass" or isinstance(value, Elsewhere):
+            return value
+        name, given = model_name(title), Axis.of(value)
+        refuse_out_of_bounds(given, PARAMETERS[name])
+        if mass is None:  # refused already
+            return value
+        made = _in_model(name, given, mass)
+        if isinstance(value, Range) and not (made.low < made.high < math.inf or made.size == 1):
+            problem = f"is not a range in the units of the model: {made.low!r} to {made.high!r}"
+            raise MisplacedError(("rig", title), f"{problem}; expected: other values")
+        if not math.isfinite(made.high):
+            contains = f"contains {shortest(given.high)}, which " if given.swept else ""
+            raise ValueError(f"{contains}is not a finite number in the units of the model")
+        refuse_out_of_bounds(made, PARAMETERS[name])
+        if isinstance(value, tuple):
+            distinct(tuple(made.values().tolist()))
+        return value
+
+    def axes(self) -> dict[str, Axis]:
+        """Return the values that are given here by the names and in the units of the model."""
+        given = ((model_name(name), axis) for name, axis in super().axes().items())
+        return {name: _in_model(name, axis, self.mass) for name, axis in given if name != "mass"}
 
     def in_si(self, name: str, value: Any) -> Any:
         """Convert a quantity of the model; what was made from a value of the rig gives that back.
@@ -98,59 +136,21 @@ class RigConfig(Group):
         """
         quantity = QUANTITIES[name]
         converted = quantity.in_si(self.mass, value)
-        given = getattr(self, quantity.name, None)
-        if given is None or isinstance(given, np.ndarray):  # a result, or a column of the model
+        typed = getattr(self, quantity.name, None)
+        if typed is None or isinstance(typed, Elsewhere):  # a result, or a column of the model
             return converted
-        given = np.atleast_1d(given.values() if isinstance(given, Range) else given)
+        given = Axis.of(typed).values()
         made = np.asarray(quantity.in_model(self.mass, given))
         order = np.argsort(made)
         nearest = order[np.searchsorted(made[order], value).clip(max=len(made) - 1)]
         return np.where(made[nearest] == value, given[nearest], converted)[()]
 
-    def oscillator(self) -> dict[str, Any]:
-        """Return the parameters of the model, in the order of the rig's keys."""
-        return {
-            model_name(name): _converted(self.mass, model_name(name), value)
-            for name, value in self.items()
-            if name != "mass"
-        }
 
-
-class _Converted(Range):
-    """A range in the units of the model: the values of a range of the rig, each converted."""
-
-    _given: tuple[float, str, Range]
-
-    @classmethod
-    def of(cls, mass: float, name: str, given: Range) -> Self:
-        """Convert a range of the rig to the parameter `name` of the model; refuse an overflow."""
-        si = QUANTITIES[name].name
-        ends = {end: _converted(mass, name, getattr(given, end)) for end in ("start", "stop")}
-        try:
-            made = cls(**ends, num=given.num, spacing=given.spacing)
-        except ValidationError:
-            shown = f"{ends['start']!r} to {ends['stop']!r}"
-            problem = f"is not a range in the units of the model: {shown}; expected: other values"
-            raise MisplacedError(("rig", si), problem) from None
-        made._given = mass, name, given
-        return made
-
-    def values(self) -> np.ndarray:
-        """Return the values, shape (num,)."""
-        mass, name, given = self._given
-        converted: np.ndarray = QUANTITIES[name].in_model(mass, given.values())
-        return converted
-
-
-def _converted(mass: float, name: str, value: Any) -> Any:
-    """Convert a value of the rig to the model's units; a list stays a list, a range a range."""
-    if name not in QUANTITIES or isinstance(value, np.ndarray):  # columns are in model units
-        return value
-    if isinstance(value, Range):
-        return _Converted.of(mass, name, value)
-    if isinstance(value, tuple):
-        return tuple(_converted(mass, name, item) for item in value)
-    return float(QUANTITIES[name].in_model(mass, value))
+def _in_model(name: str, axis: Axis, mass: float) -> Axis:
+    """Convert values of a rig to the parameter `name` of the model."""
+    if name not in QUANTITIES:
+        return axis
+    return axis.converted(partial(QUANTITIES[name].in_model, mass))
 
 
 def model_name(name: str) -> str:
@@ -179,49 +179,14 @@ def si_values(values: Mapping[str, Any], rig: RigConfig | None) -> dict[str, Any
     }
 
 
-def checked_units(units: UnitsConfig, info: ValidationInfo) -> UnitsConfig:
-    """Return the names of the units; refuse non-SI names for a rig, and mass without a rig."""
-    if "rig" not in info.data:  # refused already
-        return units
-    rig, si = info.data["rig"], UnitsConfig(length="m", time="s", mass="kg")
-    for name, unit in units.items():
-        if rig is not None and unit not in (getattr(si, name), name):
-            problem = f"{unit} is not the unit of a rig; expected: {getattr(si, name)}"
-            raise MisplacedError(("units", name), problem)
-    if rig is None and "mass" in units.model_fields_set:
-        problem = "without a rig there is no mass; expected: rig in place of oscillator"
-        raise MisplacedError(("units", "mass"), problem)
-    return units if rig is None else si
-
-
 def with_rig(data: dict[str, Any]) -> dict[str, Any]:
-    """Prepare the data of a configuration with a rig: rename followed axes, and add columns."""
+    """Prepare the data of a configuration with a rig: its oscillator, and the followed axes."""
     if "oscillator" in data:
         problem = "conflicts with oscillator; expected: one of them"
         raise MisplacedError(("rig",), problem)
-    data = {**data, "oscillator": {}}
+    data = {**data, "oscillator": dict.fromkeys(OscillatorConfig.model_fields, Elsewhere.RIG)}
     for group in ("follow", "refine"):
         given = data.get(group)
         if isinstance(given, dict) and isinstance(given.get("axis"), str):
             data[group] = {**given, "axis": model_name(given["axis"])}
-    table, rig = data.get("points"), data["rig"]
-    if isinstance(table, np.ndarray) and isinstance(rig, dict):
-        data["rig"] = {**rig, **_columns(table, rig)}
     return data
-
-
-def _columns(table: np.ndarray, rig: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return the model's columns of a table by the rig's names; refuse conflicts with the rig."""
-    names, columns = (
-        {name: model_name(name) for name in RigConfig.model_fields},
-        table.dtype.names or (),
-    )
-    for name, own in names.items():
-        if name in columns and name != own:
-            problem = f"cannot be a column with a rig; expected: {own}, in the unit of the model"
-            raise MisplacedError(("points", name), problem)
-        value = rig.get(name)
-        if isinstance(value, list | tuple | dict) or (value is not None and own in columns):
-            problem = "conflicts with points; expected: one number here, or only a column"
-            raise MisplacedError(("rig", name), f"{problem} {own} of points")
-    return {name: table[own] for name, own in names.items() if own in columns}

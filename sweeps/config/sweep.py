@@ -1,29 +1,21 @@
-"""The configuration of a sweep, `SweepConfig`, and the checks that involve several of its groups.
+"""The configuration of a sweep, `SweepConfig`: its groups, and the sweep that they describe.
 
 The names, bounds and defaults of parameters come from ``vibroimpact.oscillator.PARAMETERS``.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, model_validator
 
-from sweeps.config.checks import refuse_refinement, refuse_unstable, worst_points
 from sweeps.config.groups import (
+    LONGEST_TRANSIENT,
     FollowConfig,
     MethodConfig,
     OscillatorConfig,
@@ -36,31 +28,15 @@ from sweeps.config.groups import (
     key_list,
 )
 from sweeps.config.points import with_columns
-from sweeps.config.rig import RigConfig, checked_units, si_name, si_values, with_rig
-from sweeps.config.values import (
-    Group,
-    Key,
-    MisplacedError,
-    Table,
-    as_array,
-    extremes,
-    length,
-    null,
-    one_of,
-)
-from sweeps.grid import TABLE, Grid
-from sweeps.text import printable, shortest
+from sweeps.config.rig import RigConfig, si_name, with_rig
+from sweeps.config.values import Axis, Group, Table, null, one_of
+from sweeps.grid import TABLE, Grid, Sweep
+from sweeps.text import printable
 from vibroimpact.points.run_spec import RunSpec
 from vibroimpact.points.scaling import scales_with_f
-from vibroimpact.step.scheme import MOST_STEPS, default_steps
 
 #: Compressions of a complete file.
 COMPRESSIONS = ("none", "gzip")
-
-# Limits that turn a typing error into a message instead of a lack of memory.
-_MOST_POINTS = 1_000_000_000
-_MOST_SAMPLES = 10_000_000
-
 
 # The characters that a name may not have, as a part of a regular expression.
 _NOT_IN_A_NAME = r"/\\\x00-\x1f\x7f-\x9f"
@@ -76,7 +52,7 @@ def _checked_name(name: object) -> object:
 def _group(meaning: str, group: type[Group]) -> Any:
     """Return the field of a group whose keys all have a default."""
     text = f"{meaning}: {key_list(group)}"
-    return Field(default_factory=group, validate_default=True, description=text)
+    return Field(default_factory=group, description=text)
 
 
 class SweepConfig(Group):
@@ -124,7 +100,7 @@ class SweepConfig(Group):
         description="add points where the class of the motion changes: "
         f"{key_list(RefineConfig)}, or null",
     )
-    units: Annotated[UnitsConfig, AfterValidator(checked_units)] = _group(
+    units: UnitsConfig = _group(
         "names of the units, for axes and attributes; no number is converted; with a rig always "
         "m, s and kg",
         UnitsConfig,
@@ -138,8 +114,8 @@ class SweepConfig(Group):
 
     @model_validator(mode="before")
     @classmethod
-    def _completed(cls, data: Any) -> Any:
-        """Name the output after the sweep, and insert the parameters of a rig or a table."""
+    def _prepared(cls, data: Any) -> Any:
+        """Name the output after the sweep, and mark what comes from a rig or a table."""
         if not isinstance(data, dict):
             return data
         if "name" in data and "output" not in data:
@@ -147,196 +123,39 @@ class SweepConfig(Group):
         data = data if null(data.get("rig")) is None else with_rig(data)
         return with_columns(data) if isinstance(data.get("points"), np.ndarray) else data
 
-    @field_validator("oscillator", mode="wrap")
-    @classmethod
-    def _of_the_rig(cls, given: Any, handler: Any, info: ValidationInfo) -> Any:
-        """Take the parameters of the oscillator from the rig, if a valid one is given."""
-        if "rig" not in info.data:
-            return None
-        rig = info.data["rig"]
-        return handler(given if rig is None else rig.oscillator())
-
-    @field_validator("start")
-    @classmethod
-    def _fits_the_oscillator(cls, start: StartConfig, info: ValidationInfo) -> StartConfig:
-        """Refuse starts beyond the stop, and grids of too many points."""
-        oscillator = info.data.get("oscillator")
-        if oscillator is None:
-            return start  # the oscillator has been refused already
-        x0, clearance, where = max(extremes(start.x0)), min(extremes(oscillator.clearance)), ""
-        if info.data.get("points") is not None:
-            pairs = np.broadcast_arrays(as_array(start.x0), as_array(oscillator.clearance))
-            row = int(np.argmax(pairs[0] > pairs[1]))
-            x0, clearance, where = *(end[row] for end in pairs), f"row {row + 1} of points: "
-        if x0 > clearance:
-            typed, stop = "x0" in start.model_fields_set, si_name("clearance", info.data["rig"])
-            raise MisplacedError(
-                ("start", "x0") if typed else ("oscillator", "clearance"),
-                f"{where}x0 = {shortest(x0)} lies beyond the stop at {stop} = "
-                f"{shortest(clearance)}; every x0 must be <= every {stop}",
-            )
-        lengths: dict[Key, int] = {
-            (title, name): length(value)
-            for title, group in (("oscillator", oscillator), ("start", start))
-            for name, value in group.items()
-        }
-        points = math.prod(lengths.values())
-        if points > _MOST_POINTS:
-            raise MisplacedError(
-                max(lengths, key=lambda key: lengths[key]),
-                f"the axes make a grid of {points:,} points; expected: at most {_MOST_POINTS:,}",
-            )
-        return start
-
-    @field_validator("method")
-    @classmethod
-    def _enough_steps(cls, method: MethodConfig, info: ValidationInfo) -> MethodConfig:
-        """Refuse too few steps per period; choose the number if none is given."""
-        oscillator, steps = info.data.get("oscillator"), method.steps_per_period
-        if oscillator is None:
-            return method
-        points = worst_points(oscillator, method.integrator)
-        try:
-            needed = default_steps(points, method.impact, method.integrator)
-        except ValueError as error:
-            raise MisplacedError(("oscillator", "omega"), str(error)) from None
-        if steps is not None and method.impact == "exact" and steps < needed:
-            raise MisplacedError(
-                ("method", "steps_per_period"),
-                f"{steps} are not enough for exact impacts here; "
-                f"expected: an integer from {needed} to {MOST_STEPS}, or null",
-            )
-        if not method.allow_unstable:
-            refuse_unstable(method.integrator, steps or needed, points)
-        return method.model_copy(update={"steps_per_period": steps or needed})
-
-    @field_validator("record")
-    @classmethod
-    def _can_be_recorded(cls, record: RecordConfig, info: ValidationInfo) -> RecordConfig:
-        """Refuse Lyapunov exponents without exact impacts, and trajectories of too many samples."""
-        method = info.data.get("method")
-        if method is None or info.data.get("oscillator") is None:
-            return record
-        if "lyapunov" in record.diagnostics and method.impact != "exact":
-            raise MisplacedError(
-                ("record", "diagnostics"),
-                f"lyapunov needs the impact rule exact, not {method.impact}; "
-                "expected: method.impact: exact, or diagnostics without lyapunov",
-            )
-        samples = 0
-        if record.trajectory:
-            samples = record.periods * method.steps_per_period // record.trajectory.every + 1
-        if samples > _MOST_SAMPLES:
-            raise MisplacedError(
-                ("record", "trajectory"),
-                f"{samples:,} samples per point are too many; expected: at most {_MOST_SAMPLES:,}",
-            )
-        return record
-
-    @field_validator("follow", "refine")
-    @classmethod
-    def _has_neighbours(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse to follow or refine a table, which has no axis."""
-        if value is not None and info.data.get("points") is not None:
-            problem = "needs an axis, but points has none; expected: a range instead of points"
-            raise MisplacedError((str(info.field_name),), problem)
-        record = info.data.get("record")
-        if value is not None and record is not None and record.transient is None:
-            problem = f"auto cannot be used with {info.field_name}; expected: an integer"
-            raise MisplacedError(("record", "transient"), problem)
-        return value
-
-    @field_validator("follow")
-    @classmethod
-    def _along_an_axis(cls, follow: FollowConfig | None, info: ValidationInfo) -> Any:
-        """Refuse to follow an axis that is not swept."""
-        if follow is None or info.data.get("oscillator") is None:
-            return follow
-        lengths = {name: length(value) for name, value in info.data["oscillator"].items()}
-        if lengths[follow.axis] < 2:
-            rig = info.data["rig"]
-            swept = [si_name(name, rig) for name, number in lengths.items() if number > 1]
-            raise MisplacedError(
-                ("follow", "axis"),
-                f"{si_name(follow.axis, rig)} has only one value, so that there is nothing to "
-                "follow; expected: "
-                + (f"a swept axis out of {', '.join(swept)}" if swept else "an axis that is swept"),
-            )
-        return follow
-
-    @model_validator(mode="after")
-    def _can_be_refined(self) -> Self:
-        if self.refine is not None:
-            name, axes = si_name(self.refine.axis, self.rig), si_values(self.grid.axes, self.rig)
-            refuse_refinement(name, axes, self.method, self.record, self.follow)
-        return self
-
-    def with_record(self, **changes: object) -> Self:
-        """Return a copy of the sweep with changes to ``record``, and with empty caches."""
-        record = self.record.model_copy(update=changes)
-        made = type(self).model_construct(**{**dict(self), "record": record})
-        made._order = self._order
-        return made
-
-    @property
-    def steps(self) -> int:
-        """Steps per forcing period, the same for all points."""
-        steps = self.method.steps_per_period
-        assert steps is not None  # `_enough_steps` has chosen a number if none was given
-        return steps
-
-    @property
-    def integration(self) -> dict[str, Any]:
-        """Integrator, impact rule and steps per period: keyword arguments of `integrate`."""
-        method = self.method
-        names = {"integrator": method.integrator, "impact": method.impact}
-        return {**names, "steps_per_period": self.steps}
+    def axes(self) -> dict[str, Axis]:
+        """Return the values of each parameter of the model, columns apart, in the file's order."""
+        groups = [group for _, group in self.items() if isinstance(group, ParameterConfig)]
+        return {name: axis for group in groups for name, axis in group.axes().items()}
 
     @cached_property
-    def spec(self) -> RunSpec:
-        """The quantities to compute for every point, and the method."""
+    def sweep(self) -> Sweep:
+        """The points to compute, and what is computed of each."""
+        axes = self.axes()
+        swept = {name: axis.values() for name, axis in axes.items() if axis.swept}
+        fixed = {name: axis.first for name, axis in axes.items() if not axis.swept}
+        grid = Grid(swept if self.points is None else {TABLE: self.points}, fixed)
         record, follow = self.record, self.follow
-        return RunSpec(
-            **self.integration,
-            transient=record.left_out,
-            longest=record.most_left_out if record.transient is None else None,
+        spec = RunSpec(
+            **self.method.arguments,
+            transient=record.transient or 0,
+            longest=(record.longest or LONGEST_TRANSIENT) if record.transient is None else None,
             periods=record.periods,
             phase=record.phase,
             impacts=record.impacts,
             lyapunov="lyapunov" in record.diagnostics,
             period="period" in record.diagnostics,
             every=record.trajectory.every if record.trajectory else None,
-            scaled=follow is None and scales_with_f(self.grid.swept, self.grid.fixed),
+            scaled=follow is None and scales_with_f(grid.swept, grid.fixed),
             followed=follow.axis if follow else None,
-            directions=self.directions,
+            directions=follow.directions if follow else (),
         )
-
-    @cached_property
-    def grid(self) -> Grid:
-        """The swept axes in the order of the file, or the table, with the fixed values."""
-        axes: dict[str, np.ndarray] = {} if self.points is None else {TABLE: self.points}
-        fixed: dict[str, float] = {}
-        for title in dict.fromkeys("oscillator" if t == "rig" else t for t, _ in self.items()):
-            group = getattr(self, title)
-            if isinstance(group, ParameterConfig):
-                for name, value in group.items():
-                    if isinstance(value, float):
-                        fixed[name] = value
-                    elif self.points is None:
-                        axes[name] = as_array(value)
-        return Grid(axes, fixed)
-
-    @property
-    def directions(self) -> tuple[str, ...]:
-        """The directions in which an axis is followed; empty if none is followed."""
-        if self.follow is None:
-            return ()
-        return ("up", "down") if self.follow.direction == "both" else (self.follow.direction,)
+        return Sweep(grid, spec)
 
     @property
     def size(self) -> int:
         """Number of points to compute, counting each direction of a followed axis."""
-        return self.grid.size * max(1, len(self.directions))
+        return self.sweep.size
 
     def to_yaml(self, *, table: bool = True, ascii: bool = False) -> str:
         """Return the configuration as YAML with all defaults, without output and compression.
@@ -378,11 +197,7 @@ class SweepConfig(Group):
 def _plain(value: Any) -> Any:
     """Convert a value to YAML's types: groups become mappings in the order of their keys."""
     if isinstance(value, Group):
-        return {
-            name: _plain(item)
-            for name, item in value.items()
-            if not (isinstance(item, np.ndarray) and item.dtype.names is None)  # of the table
-        }
+        return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, np.ndarray):
         return {name: value[name].tolist() for name in value.dtype.names or ()}
     return list(value) if isinstance(value, tuple) else value

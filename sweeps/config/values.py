@@ -1,11 +1,16 @@
-"""The forms of values in a configuration: numbers, lists, ranges, and groups of keys."""
+"""The forms of values in a configuration: numbers, lists, ranges, and groups of keys.
+
+An `Axis` holds the values of a parameter that was given in any of the first three forms.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -31,6 +36,13 @@ Key = tuple[str | int, ...]
 
 #: Most values along an axis; a longer one is surely a typing error.
 _MOST_VALUES = 10_000_000
+
+
+class Elsewhere(Enum):
+    """The value of a parameter whose numbers are given in another place than its own key."""
+
+    COLUMN = "a column of points"
+    RIG = "computed from the rig"
 
 
 class MisplacedError(ValueError):
@@ -59,7 +71,7 @@ def plain_integer(value: object) -> object:
     return value
 
 
-def _distinct(values: tuple[float, ...]) -> tuple[float, ...]:
+def distinct(values: tuple[float, ...]) -> tuple[float, ...]:
     """Refuse an empty list, and a list with a repeated value."""
     if not values:
         raise ValueError("is empty")
@@ -78,8 +90,8 @@ def form(value: object) -> str:
     """Return a tag for the form of a value, so that errors refer to the form that was typed."""
     if isinstance(value, (dict, BaseModel)):
         return "<mapping>"
-    if isinstance(value, np.ndarray):
-        return "<column>"
+    if isinstance(value, Elsewhere):
+        return "<elsewhere>"
     return "<list>" if isinstance(value, (list, tuple)) else "<scalar>"
 
 
@@ -159,39 +171,47 @@ Values = Annotated[
     | Annotated[
         tuple[Number, ...],
         # min_length would count only the valid items.
-        AfterValidator(_distinct),
+        AfterValidator(distinct),
         Field(json_schema_extra={"minItems": 1}),
         Tag("<list>"),
     ]
     | Annotated[Range, Tag("<mapping>")]
-    # Never typed by a user: a column of the table ``points``.
-    | Annotated[SkipJsonSchema[InstanceOf[np.ndarray]], Tag("<column>")],
+    # Never typed by a user.
+    | Annotated[SkipJsonSchema[InstanceOf[Elsewhere]], Tag("<elsewhere>")],
     Discriminator(form),
 ]
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """The values of a parameter, which are created only when asked for: there may be millions."""
+
+    first: float
+    low: float  # least value
+    high: float  # greatest value
+    size: int  # number of values
+    swept: bool  # False for a single number; True also for a list or a range of one value
+    spacing: str  # linear or log, as of a range
+    values: Callable[[], np.ndarray]  # returns the values in order, shape (size,)
+
+    @classmethod
+    def of(cls, given: float | tuple[float, ...] | Range) -> Axis:
+        """Return the values of a number, a list or a range."""
+        if isinstance(given, Range):
+            low, high = sorted((given.start, given.stop))
+            return cls(given.start, low, high, given.num, True, given.spacing, given.values)
+        numbers = given if isinstance(given, tuple) else (given,)
+        ends = numbers[0], min(numbers), max(numbers)
+        return cls(*ends, len(numbers), numbers is given, "linear", lambda: np.array(numbers))
+
+    def converted(self, convert: Callable[[Any], Any]) -> Axis:
+        """Return the axis of the converted values; `convert` must increase with the value."""
+        first, low, high = (float(convert(end)) for end in (self.first, self.low, self.high))
+        values, ends = self.values, (first, low, high)
+        return Axis(*ends, self.size, self.swept, self.spacing, lambda: convert(values()))
 
 
 #: The forms of a table; `sweeps.config.points.read_points` makes a structured array of it.
 _COLUMNS = {"type": "object", "additionalProperties": {"type": "array", "minItems": 1}}
 _FORMS = {"anyOf": [{"type": "string"}, _COLUMNS, {"type": "null"}]}
 Table = Annotated[InstanceOf[np.ndarray] | None, BeforeValidator(null), WithJsonSchema(_FORMS)]
-
-
-def extremes(value: float | tuple[float, ...] | Range | np.ndarray) -> tuple[float, ...]:
-    """Return a few values that include the smallest and the largest one."""
-    if isinstance(value, Range):
-        return value.start, value.stop
-    if isinstance(value, np.ndarray):
-        return float(value.min()), float(value.max())
-    return value if isinstance(value, tuple) else (value,)
-
-
-def as_array(value: float | tuple[float, ...] | Range | np.ndarray) -> np.ndarray:
-    """Return all values in order, shape (n,)."""
-    return value.values() if isinstance(value, Range) else np.atleast_1d(value)
-
-
-def length(value: float | tuple[float, ...] | Range | np.ndarray) -> int:
-    """Return the number of values along an axis without creating them; 1 for a column."""
-    if isinstance(value, Range):
-        return value.num
-    return len(value) if isinstance(value, tuple) else 1

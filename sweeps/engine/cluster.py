@@ -27,11 +27,10 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
 from sweeps.engine.executors import Computer, LocalComputer, completed
 from sweeps.errors import Failed, Refused, SweepError
-from sweeps.grid import Block, block_points
+from sweeps.grid import Block, Sweep, block_points
 from sweeps.interrupts import raised_at_once
 from vibroimpact import __version__
 from vibroimpact.jit import NUMERICS
@@ -97,7 +96,7 @@ class ClusterComputer:
 
     def computed(
         self,
-        config: SweepConfig,
+        sweep: Sweep,
         blocks: Iterable[Block],
         advance: Callable[[int], object] = lambda points: None,
     ) -> Generator[tuple[Block, Results], None, None]:
@@ -106,13 +105,12 @@ class ClusterComputer:
         A caller that stops early must close the generator. Blocks of a lost worker are computed
         again. Raises Failed if the scheduler is lost or a block cannot be computed.
         """
-        _ = config.grid  # cached before it is sent, so that all machines have the same values
         numerics, executor = _own_numerics(), self._client.get_executor(pure=False)
         with self._scheduler_needed():
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Sending large graph")  # once, of a long axis
                 # A task, not data: it runs again if the worker that holds its result is lost.
-                shared = self._client.submit(copy, config, pure=False)
+                shared = self._client.submit(copy, sweep, pure=False)
 
             def submit(block: Block) -> Future[Results]:
                 return executor.submit(_compute, shared, block, numerics)
@@ -192,7 +190,7 @@ def _difference(address: str, there: str, here: str) -> str:
     )
 
 
-def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:
+def _compute(sweep: Sweep, block: Block, numerics: str) -> Results:
     """Compute a block on a worker, with all threads of the worker.
 
     Only one task of a worker computes at a time; its other threads wait and leave it their cores.
@@ -204,6 +202,6 @@ def _compute(config: SweepConfig, block: Block, numerics: str) -> Results:
         raise Failed(_difference(worker.address, _own_numerics(), numerics))
     with _KERNEL_LOCK:
         available: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        results = compute_block(config, block, min(worker.state.nthreads, available))
+        results = compute_block(sweep, block, min(worker.state.nthreads, available))
         # Contiguous arrays are sent without a copy.
         return {name: np.ascontiguousarray(array) for name, array in results.items()}

@@ -1,4 +1,4 @@
-"""Computing points: a configuration in, the variables of the file out.
+"""Computing points: a sweep in, the variables of the file out.
 
 The functions only call `vibroimpact.points`, which alone determines the numbers in a file; the file
 records the version of that code.
@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from sweeps.config.sweep import SweepConfig
-from sweeps.grid import Block
+from sweeps.grid import Block, Sweep
 from sweeps.interrupts import check, thread_flag
 from vibroimpact.jit import NUMERICS, name_of
 from vibroimpact.points.compute import compute_box, compute_points
+from vibroimpact.points.run_spec import RunSpec
 
 #: The variables of the file by name, of shape (points, ...).
 Results = Mapping[str, np.ndarray]
@@ -36,7 +37,7 @@ def numerics(config: SweepConfig) -> str:
 
 
 def compute_block(
-    config: SweepConfig,
+    sweep: Sweep,
     block: Block,
     threads: int | None,
     advance: Callable[[int], object] = lambda points: None,
@@ -47,27 +48,25 @@ def compute_block(
     `advance` is called with the number of points computed since its last call: after every value of
     a followed axis, otherwise once. `threads` is None for all; the results do not depend on it.
     """
-    grid = config.grid
+    grid, spec = sweep.grid, sweep.spec
     values = grid.within(block[len(block) - len(grid.axes) :])
 
     def unless_cancelled(points: int) -> None:
         check()
         advance(points)
 
-    results = compute_box(config.spec, values, grid.fixed, threads, unless_cancelled, thread_flag())
+    results = compute_box(spec, values, grid.fixed, threads, unless_cancelled, thread_flag())
     check()  # the classes of the last points may be missing
     return results
 
 
 def compute(
-    config: SweepConfig, points: np.ndarray, threads: int | None, *, at_section: bool = False
+    spec: RunSpec, points: np.ndarray, threads: int | None, *, at_section: bool = False
 ) -> dict[str, np.ndarray]:
     """Compute parameter points, each from its own start; see `vibroimpact.points`.
 
     With `at_section`, x0 and v0 are the state at the phase of the section, not at t = 0.
     """
-    results = compute_points(
-        config.spec, points, threads, at_section=at_section, interrupt=thread_flag()
-    )
+    results = compute_points(spec, points, threads, at_section=at_section, interrupt=thread_flag())
     check()
     return results

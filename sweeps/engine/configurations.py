@@ -47,7 +47,7 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
     if config.points is not None:
         raise Refused("the rows of a table have no axis to zoom into")
     data = yaml.safe_load(config.to_yaml())
-    axes = {si_name(name, config.rig): values for name, values in config.grid.axes.items()}
+    axes = {si_name(name, config.rig): values for name, values in config.sweep.grid.axes.items()}
     parameters = "oscillator" if config.rig is None else "rig"
     for name, (low, high) in pieces.items():
         if name not in axes:
@@ -60,5 +60,6 @@ def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> Sw
         group[name] = {"start": low, "stop": high, "num": len(axes[name]), "spacing": spacing}
     if config.method.impact == "exact":  # find the number of steps that the piece needs
         enough = load_config({**data, "method": {**data["method"], "steps_per_period": None}})
-        data["method"]["steps_per_period"] = max(config.steps, enough.steps)
+        steps = max(each.sweep.spec.steps_per_period for each in (config, enough))
+        data["method"]["steps_per_period"] = steps
     return load_config(data)

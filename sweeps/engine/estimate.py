@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import psutil
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import compute
 from sweeps.engine.executors import Computer, in_thread
 from sweeps.errors import StoreError
+from sweeps.grid import Sweep
 from sweeps.store import bytes_per_point, check_room, widths_of
 from sweeps.text import shown_bytes
 from vibroimpact.jit import ALL_THREADS
 from vibroimpact.kernel.run import lanes_per_batch
+from vibroimpact.points.run_spec import RunSpec
 
 #: Memory for the results of one block [bytes]; more is used only to fill the lanes.
 _BLOCK_MEMORY = 64 * 2**20
@@ -59,21 +60,21 @@ class Cost:
 _TYPICAL = 1000
 
 
-def expected_cost(config: SweepConfig, path: Path, computer: Computer, resume: bool) -> Cost:
+def expected_cost(sweep: Sweep, path: Path, computer: Computer, resume: bool) -> Cost:
     """Return the cost of a sweep; refuse the sweep if disk space or memory is too small."""
-    check_room(path, 2 * config.size * bytes_per_point(config.spec, _AT_IMPACTS), resume=resume)
-    seconds, at_impacts = in_thread(trial, config, computer.threads)
+    check_room(path, 2 * sweep.size * bytes_per_point(sweep.spec, _AT_IMPACTS), resume=resume)
+    seconds, at_impacts = in_thread(trial, sweep, computer.threads)
     seconds /= computer.cores
-    file = config.size * bytes_per_point(config.spec, at_impacts)
-    disk = 2 * config.size * bytes_per_point(config.spec, max(at_impacts, _AT_IMPACTS))
+    file = sweep.size * bytes_per_point(sweep.spec, at_impacts)
+    disk = 2 * sweep.size * bytes_per_point(sweep.spec, max(at_impacts, _AT_IMPACTS))
     check_room(path, disk, resume=resume)
-    points = config.grid.size
-    block = min(block_size(config, **computer.block_limits(seconds, points)), points)
-    memory = _BLOCKS_HELD * block * _memory_per_point(config)
+    points = sweep.grid.size
+    block = min(block_size(sweep, **computer.block_limits(seconds, points)), points)
+    memory = _BLOCKS_HELD * block * _memory_per_point(sweep)
     return Cost(seconds, file, disk, memory, block)
 
 
-def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) -> int:
+def block_size(sweep: Sweep, *, least: int = 1, blocks: int = _BLOCKS) -> int:
     """Return the number of grid points per block: few enough to fit memory and to show progress.
 
     If an axis is followed, a block holds whole chains of points along it, each in a lane. The
@@ -82,26 +83,26 @@ def block_size(config: SweepConfig, *, least: int = 1, blocks: int = _BLOCKS) ->
     sets of lanes. Raises StoreError if there is not enough memory for one point, or one chain of
     points.
     """
-    record, chain, lanes = config.record, _chain(config), _lanes(config)
-    chain_memory = chain * _memory_per_point(config)
-    available = check_memory(config, chain, _smallest_block(config))
+    spec, chain, lanes = sweep.spec, _chain(sweep), _lanes(sweep)
+    chain_memory = chain * _memory_per_point(sweep)
+    available = check_memory(sweep, chain, _smallest_block(sweep))
     # Full sets of lanes may take more memory than a normal block.
-    wished = _BLOCK_MEMORY if record.trajectory else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
+    wished = _BLOCK_MEMORY if spec.every else max(_BLOCK_MEMORY, 2 * lanes * chain_memory)
     fits = max(1, min(wished, available // (2 * _BLOCKS_HELD)) // chain_memory)
-    left_out = min(record.most_left_out, _TYPICAL) if record.transient is None else record.transient
-    work = _BLOCK_STEPS // ((left_out + record.periods) * config.steps * chain)
-    most = max(config.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
+    left_out = spec.transient if spec.longest is None else min(spec.longest, _TYPICAL)
+    work = _BLOCK_STEPS // ((left_out + spec.periods) * spec.steps_per_period * chain)
+    most = max(sweep.grid.size // chain // max(blocks, _BLOCKS), 2 * lanes, _LEAST_BLOCK)
     wanted = max(min(most, max(work, 2 * lanes)), math.ceil(least / chain))
     # Whole sets of lanes, if one fits, because they fill the SIMD vectors.
     return chain * (min(fits, wanted) // lanes * lanes or fits)
 
 
-def check_memory(config: SweepConfig, points: int, what: str) -> int:
+def check_memory(sweep: Sweep, points: int, what: str) -> int:
     """Refuse points, named `what` in the error, that do not fit into memory when computed at once.
 
     Return the available memory in bytes.
     """
-    needed, available = _BLOCKS_HELD * points * _memory_per_point(config), _available_memory()
+    needed, available = _BLOCKS_HELD * points * _memory_per_point(sweep), _available_memory()
     if needed > available:
         raise StoreError(
             f"{what} takes about {shown_bytes(needed)} of memory, and only "
@@ -110,24 +111,24 @@ def check_memory(config: SweepConfig, points: int, what: str) -> int:
     return available
 
 
-def _chain(config: SweepConfig) -> int:
+def _chain(sweep: Sweep) -> int:
     """Return the number of grid points in a chain: those that are computed one after the other."""
-    return len(config.grid.axes[config.follow.axis]) if config.follow else 1
+    return len(sweep.grid.axes[sweep.spec.followed]) if sweep.spec.followed else 1
 
 
-def _smallest_block(config: SweepConfig) -> str:
+def _smallest_block(sweep: Sweep) -> str:
     """Name the smallest content of a block, for a message."""
-    if config.follow is None:
+    if sweep.spec.followed is None:
         return "one point"
-    ways = " and ".join(config.directions)
-    return f"one chain of {_chain(config):,} points, followed {ways} along {config.follow.axis},"
+    ways = " and ".join(sweep.spec.directions)
+    return f"one chain of {_chain(sweep):,} points, followed {ways} along {sweep.spec.followed},"
 
 
-def _memory_per_point(config: SweepConfig) -> int:
+def _memory_per_point(sweep: Sweep) -> int:
     """Return the bytes for the results of a grid point and for the recording of its samples."""
-    samples = widths_of(config.spec, _AT_IMPACTS)["sample"]
-    in_one_direction = bytes_per_point(config.spec, _AT_IMPACTS) + 32 * samples
-    return in_one_direction * max(1, len(config.directions))
+    samples = widths_of(sweep.spec, _AT_IMPACTS)["sample"]
+    in_one_direction = bytes_per_point(sweep.spec, _AT_IMPACTS) + 32 * samples
+    return in_one_direction * max(1, len(sweep.spec.directions))
 
 
 def _available_memory() -> int:
@@ -135,21 +136,21 @@ def _available_memory() -> int:
     return int(psutil.virtual_memory().available)
 
 
-def trial(config: SweepConfig, threads: int | None) -> tuple[float, float]:
+def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:
     """Return the expected seconds of a sweep, and its samples at impacts in a recorded period.
 
     Both come from trials of few points with growing periods. The time is the processor time on each
     thread, which other processes do not lengthen.
     """
     threads = threads or ALL_THREADS
-    calls, size = _tried(config, threads)
-    compute(_shortened(config, 1), calls[0][:1], threads)  # compiles, if necessary
+    calls, size = _tried(sweep, threads)
+    compute(_shortened(sweep, 1), calls[0][:1], threads)  # compiles, if necessary
     # The threads that compute the kernel, as `integrate` chooses them; this thread does the rest.
     parallel = min(threads, -(-calls[0].size // lanes_per_batch(calls[0].size, threads)))
-    total_periods = config.record.most_left_out + config.record.periods
+    total_periods = sweep.most_periods
     periods = 1
     while True:
-        shorter = _shortened(config, periods)
+        shorter = _shortened(sweep, periods)
         samples = 0
         whole, alone = time.process_time(), time.thread_time()
         for points in calls:
@@ -159,48 +160,47 @@ def trial(config: SweepConfig, threads: int | None) -> tuple[float, float]:
         elapsed = alone + (whole - alone) / parallel
         if elapsed > _TRIAL or periods == total_periods:
             seconds = elapsed * size / sum(map(len, calls))
-            if config.record.transient is not None:  # most motions need no longest transient
+            if sweep.spec.longest is None:  # otherwise most motions need no longest transient
                 seconds *= total_periods / periods
-            at_impacts = samples - widths_of(shorter.spec)["sample"]
-            return seconds, at_impacts / shorter.record.periods
+            at_impacts = samples - widths_of(shorter)["sample"]
+            return seconds, at_impacts / shorter.periods
         periods = min(2 * periods, total_periods)
 
 
-def _tried(config: SweepConfig, threads: int) -> tuple[list[np.ndarray], int]:
+def _tried(sweep: Sweep, threads: int) -> tuple[list[np.ndarray], int]:
     """Return the points of each call of a trial, and the number of points of the sweep."""
     # Try no more points than a block computes side by side: a full set of lanes takes hardly longer
     # than a few.
-    chains = min(block_size(config), config.grid.size) // _chain(config)
-    beside = chains * max(1, len(config.directions))
-    count = min(2 * _lanes(config) * threads, beside)
+    chains = min(block_size(sweep), sweep.grid.size) // _chain(sweep)
+    beside = chains * max(1, len(sweep.spec.directions))
+    count = min(2 * _lanes(sweep) * threads, beside)
     # With few lanes, try several sets: a few points may not be typical.
-    number, size = -(-_LEAST_TRIED // count) if config.follow else 1, config.size
-    tried = config.grid.spread(number * count)
+    number, size = -(-_LEAST_TRIED // count) if sweep.spec.followed else 1, sweep.size
+    tried = sweep.grid.spread(number * count)
     calls = np.array_split(tried, min(number, tried.size))
-    if config.spec.scaled:
+    if sweep.spec.scaled:
         calls[0]["f"] = 1.0
-        calls, size = [np.unique(calls[0])], size // len(config.grid.axes.get("f", "1"))
+        calls, size = [np.unique(calls[0])], size // len(sweep.grid.axes.get("f", "1"))
     return calls, size
 
 
-def _lanes(config: SweepConfig) -> int:
+def _lanes(sweep: Sweep) -> int:
     """Return the number of points that one thread computes side by side."""
-    return lanes_per_batch(config.grid.size // _chain(config), 1)
+    return lanes_per_batch(sweep.grid.size // _chain(sweep), 1)
 
 
-def _shortened(config: SweepConfig, total: int) -> SweepConfig:
-    """Return the same sweep over `total` periods, with the same share of them recorded.
+def _shortened(sweep: Sweep, total: int) -> RunSpec:
+    """Return what a sweep computes, over `total` periods with the same share of them recorded.
 
     A followed sweep finds its classes once, at the end, and so they are left out.
     """
-    record = config.record
-    left_out = "period" if config.follow else None
-    periods = max(1, total * record.periods // (record.most_left_out + record.periods))
-    found = record.transient is None
-    return config.with_record(
-        transient=None if found else total - periods,
+    spec, found = sweep.spec, sweep.spec.longest is not None
+    periods = max(1, total * spec.periods // sweep.most_periods)
+    return replace(
+        spec,
+        transient=0 if found else total - periods,
         longest=max(1, total - periods) if found else None,
         periods=periods,
-        impacts=min(record.impacts, 8 * periods),
-        diagnostics=tuple(name for name in record.diagnostics if name != left_out),
+        impacts=min(spec.impacts, 8 * periods),
+        period=spec.period and spec.followed is None,
     )

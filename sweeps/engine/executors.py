@@ -13,9 +13,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute_block
-from sweeps.grid import Block
+from sweeps.grid import Block, Sweep
 from sweeps.interrupts import check, set_thread_flag
 from vibroimpact.jit import ALL_THREADS, called_before_passes
 from vibroimpact.kernel.run import FEWEST_LANES
@@ -102,7 +101,7 @@ class Computer(Protocol):
         """Return arguments of `block_size` for a sweep of `size` points and this duration."""
 
     def computed(
-        self, config: SweepConfig, blocks: Iterable[Block], advance: Callable[[int], object]
+        self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield every block with its results as it is done, and tell `advance` of its points.
 
@@ -127,13 +126,13 @@ class LocalComputer:
         return {"least": min(size, FEWEST_LANES * (self.threads or ALL_THREADS))}
 
     def computed(
-        self, config: SweepConfig, blocks: Iterable[Block], advance: Callable[[int], object]
+        self, sweep: Sweep, blocks: Iterable[Block], advance: Callable[[int], object]
     ) -> Generator[tuple[Block, Results], None, None]:
         """Yield the blocks in order; one is computed while another is written."""
         with LocalExecutor() as executor:
 
             def submit(block: Block) -> Future[Results]:
-                return executor.submit(compute_block, config, block, self.threads, advance)
+                return executor.submit(compute_block, sweep, block, self.threads, advance)
 
             for block, future in completed(submit, blocks, lambda: 2):
                 yield block, future.result()

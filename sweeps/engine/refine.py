@@ -15,7 +15,7 @@ computed longer.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -53,8 +53,8 @@ class Classifier:
     """Computes points along the only axis of a sweep, and finds the classes of their motions."""
 
     def __init__(self, config: SweepConfig, threads: int | None = None) -> None:
-        self._config, self._threads = config, threads
-        (self._axis,) = config.grid.axes
+        self._config, self._sweep, self._threads = config, config.sweep, threads
+        (self._axis,) = self._sweep.grid.axes
 
     def compute(
         self, values: np.ndarray, starts: np.ndarray | None = None
@@ -65,12 +65,12 @@ class Classifier:
         the start of the sweep at t = 0.
         """
         points = [ClassifiedPoint(float(value), None, {}) for value in values]
-        remaining, record = np.arange(len(values)), self._config.record
+        remaining, spec = np.arange(len(values)), self._sweep.spec
         for extension in range(MOST_EXTENSIONS + 1):
             if not remaining.size:
                 break
             from_states = None if starts is None else starts[remaining]
-            transient = 4**extension * (record.left_out + record.periods) - record.periods
+            transient = 4**extension * (spec.transient + spec.periods) - spec.periods
             results = self._run(values[remaining], from_states, transient)
             last = extension == MOST_EXTENSIONS
             classified = self.classify(values[remaining], results, near_enough=last)
@@ -88,8 +88,8 @@ class Classifier:
         """
         results = {name: array.copy() for name, array in results.items()}
         if near_enough:
-            points = mesh({self._axis: values}, self._config.grid.fixed)
-            found = destinations(self._config.spec, points, results)
+            points = mesh({self._axis: values}, self._sweep.grid.fixed)
+            found = destinations(self._sweep.spec, points, results)
             rows = found["evidence"] == Evidence.UNREACHED
             columns = {"period": "m", "period_impacts": "q", "orbit_x": "x", "orbit_v": "v"}
             for name, field in columns.items():
@@ -117,12 +117,12 @@ class Classifier:
         self, values: np.ndarray, starts: np.ndarray | None, transient: int
     ) -> dict[str, np.ndarray]:
         """Compute points from states at the section; by default from the start of the sweep."""
-        config = self._config.with_record(transient=transient)
-        points = mesh({self._axis: values}, self._config.grid.fixed)
+        spec = replace(self._sweep.spec, transient=transient)
+        points = mesh({self._axis: values}, self._sweep.grid.fixed)
         if starts is not None:
             points["x0"], points["v0"] = starts.T
             points["x0"] = np.minimum(points["x0"], points["clearance"])  # as in a followed sweep
-        return compute(config, points, self._threads, at_section=starts is not None)
+        return compute(spec, points, self._threads, at_section=starts is not None)
 
 
 Interval = tuple[ClassifiedPoint, ClassifiedPoint]

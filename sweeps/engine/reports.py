@@ -46,30 +46,31 @@ _CONTACT = ("impacts_per_period", "rest_fraction")
 _CLASSES = ("class_evidence", "orbit_distance")
 
 
-def plan(sweep: SweepConfig, path: Path, cost: Cost) -> str:
+def plan(config: SweepConfig, path: Path, cost: Cost) -> str:
     """Describe a sweep and its cost before it is run."""
-    most = "at most " if sweep.record.transient is None else ""
-    periods = sweep.size * (sweep.record.most_left_out + sweep.record.periods)
-    units = dict(sweep.units.items())
+    sweep, spec = config.sweep, config.sweep.spec
+    most = "at most " if spec.longest is not None else ""
+    periods = sweep.size * sweep.most_periods
+    units = dict(config.units.items())
     axes = [
-        _axis(shown, values, in_units(parameter_of(name, sweep.rig).unit, units))
+        _axis(shown, values, in_units(parameter_of(name, config.rig).unit, units))
         for name, own in sweep.grid.swept.items()
-        for shown, values in si_values({name: own}, sweep.rig).items()
+        for shown, values in si_values({name: own}, config.rig).items()
     ]
-    kind = "axis" if sweep.points is None else "column"
-    rows = [("name", sweep.name), *((kind, axis) for axis in axes or ["none, a single point"])]
-    if sweep.follow:
-        followed = si_name(sweep.follow.axis, sweep.rig)
-        rows.append(("follow", f"{followed}, {' and '.join(sweep.directions)}"))
+    kind = "axis" if config.points is None else "column"
+    rows = [("name", config.name), *((kind, axis) for axis in axes or ["none, a single point"])]
+    if config.follow:
+        followed = si_name(config.follow.axis, config.rig)
+        rows.append(("follow", f"{followed}, {' and '.join(spec.directions)}"))
     rows += [("points", f"{sweep.size:,}"), ("forcing periods", f"{most}{periods:,}")]
-    rows.append(("steps per period", f"{sweep.steps:,}"))
-    rows.append(("steps", f"{most}{periods * sweep.steps:,}"))
-    if sweep.spec.scaled:
+    rows.append(("steps per period", f"{spec.steps_per_period:,}"))
+    rows.append(("steps", f"{most}{periods * spec.steps_per_period:,}"))
+    if spec.scaled:
         rows.append(("f", "one value is computed, the others are scaled"))
-    if sweep.refine is not None:
-        halved = f"where the class of the motion changes, halved {sweep.refine.levels} times"
+    if config.refine is not None:
+        halved = f"where the class of the motion changes, halved {config.refine.levels} times"
         rows.append(("further points", halved))
-    compressed = "" if sweep.compression == "none" else f" before {sweep.compression}"
+    compressed = "" if config.compression == "none" else f" before {config.compression}"
     rows += [
         ("expected time", f"about {shown_duration(cost.seconds)}"),
         ("size of the file", shown_bytes(cost.file) + compressed),

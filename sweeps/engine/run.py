@@ -106,7 +106,7 @@ def run_sweep(
     with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
         computer = computer_for(client, threads)
         with console.status("preparing (the first run compiles; later runs reuse the result)"):
-            cost = expected_cost(config, path, computer, resume)
+            cost = expected_cost(config.sweep, path, computer, resume)
         schema = _schema(config, cost.block)
         console.print(printable(plan(config, path, cost)))
         with sweep_writer(path, schema, resume=resume) as writer:
@@ -116,7 +116,7 @@ def run_sweep(
                 console.print(f"damaged blocks, which are computed again: {writer.damaged}")
             pending = writer.pending()
             with _progress(config, pending, computer, console) as advance:
-                with closing(computer.computed(config, pending, advance)) as computed:
+                with closing(computer.computed(config.sweep, pending, advance)) as computed:
                     for block, results in computed:
                         check()
                         writer.write(block, results)
@@ -145,7 +145,7 @@ def _refined(
             return refinement
 
         refinement = in_thread(refined)
-    added = len(set(refinement.points).difference(config.grid.axes[refine.axis].tolist()))
+    added = len(set(refinement.points).difference(config.sweep.grid.axes[refine.axis].tolist()))
     text = f"refined: {added:,} points added beside the changes of class"
     if refinement.left_out:
         text += f"; {refinement.left_out:,} changes were too many to follow further"
@@ -155,7 +155,7 @@ def _refined(
 
 def _schema(config: SweepConfig, size: int) -> Schema:
     """Return the schema of a sweep in blocks of about `size` points."""
-    spec, grid = config.spec, config.grid
+    spec, grid = config.sweep.spec, config.sweep.grid
     attributes = {
         "name": config.name,
         "configuration": config.to_yaml(table=False),
@@ -175,8 +175,9 @@ def _progress(
     config: SweepConfig, pending: Iterable[Block], computer: Computer, console: Console
 ) -> Iterator[Callable[[int], None]]:
     """Show points done, forcing periods per second and time left; yield the function to advance."""
-    periods = config.record.left_out + config.record.periods
-    scaled = ", one f computed and the others scaled" if config.spec.scaled else ""
+    spec = config.sweep.spec
+    periods = spec.transient + spec.periods
+    scaled = ", one f computed and the others scaled" if spec.scaled else ""
     name, began, computed = printable(config.name) + scaled, time.monotonic(), 0
     with Progress(
         TextColumn("{task.description}", markup=False),

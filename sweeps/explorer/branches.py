@@ -71,7 +71,7 @@ class Branches:
         from sweeps.plotting.exact import parts_of  # this import takes a second
 
         if self._found is None or self._found[0] != config:
-            dataset = dataset_of(config, config.grid.axes, numbers(config))
+            dataset = dataset_of(config, config.sweep.grid.axes, numbers(config))
             self._found = config, branches(dataset, view.axis, check=check)
         parts = _nothing()
         for name, x, y, _, orbit in parts_of(self._found[1], view.ordinate):

@@ -63,8 +63,8 @@ if (y.start === {_UNSEEN[0]} && y.end === {_UNSEEN[1]} && pixels.data.fit !== un
 
 def numbers(config: SweepConfig) -> Results:
     """Compute all points of a configuration, with the same results as a run."""
-    grid = config.grid
-    return compute(config, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
+    grid = config.sweep.grid
+    return compute(config.sweep.spec, grid.points(tuple(slice(0, n) for n in grid.shape)), None)
 
 
 def ramp() -> list[str]:
@@ -74,7 +74,8 @@ def ramp() -> list[str]:
 
 def ordinates(config: SweepConfig, results: Mapping[str, np.ndarray], ordinate: str) -> np.ndarray:
     """Return the ordinates of each point, shape (n, width); NaN where there is none."""
-    values = recorded_coordinate(dataset_of(config, config.grid.axes, results), ordinate).values
+    dataset = dataset_of(config, config.sweep.grid.axes, results)
+    values = recorded_coordinate(dataset, ordinate).values
     return np.where(has_result(results["status"])[:, None], values, np.nan)
 
 
@@ -123,7 +124,7 @@ class Shown:
     @property
     def values(self) -> np.ndarray:
         """The values of the axis."""
-        return self.config.grid.axes[self.view.axis]
+        return self.config.sweep.grid.axes[self.view.axis]
 
 
 class Diagram(PixelFigure):
@@ -210,7 +211,7 @@ class Diagram(PixelFigure):
             longer = {name: times * view.record[name] for name in ("periods", "impacts")}
             config = replace(view, record={**view.record, **longer}).diagram(columns)
             try:
-                check_memory(config, columns, f"a picture of {columns:,} points")
+                check_memory(config.sweep, columns, f"a picture of {columns:,} points")
             except StoreError:
                 if configs:
                     break

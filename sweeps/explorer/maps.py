@@ -72,7 +72,7 @@ class Filling:
 
     def __init__(self, config: SweepConfig, x: str, basins: bool) -> None:
         self.config, self._x, self._basins = config, x, basins
-        levels = np.maximum.outer(*map(_levels, config.grid.shape)).ravel()
+        levels = np.maximum.outer(*map(_levels, config.sweep.grid.shape)).ravel()
         #: The numbers of the points in the order of their computation.
         self._order = np.argsort(levels, kind="stable")
         every = -(-levels.size // _SHOWN)
@@ -87,11 +87,12 @@ class Filling:
 
     def advance(self, stop: int) -> Tiles:
         """Continue until `stop` points are computed, also after an earlier call was cancelled."""
+        sweep = self.config.sweep
         while self._done < stop:
-            size = block_size(self.config, least=stop - self._done)
+            size = block_size(sweep, least=stop - self._done)
             at = self._order[self._done : min(self._done + size, stop)]
             begin = perf_counter()
-            results = compute(self.config, self.config.grid.numbered(at), None)
+            results = compute(sweep.spec, sweep.grid.numbered(at), None)
             self._seconds += perf_counter() - begin
             for name in _OF_CLASSES:
                 if (values := results.get(name)) is not None:
@@ -131,19 +132,19 @@ class Filling:
                     discs.append(disc)
                     cells[i] = cells[i]._replace(label=f"{cells[i].label}; {said}")
         else:
-            cells = period_cells(dataset_of(self.config, self.config.grid.axes, self._kept))
+            cells = period_cells(dataset_of(self.config, self.config.sweep.grid.axes, self._kept))
         pixels, kinds = np.zeros(self._order.size, np.uint8), []
         for cell in (*cells, *failed_cells(self._kept["status"])):
             if count := np.count_nonzero(cell.where):
                 kinds.append((plain(cell.label), cell.colour, float(count) / self._done))
                 pixels[cell.where.ravel()] = len(kinds)
-        pixels = _filled(pixels.reshape(self.config.grid.shape))
-        pixels = pixels.T if next(iter(self.config.grid.axes)) == self._x else pixels
+        pixels = _filled(pixels.reshape(self.config.sweep.grid.shape))
+        pixels = pixels.T if next(iter(self.config.sweep.grid.axes)) == self._x else pixels
         return Tiles(self.config, kinds, pixels, discs, self._done, self._seconds)
 
     def _disc(self, basin: np.ndarray) -> tuple[Disc, str]:
         """Return the largest disc in a basin, and its radius as text."""
-        grid = self.config.grid
+        grid = self.config.sweep.grid
         basin = basin.reshape(grid.shape)
         basin = basin if next(iter(grid.axes)) == "x0" else basin.T
         x, v, p, stop = grid.axes["x0"], grid.axes["v0"], grid.fixed["p"], grid.fixed["clearance"]
@@ -238,7 +239,7 @@ class Map(PixelFigure):
 
     def _paint(self, view: View, tiles: Tiles, seconds: float) -> None:
         """Show a map and its legend."""
-        axes = tiles.config.grid.axes
+        axes = tiles.config.sweep.grid.axes
         names = [name for name, _ in view.plane(self._tab)]
         x, y = (outer_edges(axes[name], name in view.log) for name in names)
         self.set_colours([colour for _, colour, _ in tiles.kinds])

@@ -288,8 +288,9 @@ class LivePage:
     def _report(self, config: SweepConfig, points: int, computing: float, seconds: float) -> None:
         """Show the number of computed points of a picture, and the speed."""
         self._picture.wait("")
-        of = "" if points == config.grid.size else f" of {config.grid.size:,}"
-        periods = points * (config.record.left_out + config.record.periods)
+        grid, spec = config.sweep.grid, config.sweep.spec
+        of = "" if points == grid.size else f" of {grid.size:,}"
+        periods = points * (spec.transient + spec.periods)
         self._rate = self.controls.status.text = (
             f"{points:,}{of} points, {periods:,} forcing periods in "
             f"{1e3 * computing:.0f} ms: {1e-6 * periods / computing:.3g} million periods/s; "

@@ -16,7 +16,6 @@ from sweeps.analysis.selection import COORDINATES
 from sweeps.config.groups import OscillatorConfig, RecordConfig
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.config.values import extremes, length
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
 
@@ -105,18 +104,16 @@ class View:
     @classmethod
     def of(cls, config: SweepConfig) -> Self:
         """Return the view of a configuration: its longest axes, other axes at their first value."""
-        entries = {**dict(config.oscillator.items()), **dict(config.start.items())}
-        first = {name: extremes(value)[0] for name, value in entries.items()}
-        values = {name: first[name] for name in PARAMETERS}
-        sizes = {name: length(value) for name, value in entries.items()}
-        axis, across = sorted(sizes, key=lambda name: -sizes[name])[:2]
-        axis = axis if sizes[axis] > 1 else "omega"
-        across = across if sizes[across] > 1 else "R" if axis != "R" else "omega"
+        axes = config.axes()
+        values = {name: axes[name].first for name in PARAMETERS}
+        axis, across = sorted(axes, key=lambda name: -axes[name].size)[:2]
+        axis = axis if axes[axis].size > 1 else "omega"
+        across = across if axes[across].size > 1 else "R" if axis != "R" else "omega"
         starts = {axis, across} == {"x0", "v0"}
 
         def window(name: str) -> Window:
             """Return the range of an axis, or a default window for a fixed parameter."""
-            low, high = min(extremes(entries[name])), max(extremes(entries[name]))
+            low, high = axes[name].low, axes[name].high
             return (low, high) if low < high else window_around(name, values)
 
         method = config.method.model_dump()
@@ -135,7 +132,7 @@ class View:
             v0lim=window("v0"),
             units=config.units.model_dump(exclude={"mass"}),  # which only a rig needs
             tab=BASINS if starts else DIAGRAM,
-            log=tuple(name for name, v in entries.items() if getattr(v, "spacing", "") == "log"),
+            log=tuple(name for name in axes if axes[name].spacing == "log"),
         )
 
     @property

@@ -112,7 +112,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
         if not drawn[name].dims and float(drawn[name]) != parameter.default
     ]
     if config.follow is not None and DIRECTION not in drawn.dims:  # else it is in the legend
-        ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.directions
+        ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions
         symbol = parameter_of(config.follow.axis, config.rig).symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
     if record is None:

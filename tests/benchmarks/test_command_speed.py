@@ -49,10 +49,10 @@ def kernel(path):
     """Compute a configuration without storing results."""
     config = load_config(path)
     return integrate(
-        config.grid.points(tuple(slice(0, n) for n in config.grid.shape)),
+        config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape)),
         integrator=config.method.integrator,
         impact=config.method.impact,
-        steps_per_period=config.steps,
+        steps_per_period=config.method.steps_per_period,
         transient=config.record.transient,
         periods=config.record.periods,
         impacts=config.record.impacts,

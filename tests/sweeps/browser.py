@@ -96,7 +96,7 @@ class Window:
         while time.monotonic() < deadline:
             filling = picture.filling
             if self.idle() and filling and filling.config == picture.finest(self.page.view):
-                advance, size = filling.advance, filling.config.grid.size
+                advance, size = filling.advance, filling.config.sweep.grid.size
                 tiles = self.page.worker.submit(advance, size).result(PATIENCE)
                 expected = [*tiles.pixels.shape, int(tiles.pixels.sum(dtype=int))]
                 if self.model(f"{name} pixels", code) == expected:

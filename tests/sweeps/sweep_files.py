@@ -126,8 +126,8 @@ def configured(*changes, sweep=FOLLOWED):
 
 def full_block(config):
     """Return the block of all points of a sweep, in both directions if it has them."""
-    block = tuple(slice(0, n) for n in config.grid.shape)
-    return (slice(0, 2), *block) if len(config.directions) == 2 else block
+    block = tuple(slice(0, n) for n in config.sweep.grid.shape)
+    return (slice(0, 2), *block) if len(config.sweep.spec.directions) == 2 else block
 
 
 def ran(config, path="out.h5"):
@@ -163,7 +163,7 @@ def hand_made(sections, periods, axes=("x0",), **changed):
     for i, name in enumerate(("poincare_x", "poincare_v")):
         data[name] = ((*axes, "section"), sections[..., i])
     coords = {name: np.arange(n) / 10.0 for name, n in zip(axes, shape, strict=True)}
-    return xr.Dataset(data, {**config.grid.fixed, **coords}, {"configuration": config})
+    return xr.Dataset(data, {**config.sweep.grid.fixed, **coords}, {"configuration": config})
 
 
 def partition(labels):

@@ -172,7 +172,7 @@ def test_a_zoom_beyond_the_ends_of_the_sweep_has_the_steps_that_it_needs(ran):
     accepted("zoom", "small.h5", "omega=0.05:0.1", "-o", "beyond.h5")
     with sweeps.open_sweep("beyond.h5") as beyond, sweeps.open_sweep("small.h5") as small:
         assert (beyond["status"] == Status.CERTIFIED).all()
-        needed, had = (config_of(dataset).steps for dataset in (beyond, small))
+        needed, had = (config_of(dataset).method.steps_per_period for dataset in (beyond, small))
     assert needed > had
 
 

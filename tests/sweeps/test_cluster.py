@@ -116,7 +116,7 @@ def left_on(client):
 
 
 def test_a_long_axis_travels_without_a_warning(client):
-    sweep = load(CONFIG, "oscillator.omega.num=2000000")
+    sweep = load(CONFIG, "oscillator.omega.num=2000000").sweep
     blocks = [(slice(i, i + 1),) for i in (0, 777_777)]
     for block, results in ClusterComputer(client).computed(sweep, blocks):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
@@ -204,7 +204,7 @@ def test_a_lost_scheduler_leaves_what_was_done(monkeypatch, scheduler, small_blo
 def test_an_error_on_a_worker_ends_the_run_with_its_text(client):
     without_an_axis = [()] * 20
     with pytest.raises(Failed, match=r"a worker of tcp://\S+ failed with ValueError: zip\(\)"):
-        list(ClusterComputer(client).computed(load(CONFIG), without_an_axis))
+        list(ClusterComputer(client).computed(load(CONFIG).sweep, without_an_axis))
 
 
 # Workers with another version
@@ -291,7 +291,7 @@ def test_a_worker_with_many_threads_is_in_the_kernel_once(monkeypatch):
         inside -= 1
         return results
 
-    sweep = load(CONFIG)
+    sweep = load(CONFIG).sweep
     blocks = list(sweep.grid.blocks(20))
     options = {"processes": False, "n_workers": 1, "threads_per_worker": 4}
     with LocalCluster(**options, dashboard_address=":0") as cluster, Client(cluster) as client:
@@ -315,7 +315,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
             handed.append(number)
             yield (slice(number, number + 1),)
 
-    sweep, taken = load(CONFIG), 0
+    sweep, taken = load(CONFIG).sweep, 0
     for block, results in ClusterComputer(client).computed(sweep, blocks()):
         np.testing.assert_equal(results, compute_block(sweep, block, 1))
         taken += 1
@@ -324,7 +324,7 @@ def test_no_more_is_handed_out_than_the_workers_need(client):
 
 
 def test_a_block_is_worth_sending(client):
-    sweep, size = load(CONFIG, "oscillator.omega.num=1e6"), 10**6
+    sweep, size = load(CONFIG, "oscillator.omega.num=1e6").sweep, 10**6
     computer = ClusterComputer(client)
     for seconds in (5.0, 50.0, 500.0):
         limits = computer.block_limits(seconds, size)

@@ -12,6 +12,7 @@ from sweep_files import EXAMPLE, load, oscillator, refusal
 from sweeps.config.groups import OscillatorConfig, StartConfig
 from sweeps.config.json_schema import json_schema
 from sweeps.config.loading import load_config
+from sweeps.config.values import Range
 from sweeps.errors import ConfigError
 from vibroimpact.oscillator import PARAMETERS
 from vibroimpact.step.integrators import INTEGRATORS
@@ -84,9 +85,9 @@ def test_the_example_is_read_as_written():
     assert (config.name, config.output) == ("frequency-bifurcation", Path("results/frequency.h5"))
     assert (config.method.integrator, config.method.impact) == ("exact", "exact")
     assert config.record.trajectory is False
-    assert list(config.grid.axes) == ["omega"]
-    np.testing.assert_array_equal(config.grid.axes["omega"], np.linspace(0.8, 4.0, 4096))
-    assert config.grid.fixed == {
+    assert list(config.sweep.grid.axes) == ["omega"]
+    np.testing.assert_array_equal(config.sweep.grid.axes["omega"], np.linspace(0.8, 4.0, 4096))
+    assert config.sweep.grid.fixed == {
         "h": 0.1, "R": 0.8, "f": 1.0, "p": 1.0, "clearance": 0.0, "x0": 0.0, "v0": 0.0,
     }  # fmt: skip
 
@@ -98,10 +99,10 @@ def test_the_defaults_are_the_documented_ones():
         given = getattr(example, group)
         chosen = {"steps_per_period"}  # for the oscillator, where none are given
         assert getattr(config, group).model_dump(exclude=chosen) == given.model_dump(exclude=chosen)
-    assert config.grid.axes == {}
+    assert config.sweep.grid.axes == {}
     for name, parameter in PARAMETERS.items():
         if parameter.default is not None:
-            assert config.grid.fixed[name] == parameter.default
+            assert config.sweep.grid.fixed[name] == parameter.default
 
 
 @pytest.mark.parametrize(
@@ -115,17 +116,19 @@ def test_the_defaults_are_the_documented_ones():
 )  # fmt: skip
 def test_the_axes_are_in_the_order_of_the_file(text, axes):
     config = load(text)
-    assert list(config.grid.axes) == axes
-    assert config.grid.shape == tuple(len(values) for values in config.grid.axes.values())
+    assert list(config.sweep.grid.axes) == axes
+    assert config.sweep.grid.shape == tuple(
+        len(values) for values in config.sweep.grid.axes.values()
+    )
 
 
 def test_one_value_in_a_list_or_range_is_an_axis():
-    axes = load(oscillator(h="[0.3]", f="{start: 2, stop: 2, num: 1}")).grid.axes
+    axes = load(oscillator(h="[0.3]", f="{start: 2, stop: 2, num: 1}")).sweep.grid.axes
     assert {name: list(values) for name, values in axes.items()} == {"h": [0.3], "f": [2.0]}
 
 
 def test_log_spacing():
-    values = load(oscillator(h="{start: 1e-4, stop: 1, num: 5, spacing: log}")).grid.axes["h"]
+    values = load(oscillator(h="{start: 1e-4, stop: 1, num: 5, spacing: log}")).sweep.grid.axes["h"]
     np.testing.assert_allclose(values, [1e-4, 1e-3, 1e-2, 1e-1, 1.0], rtol=1e-14)
     assert (values[0], values[-1]) == (1e-4, 1.0)
 
@@ -134,8 +137,48 @@ def test_log_spacing():
 def test_no_value_of_a_range_is_rounded_out_of_it(spacing):
     low = math.nextafter(1.0, 0.0)
     text = f"{{start: {low!r}, stop: 1, num: 50, spacing: {spacing}}}"
-    values = load(oscillator(R=text)).grid.axes["R"]
+    values = load(oscillator(R=text)).sweep.grid.axes["R"]
     assert values.max() == 1.0 and values.min() == low
+
+
+@pytest.mark.parametrize(
+    ("text", "ends", "swept", "values"),
+    [
+        ("0.3", (0.3, 0.3, 0.3), False, [0.3]),
+        ("[0.3]", (0.3, 0.3, 0.3), True, [0.3]),
+        ("[0.5, 0.7, 0.25]", (0.5, 0.25, 0.7), True, [0.5, 0.7, 0.25]),
+        ("{start: 1, stop: 0, num: 3}", (1.0, 0.0, 1.0), True, [1.0, 0.5, 0.0]),
+        ("{start: 1, stop: 1, num: 1}", (1.0, 1.0, 1.0), True, [1.0]),
+    ],
+)
+def test_an_axis_has_the_values_of_every_form(text, ends, swept, values):
+    axis = load(oscillator(R=text)).axes()["R"]
+    assert (axis.first, axis.low, axis.high) == ends
+    assert (axis.size, axis.swept, axis.values().tolist()) == (len(values), swept, values)
+
+
+def test_the_values_of_a_long_range_are_not_created_before_they_are_needed(monkeypatch):
+    created = []
+    values = Range.values
+    monkeypatch.setattr(Range, "values", lambda self: created.append(self.num) or values(self))
+    long = "{start: 1, stop: 2, num: 1e7}"
+    for name in ("omega", "f", "p", "clearance"):
+        assert load(oscillator(**{name: long})).axes()[name].size == 10**7
+    assert "beyond the stop" in refusal(oscillator() + f"start: {{x0: {long}}}\n")
+    assert "20,000,000,000 points" in refusal(oscillator(f=long, R="{start: 0, stop: 1, num: 2e3}"))
+    assert not created
+    config = load(oscillator(f="{start: 1, stop: 2, num: 7}"))
+    assert config.size == 7 and created == [7]
+
+
+def test_configurations_are_equal_whatever_was_computed_of_them():
+    one, other = load(EXAMPLE), load(EXAMPLE)
+    assert one.size == 4096 and one == other == load(EXAMPLE, "record.phase=0")
+    assert one != load(EXAMPLE, "record.periods=99")
+    start = "start: {v0: [1, 2], x0: [-1, -2]}\n"
+    assert load(oscillator() + start) != load(start + oscillator())  # another order of the axes
+    with pytest.raises(ValueError, match="frozen"):
+        one.record.periods = 3
 
 
 @pytest.mark.parametrize("text", ["1e-3", "'1e-3'", "1E-3", "+.001", "0.001"])
@@ -168,10 +211,10 @@ def test_every_integrator_and_impact_rule_is_accepted():
 def test_the_steps_are_those_of_the_worst_point(values, method, steps):
     config = load(oscillator(**values) + f"method: {{{method}}}\n")
     assert LONGEST_STEP == 1.31  # that the numbers above are for
-    assert config.steps == steps
+    assert config.method.steps_per_period == steps
     written = config.to_yaml()
     assert yaml.safe_load(written)["method"]["steps_per_period"] == steps
-    assert load(written).steps == steps
+    assert load(written).method.steps_per_period == steps
 
 
 @pytest.mark.parametrize(
@@ -251,9 +294,9 @@ def test_the_steps_are_stable_all_over_the_grid_and_no_more_than_needed(integrat
         text = oscillator(h=h, p=p, omega="[0.01, 0.007]")
         text += f"method: {{integrator: {integrator}, impact: plain}}\n"
         config = load(text, "method.allow_unstable=true")
-        mesh = np.meshgrid(config.grid.axes["h"], config.grid.axes["p"])
+        mesh = np.meshgrid(config.sweep.grid.axes["h"], config.sweep.grid.axes["p"])
         least = least_stable_steps(integrator, *mesh, 0.007).max()
-        assert config.steps == max(100, least) if least <= 1e6 else 100
+        assert config.method.steps_per_period == max(100, least) if least <= 1e6 else 100
         if 4 < least <= 1e6:
             load(text, f"method.steps_per_period={least:.0f}")
             message = refusal(text, [f"method.steps_per_period={least - 1:.0f}"])
@@ -269,7 +312,7 @@ def test_more_steps_than_can_be_computed(values):
 
 def test_a_grid_that_is_too_large():
     axis = "{start: 0, stop: 1, num: 1e3}"
-    assert load(oscillator(h=axis, R=axis, f=axis)).grid.size == 10**9
+    assert load(oscillator(h=axis, R=axis, f=axis)).sweep.grid.size == 10**9
     message = refusal("# a comment\n" + oscillator(h=axis, R=axis, f=axis, p="[1, 2]"))
     assert "line 2: oscillator.h: the axes make a grid of 2,000,000,000 points" in message
     assert "at most 1,000,000,000" in message
@@ -288,7 +331,7 @@ def test_overrides_replace_and_add_in_order():
     ]
     config = load(EXAMPLE, *overrides)
     assert config.oscillator.h == 0.2
-    assert config.grid.shape == (7, 2)
+    assert config.sweep.grid.shape == (7, 2)
     assert config.record.trajectory and config.record.trajectory.every == 2
     assert config.name == "renamed"
 
@@ -343,13 +386,13 @@ def test_to_yaml_round_trip(text):
     written = config.to_yaml()
     again = load(written)
     assert again.to_yaml() == written
-    assert list(again.grid.axes) == list(config.grid.axes)
-    for name, values in config.grid.axes.items():
-        np.testing.assert_array_equal(again.grid.axes[name], values)
-    assert again.grid.fixed == config.grid.fixed
+    assert list(again.sweep.grid.axes) == list(config.sweep.grid.axes)
+    for name, values in config.sweep.grid.axes.items():
+        np.testing.assert_array_equal(again.sweep.grid.axes[name], values)
+    assert again.sweep.grid.fixed == config.sweep.grid.fixed
     left_out = {"output": True, "method": {"steps_per_period"}}
     assert again.model_dump(exclude=left_out) == config.model_dump(exclude=left_out)
-    assert again.steps == config.steps
+    assert again.method.steps_per_period == config.method.steps_per_period
 
 
 def test_to_yaml_is_complete_and_keeps_the_order():

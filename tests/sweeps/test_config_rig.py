@@ -42,7 +42,7 @@ def rig(**changes):
 
 
 def points_of(config):
-    return config.grid.points(tuple(slice(0, n) for n in config.grid.shape))
+    return config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape))
 
 
 # The numbers of the model
@@ -73,7 +73,7 @@ def test_every_value_of_a_rig_comes_back_from_the_model_to_the_last_bit(spacing)
         given = {key: getattr(config.rig, key) for key in SWEPT}
         expected = {key: np.atleast_1d(given[key]) for key in SWEPT if key != name}
         expected[name] = given[name].values()
-        values = si_values({**config.grid.fixed, **config.grid.axes}, config.rig)
+        values = si_values({**config.sweep.grid.fixed, **config.sweep.grid.axes}, config.rig)
         for key in SWEPT:
             assert np.atleast_1d(values[key]).tolist() == expected[key].tolist()
     further = np.linspace(1.0, 2.0, 11)
@@ -85,9 +85,9 @@ def test_every_value_of_a_rig_comes_back_from_the_model_to_the_last_bit(spacing)
 def test_the_axes_are_in_the_order_of_the_keys_and_come_back_from_the_yaml():
     config = load(rig(R="[0.7, 0.8]", frequency=None)[:-2] + f", frequency: {FREQUENCY}}}\n"
                   "start: {x0: [-0.001, 0.0]}\n")  # fmt: skip
-    assert list(config.grid.axes) == ["R", "omega", "x0"]
+    assert list(config.sweep.grid.axes) == ["R", "omega", "x0"]
     again = load(config.to_yaml())
-    assert list(again.grid.axes) == ["R", "omega", "x0"]
+    assert list(again.sweep.grid.axes) == ["R", "omega", "x0"]
     assert points_of(again).tobytes() == points_of(config).tobytes()
     assert again == load(again.to_yaml()) and again.to_yaml() == config.to_yaml()
     assert again.rig == config.rig and "oscillator" not in yaml.safe_load(config.to_yaml())
@@ -96,8 +96,9 @@ def test_the_axes_are_in_the_order_of_the_keys_and_come_back_from_the_yaml():
 
 def test_one_number_of_a_range_of_a_rig_is_replaced():
     config = load(rig(), "rig.frequency.num=500", "rig.R=0.5")
-    assert config.grid.axes["omega"].tolist() == (2.0 * math.pi * np.linspace(2, 12, 500)).tolist()
-    assert config.grid.fixed["R"] == 0.5
+    grid = config.sweep.grid
+    assert grid.axes["omega"].tolist() == (2.0 * math.pi * np.linspace(2, 12, 500)).tolist()
+    assert grid.fixed["R"] == 0.5
 
 
 def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
@@ -132,6 +133,10 @@ def test_the_columns_of_a_table_beside_a_rig_are_those_of_the_model():
         (rig(frequency="{start: 0, stop: 1, num: 3}"), 1, ["rig.frequency = ", "contains 0"]),
         (rig(frequency="{start: 2, stop: 1, num: x}"), 1, ["rig.frequency.num = x is not an int"]),
         (rig(force="1e308", mass="1e-9"), 1, ["rig.force = 1e308 is not a finite number"]),
+        (rig(force="[1, 1e308]", mass="1e-9"), 1, ["contains 1e+308, which is not a finite number",
+                                                   "in the units of the model; expected: ampl"]),
+        (rig(stiffness="1e-300", mass="1e200"), 1, ["rig.stiffness = 1e-300 is not allowed"]),
+        (rig(stiffness=f"[801, {math.nextafter(801.0, 900.0)!r}]"), 1, ["has the value", "twice"]),
         (rig(frequency="{start: 1, stop: 1e308, num: 2}"), 1,
          ["rig.frequency: is not a range in the units of the model: 6.283185307179586 to inf"]),
         (rig() + "start: {x0: 1}\n", 2, ["x0 = 1 lies beyond the stop at gap = ", "every gap"]),
@@ -514,4 +519,4 @@ def test_attractors_and_their_measures_have_units():
 def test_the_live_picture_of_a_rig_has_the_numbers_of_the_model():
     view = View.of(load(JOINT))
     assert view.axis == "omega" and view.xlim == (2 * math.pi * 22, 2 * math.pi * 41)
-    assert view.diagram(5).grid.fixed["p"] == math.sqrt(STIFFNESS / MASS)
+    assert view.diagram(5).sweep.grid.fixed["p"] == math.sqrt(STIFFNESS / MASS)

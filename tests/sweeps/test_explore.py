@@ -187,8 +187,8 @@ def test_a_map_is_filled_from_coarse_to_fine_to_what_is_computed_at_once(view, t
     filling = Filling(config, x, tab == BASINS)
     shares = [np.mean(filling.advance(stop).pixels > 0) for stop in filling.stops]
     assert filling.stops[0] == 4 and shares[0] > 0.9  # two cells by two, each of 27 pixels
-    tiles = filling.advance(config.grid.size)
-    whole = dataset_of(config, config.grid.axes, numbers(config)).transpose(y, x, ...)
+    tiles = filling.advance(config.sweep.grid.size)
+    whole = dataset_of(config, config.sweep.grid.axes, numbers(config)).transpose(y, x, ...)
     if tab == MAP:
         cells = [cell for cell in period_cells(whole) if cell.where.any()]
     else:
@@ -235,8 +235,8 @@ LOGARITHMIC = {
 def test_a_logarithmic_axis_is_shown_as_one(tmp_path):
     page = LivePage(Document(), View.of(load_config(LOGARITHMIC)), tmp_path)
     h, omega = np.geomspace(1e-3, 1.0, 16), np.geomspace(0.3, 6.0, 10)
-    np.testing.assert_array_equal(page.view.diagram(16).grid.axes["h"], h)
-    tiles = page.view.tiles(MAP, 16, 10).grid.axes
+    np.testing.assert_array_equal(page.view.diagram(16).sweep.grid.axes["h"], h)
+    tiles = page.view.tiles(MAP, 16, 10).sweep.grid.axes
     np.testing.assert_array_equal(tiles["h"], h)
     np.testing.assert_array_equal(tiles["omega"], omega)
     figure, plane = page.diagram.figure, page.map.figure

@@ -26,7 +26,7 @@ def by_hand(config, point, axis, values):
     common = {
         "integrator": method.integrator,
         "impact": method.impact,
-        "steps_per_period": config.steps,
+        "steps_per_period": config.method.steps_per_period,
         "transient": record.transient,
         "periods": record.periods,
         "phase": record.phase,
@@ -42,9 +42,7 @@ def by_hand(config, point, axis, values):
             here, impacts=record.impacts, lyapunov=True, at_section=at_section, **common
         )
         if record.trajectory:
-            scheme = scheme_of(
-                here, method.integrator, method.impact, config.steps, record.phase, at_section
-            )
+            scheme = scheme_of(here, **method.arguments, phase=record.phase, at_section=at_section)
             every = record.trajectory.every
             found |= trajectories(here, scheme, record.periods, record.transient, every)
         state = found["poincare_x"][0, -1], found["poincare_v"][0, -1]
@@ -61,15 +59,15 @@ def test_a_chain_is_what_calls_by_hand_give(axis, phase):
     config = configured(f"record.phase={phase}", f"follow.axis={axis}")
     dataset = ran(config)
     assert dataset["poincare_x"].dims == ("direction", "R", "omega", "clearance", "section")
-    others = [name for name in config.grid.axes if name != axis]
+    others = [name for name in config.sweep.grid.axes if name != axis]
     for way in ("up", "down"):
-        order = sorted(config.grid.axes[axis], reverse=way == "down")
+        order = sorted(config.sweep.grid.axes[axis], reverse=way == "down")
         for corner in ((0, 0), (1, 1)):
             at = dict(zip(others, corner, strict=True))
             chain = dataset.sel(direction=way).isel(at)
-            point = config.grid.points((slice(0, 1),) * 3)
+            point = config.sweep.grid.points((slice(0, 1),) * 3)
             for name in others:
-                point[name] = config.grid.axes[name][at[name]]
+                point[name] = config.sweep.grid.axes[name][at[name]]
             for value, found in by_hand(config, point, axis, order):
                 for name, expected in found.items():
                     given = chain[name].sel({axis: value}).values
@@ -164,7 +162,7 @@ def test_only_the_chain_that_failed_begins_anew(status):
         }
 
     counted = []
-    box = config.grid.points(full_block(config)[-2:]).reshape(config.grid.shape)
+    box = config.sweep.grid.points(full_block(config)[-2:]).reshape(config.sweep.grid.shape)
     results = follow(box, 1, "omega", ["up"], run, counted.append)
     assert counted == [3] * 5
     assert calls[0] == (False, [(R, 0.6, -1.0, 0.0) for R in (0.8, 0.5, 0.6)])
@@ -183,7 +181,7 @@ def test_a_followed_sweep_is_not_scaled():
     changes = ["oscillator.f=[0.5, 1]", "oscillator.clearance=0"]
     config = configured(*changes)
     alone = configured(*changes, "follow=null")
-    assert not config.spec.scaled and alone.spec.scaled
+    assert not config.sweep.spec.scaled and alone.sweep.spec.scaled
     run_sweep(config, "out.h5")
     with open_sweep("out.h5") as dataset:
         assert "scaled_along" not in dataset.attrs

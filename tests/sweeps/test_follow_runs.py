@@ -86,12 +86,12 @@ def test_points_are_counted_in_each_direction():
 def test_the_points_of_a_long_block_are_told_as_they_come():
     config = configured()
     told = []
-    results = compute_block(config, full_block(config), None, told.append)
+    results = compute_block(config.sweep, full_block(config), None, told.append)
     assert told == [12] * 5 and len(results["status"]) == 60
     alone, told = configured("follow=null"), []
-    results = compute_block(alone, full_block(alone), None, told.append)
+    results = compute_block(alone.sweep, full_block(alone), None, told.append)
     assert told == [30]
-    expected = compute(alone, alone.grid.points(full_block(alone)), None)
+    expected = compute(alone.sweep.spec, alone.sweep.grid.points(full_block(alone)), None)
     np.testing.assert_array_equal(results["poincare_x"], expected["poincare_x"])
 
 
@@ -100,7 +100,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
     begun = threading.Semaphore(0)
     numbers = itertools.count(1)
 
-    def computing(config, block, threads, advance):
+    def computing(sweep, block, threads, advance):
         def told(points):
             begun.release()
             if next(numbers) >= 6:  # until the run is abandoned
@@ -108,7 +108,7 @@ def test_a_run_that_was_left_computes_no_further_in_its_block(monkeypatch):
                 while not thread_flag()[0] and time.monotonic() < deadline:
                     time.sleep(0.01)
 
-        return compute_block(config, block, threads, told)
+        return compute_block(sweep, block, threads, told)
 
     def full(self, block, results):
         for _ in range(6):  # the 5 values of the first block, and one of the second
@@ -131,11 +131,11 @@ def test_a_block_holds_whole_chains(monkeypatch):
     many = configured(long, "oscillator.R={start: 0.5, stop: 0.8, num: 100}")
     for memory in (10**11, 10**9):
         monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
-        size = block_size(many)
+        size = block_size(many.sweep)
         assert size % 3000 == 0
-        cost = expected_cost(many, Path("out.h5"), executors.LocalComputer(), False)
+        cost = expected_cost(many.sweep, Path("out.h5"), executors.LocalComputer(), False)
         assert cost.memory <= memory
-        for block in many.grid.blocks(size, unsplit="omega"):
+        for block in many.sweep.grid.blocks(size, unsplit="omega"):
             assert block[1] == slice(0, 3000)
     monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)
     told = r"one chain of 3,000 points, followed up and down along omega, takes about .* of memory"

@@ -39,7 +39,8 @@ def answered(text):
 def run_and_checked(text):
     """Run a small accepted configuration; the file is complete and as configured."""
     config = load_config("fuzz.yaml")
-    if config.size * (config.record.transient + config.record.periods) * config.steps > 300_000:
+    periods = config.size * (config.record.transient + config.record.periods)
+    if periods * config.method.steps_per_period > 300_000:
         return False
     result = call("run", "fuzz.yaml", "--quiet", "--threads", "1")
     assert result.exit_code == 0, result.output
@@ -48,7 +49,7 @@ def run_and_checked(text):
         dataset.load()
     assert dataset.attrs["name"] == config.name
     if config.refine is None:
-        for name, values in config.grid.axes.items():
+        for name, values in config.sweep.grid.axes.items():
             np.testing.assert_array_equal(dataset[name], values)
     status = dataset["status"].values
     assert not np.isin(status, [Status.PENDING]).any()
@@ -64,7 +65,7 @@ def run_and_checked(text):
 def coordinate(dataset, config, name):
     """Return a parameter at every point, in a shape that broadcasts over the grid."""
     if name not in dataset["status"].dims:
-        return config.grid.fixed[name]
+        return config.sweep.grid.fixed[name]
     at = dataset["status"].dims.index(name)
     return dataset[name].values.reshape(
         [-1 if k == at else 1 for k in range(dataset["status"].ndim)]

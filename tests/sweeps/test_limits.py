@@ -37,7 +37,7 @@ def with_memory(monkeypatch, size):
 
 @pytest.mark.slow
 def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
-    sweep = load(CONFIG, "record.periods=1e5", "record.impacts=0")
+    sweep = load(CONFIG, "record.periods=1e5", "record.impacts=0").sweep
     sizes = []
     for memory in (10**11, 10**9, 10**8, 10**7):
         with_memory(monkeypatch, memory)
@@ -50,7 +50,7 @@ def test_blocks_shrink_to_the_memory_there_is(monkeypatch):
 def test_a_block_has_points_for_every_thread(monkeypatch):
     """Also where the blocks are short because their points take long."""
     with_memory(monkeypatch, 10**11)
-    sweep = load(CONFIG, "record.transient=1e6")
+    sweep = load(CONFIG, "record.transient=1e6").sweep
     for threads in (1, 2, 8, 16):
         size = block_size(sweep, **LocalComputer(threads).block_limits(1.0, sweep.grid.size))
         lanes = lanes_per_batch(size, threads)
@@ -76,16 +76,16 @@ FOLLOWED = ["follow={axis: omega, direction: both}", "oscillator.omega.num=50"]
 def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_file(
     changes, threads
 ):
-    sweep = load(CONFIG, *changes)
-    told = cost_of(sweep, threads)
-    with sweep_writer("blocks.h5", _schema(sweep, told.block)) as writer:
+    config = load(CONFIG, *changes)
+    told = cost_of(config.sweep, threads)
+    with sweep_writer("blocks.h5", _schema(config, told.block)) as writer:
         points = max(map(block_points, writer.pending())) // (2 if changes else 1)
     assert 0.9 * told.block < points <= told.block
     block = (slice(0, told.block),)
     block = (slice(0, 2), *block) if changes else block
-    arrays = sum(array.nbytes for array in compute_block(sweep, block, None).values())
+    arrays = sum(array.nbytes for array in compute_block(config.sweep, block, None).values())
     assert told.memory == pytest.approx(limits._BLOCKS_HELD * arrays, rel=0.01)
-    size = run_sweep(sweep, "out.h5").stat().st_size
+    size = run_sweep(config, "out.h5").stat().st_size
     assert told.file <= size <= told.file + 100_000
     assert told.disk == 2 * told.file  # the blocks, and the file at the end
 
@@ -93,14 +93,14 @@ def test_the_memory_and_the_size_that_are_told_are_those_of_the_blocks_and_the_f
 @pytest.mark.parametrize("every", [1, 20])
 def test_the_size_that_is_told_counts_the_samples_at_impacts(every, monkeypatch):
     few = ["oscillator.omega={start: 0.5, stop: 3, num: 50}", "record.impacts=0"]
-    sweep = load(CONFIG, f"record.trajectory={{every: {every}}}", *few)
-    told = cost_of(sweep)
-    size = run_sweep(sweep, "out.h5").stat().st_size
+    config = load(CONFIG, f"record.trajectory={{every: {every}}}", *few)
+    told = cost_of(config.sweep)
+    size = run_sweep(config, "out.h5").stat().st_size
     assert told.file == pytest.approx(size, rel=0.2)
     assert told.disk >= 2 * told.file
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=told.disk - 1))
     with pytest.raises(StoreError, match="record less"):
-        cost_of(sweep)
+        cost_of(config.sweep)
 
 
 @pytest.mark.parametrize(
@@ -113,24 +113,24 @@ def test_the_size_that_is_told_counts_the_samples_at_impacts(every, monkeypatch)
 )
 def test_the_expected_time_is_about_the_time(changes):
     """Within a factor of five of the processor time of the kernel."""
-    sweep = load(CONFIG, *changes)
+    sweep = load(CONFIG, *changes).sweep
     trial(sweep, 1)  # compiles
     expected, _ = trial(sweep, 1)
     began = time.process_time()
     for block in sweep.grid.blocks(block_size(sweep)):
-        compute(sweep, sweep.grid.points(block), 1)
+        compute(sweep.spec, sweep.grid.points(block), 1)
     assert 0.2 < expected / (time.process_time() - began) < 5.0
 
 
 def test_an_hour_is_told_without_taking_one():
-    sweep = load(CONFIG, "record.transient=1e9", "oscillator.omega.num=1e6")
+    sweep = load(CONFIG, "record.transient=1e9", "oscillator.omega.num=1e6").sweep
     began = time.process_time()
     assert trial(sweep, None)[0] > 1e5 * (time.process_time() - began)
 
 
 def test_the_expected_time_is_not_that_of_other_processes(monkeypatch):
     """A trial of one period that waits for a processor is not multiplied by a million."""
-    sweep = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60")
+    sweep = load(CONFIG, "record.transient=1e6", "oscillator.omega.num=60").sweep
     alone, _ = trial(sweep, None)
     calls = count()
 
@@ -163,5 +163,5 @@ def test_one_block_is_computed_while_another_is_written_and_none_when_the_rest_i
 
 def test_one_chain_of_followed_points_is_expected_to_take_a_call_for_each():
     """Side by side the same points take a hundredth of the time."""
-    alone = load(CONFIG, "follow={axis: omega, direction: both}")
-    assert trial(alone, 1)[0] > 15.0 * trial(load(CONFIG), 1)[0]
+    alone = load(CONFIG, "follow={axis: omega, direction: both}").sweep
+    assert trial(alone, 1)[0] > 15.0 * trial(load(CONFIG).sweep, 1)[0]

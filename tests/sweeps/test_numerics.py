@@ -194,6 +194,7 @@ def test_a_computation_that_differs_is_named():
     """The configuration is the same, but the engine has passed other values on."""
     config = load(SWEEPS["plain"])
     run_sweep(config, "out.h5")
-    vars(config)["spec"] = replace(config.spec, transient=8)
+    spec = replace(config.sweep.spec, transient=8)
+    vars(config)["sweep"] = replace(config.sweep, spec=spec)
     with pytest.raises(StoreError, match="cannot be resumed: transient was 7 and is 8;"):
         run_sweep(config, "out.h5", resume=True)

@@ -192,9 +192,9 @@ def test_a_point_that_starts_at_the_section_is_not_scaled():
         "{start: 2.6, stop: 2.7, num: 21}", "2.8"
     )
     config = load(text, "refine=null", "record.transient=0")
-    points = mesh({"f": np.array([3.0])}, config.grid.fixed)
+    points = mesh({"f": np.array([3.0])}, config.sweep.grid.fixed)
     points["x0"], points["v0"] = -0.5, 1.0
-    results = compute(config, points, None, at_section=True)
+    results = compute(config.sweep.spec, points, None, at_section=True)
     run = simulate(Oscillator(h=0.0, R=0.8, omega=2.8, f=3.0), 100, x0=-0.5, v0=1.0)
     assert results["poincare_x"][0].tobytes() == run.section_x.tobytes()
 

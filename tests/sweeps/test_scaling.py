@@ -47,8 +47,8 @@ def counted(monkeypatch):
 def lone(f, method):
     """Return the results at one f, computed without scaling."""
     config = configured(f"oscillator.f={f}", *method)
-    assert not config.spec.scaled
-    return compute(config, config.grid.points((slice(0, 3),)), None)
+    assert not config.sweep.spec.scaled
+    return compute(config.sweep.spec, config.sweep.grid.points((slice(0, 3),)), None)
 
 
 @pytest.mark.slow
@@ -59,13 +59,13 @@ def lone(f, method):
 def test_the_scaled_results_are_the_computed_ones(counted, method):
     """Bit for bit for powers of two, to rounding otherwise; one run for every f of a point."""
     config = configured(*method)
-    assert config.spec.scaled
+    assert config.sweep.spec.scaled
     run_sweep(config, "scaled.h5")
     assert all((points["f"] == 1.0).all() for points in counted)
     assert max(points.size for points in counted) == 3
     with open_sweep("scaled.h5") as dataset:
         assert dataset.attrs["scaled_along"] == "f"
-        for f in config.grid.axes["f"]:
+        for f in config.sweep.grid.axes["f"]:
             for name, true in lone(f, method).items():
                 found = dataset[name].sel(f=f).values
                 true = true[:, : found.shape[1]] if name.startswith("trajectory") else true
@@ -88,7 +88,7 @@ def test_the_scaled_results_are_the_computed_ones(counted, method):
     ],
 )
 def test_what_breaks_the_symmetry_is_computed(change):
-    assert not configured(change).spec.scaled
+    assert not configured(change).sweep.spec.scaled
 
 
 def test_the_axis_is_not_split():
@@ -109,7 +109,7 @@ def test_an_axis_longer_than_a_block_is_split():
     config = configured()
     for size, shape in ((3, (1, 3)), (4, (4, 1))):
         blocks = runner._schema(config, size).blocks
-        assert {config.grid.points(block).size for block in blocks} == {math.prod(shape)}
+        assert {config.sweep.grid.points(block).size for block in blocks} == {math.prod(shape)}
         assert {tuple(cut.stop - cut.start for cut in block) for block in blocks} == {shape}
 
 

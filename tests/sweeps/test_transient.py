@@ -34,7 +34,7 @@ def test_every_motion_with_a_class_is_on_its_orbit(found):
 
 
 def test_a_run_with_the_transient_that_was_found_has_the_same_bits(found):
-    steps = config_of(found).steps
+    steps = config_of(found).method.steps_per_period
     flat = found.stack(point=("h", "omega")).isel(point=slice(0, None, 9))
     for i in range(flat.sizes["point"]):
         point = flat.isel(point=i)
@@ -57,9 +57,9 @@ def test_a_transient_of_another_rule_ends_where_the_record_repeats(tmp_path):
 
 def test_blocks_and_threads_change_nothing(found):
     config = load(CONFIG)
-    points = config.grid.points(tuple(slice(0, n) for n in config.grid.shape))
+    points = config.sweep.grid.points(tuple(slice(0, n) for n in config.sweep.grid.shape))
     for threads, order in ((1, slice(None)), (2, slice(None, None, -1))):
-        results = compute(config, points[order].copy(), threads)
+        results = compute(config.sweep.spec, points[order].copy(), threads)
         for name in ("transient", "poincare_x", "impact_v", "period", "orbit_distance"):
             expected = found[name].values.reshape(len(points), *found[name].shape[2:])
             np.testing.assert_array_equal(results[name][order], expected)
