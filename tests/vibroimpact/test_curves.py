@@ -15,7 +15,7 @@ from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
-from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved
+from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved, why_inadmissible
 from vibroimpact.oscillator import Oscillator
 from vibroimpact.trajectory import simulate
 
@@ -490,6 +490,35 @@ def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind(
         again = bifurcation_curve(found.orbit(i), "fold", *ranges)
         assert sorted(point.kind for point in again.special) == ["flip", "graze"]
         assert not orbits_twice(again)
+
+
+@pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])
+def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, inside):
+    """Its equations are singular there; the halves differ by the square root of the distance."""
+    osc = Oscillator(
+        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
+        clearance=-0.027911269810741077,
+    )  # fmt: skip
+    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+    ranges = [("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)]
+    flip = bifurcation_curve(start, "fold", *ranges).special[1].value
+    slopes, sizes = [], []
+    for away in (1e-4, 1e-6, 1e-7, 1e-8):
+        edge, (name, low, high) = flip[axis] + inside * away, ranges[axis]
+        cut = ranges.copy()
+        cut[axis] = (name, edge, high) if inside > 0.0 else (name, low, edge)
+        found = bifurcation_curve(start, "fold", *cut)
+        assert [point.kind for point in found.special] == ["graze", "edge"]
+        end = found.special[1]
+        assert end.value[axis] == edge
+        assert end.value.tolist() == found.values[-1].tolist()
+        assert (end.orbit.m, end.orbit.q) == (6, 4)
+        assert why_inadmissible(end.orbit) == ""
+        slopes.append((end.value[1 - axis] - flip[1 - axis]) / away)
+        sizes.append(np.abs(end.orbit.speeds[:2] - end.orbit.speeds[2:]).max() / math.sqrt(away))
+        assert len(found.values) < 40
+    assert slopes == pytest.approx([slopes[0]] * 4, rel=0.2)
+    assert sizes == pytest.approx([sizes[0]] * 4, rel=0.2)
 
 
 def test_the_folds_are_those_of_the_closed_form():

@@ -277,7 +277,7 @@ def _path(family: OrbitFamily, X: np.ndarray, tangent: np.ndarray) -> Path:
                 if located:  # the stability from the last of them to the end
                     points += _middle(family, points[-1][0], half[0])
                 points.append((half[0], False))
-                note("flip", half[1])
+                note(*half[1:])
                 break
             points.append((step.end.X, family.stable(step.end)))
         if step.closed:

@@ -191,10 +191,11 @@ def _with_touch(
     return OrbitFamily(touching, family.parameters, speed=family.speed), Y
 
 
-def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
     """Return where in a step an orbit meets the flip of its parent, of half its period; or None.
 
-    The result is the point of the step, and the parent.
+    The result is the point of the step, ``flip``, and the parent. Where a curve of folds meets an
+    edge just before, it is the point there, ``edge``, and its orbit.
     """
     family = step.family
     if family.kind not in ("", "fold") or family.m % 2 or family.q % 2:
@@ -214,7 +215,7 @@ def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None
     return _doubled(family, halves, halves.bifurcation(halves.start, "flip"))
 
 
-def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | None:
+def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
     """Return the end of a curve of folds within or just beyond a step, as `parents_flip` does.
 
     The equations of folds are singular there, so points beside it are extrapolated. They are even
@@ -224,7 +225,7 @@ def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | 
     first, last = (_difference_of_halves(family, X) for X in (step.begin.X, step.end.X))
     first_size, last_size = math.sqrt(np.mean(first**2)), np.mean(first * last)
     last_size /= first_size
-    plane = np.concatenate([-first.ravel(), first.ravel(), np.zeros(2)])
+    plane = np.concatenate([-first.ravel(), first.ravel(), np.zeros(2)]) / (2.0 * first_size)
     points = []
     for size in _BESIDE:
         guess = step.between((first_size - size) / (first_size - last_size))
@@ -232,13 +233,47 @@ def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, PeriodicOrbit] | 
         if X is None:
             return None
         points.append(X)
-    squares = np.square(_BESIDE)
-    factors = squares / (squares - squares[:, None] + np.diag(squares))
-    half = _half(family, np.prod(factors, axis=1) @ np.array(points))
+    half = _half(family, _extrapolated(points, 0.0))
     halves = OrbitFamily(half, family.parameters, "flip")
     Y = halves.corrected(halves.start, halves.tangent(halves.start)[None, :])
-    near = Y is not None and halves.distance(Y, halves.start) < NEARBY_DISTANCE
-    return _doubled(family, halves, Y if near else None)
+    if Y is None or not halves.distance(Y, halves.start) < NEARBY_DISTANCE:
+        return None
+    return _doubled(family, halves, Y) or _edge_beside(family, points, plane, halves, Y)
+
+
+def _extrapolated(points: list[np.ndarray], square: float) -> np.ndarray:
+    """Extrapolate from points with the differences ``_BESIDE`` to that with this square."""
+    squares = np.square(_BESIDE)
+    factors = (squares - square) / (squares - squares[:, None] + np.diag(squares - square))
+    return np.prod(factors, axis=1) @ np.array(points)
+
+
+def _edge_beside(
+    family: OrbitFamily,
+    points: list[np.ndarray],
+    plane: np.ndarray,
+    halves: OrbitFamily,
+    Y: np.ndarray,
+) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+    """Return where a curve of folds meets an edge just before its end Y, as `parents_flip` does."""
+    from scipy.optimize import brentq
+
+    reason, _ = halves.inadmissible(Y)
+    if reason is None or reason.kind != "edge":
+        return None
+    axis, edge = np.zeros(plane.size), reason.where / family.spans[reason.at]
+    at = 2 * family.q + reason.at
+    axis[at] = 1.0
+    try:
+        square = brentq(lambda s: _extrapolated(points, s)[at] - edge, 0.0, 0.5 * _BESIDE[0] ** 2)
+    except ValueError:  # it is farther away: it is found without this
+        return None
+    guess = doubling(halves, Y, family.speed)[0] + math.sqrt(square) * plane
+    guess[at] = edge
+    X = family.corrected(guess, np.array([plane, axis]))
+    if X is None or not family.allows(family.point(X, np.zeros(X.size))):
+        return None
+    return X, "edge", family.orbit(X)
 
 
 def _half(family: OrbitFamily, X: np.ndarray) -> PeriodicOrbit:
@@ -249,11 +284,11 @@ def _half(family: OrbitFamily, X: np.ndarray) -> PeriodicOrbit:
 
 def _doubled(
     family: OrbitFamily, halves: OrbitFamily, Y: np.ndarray | None
-) -> tuple[np.ndarray, PeriodicOrbit] | None:
+) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
     """Return a flip of the half orbits as `parents_flip` does; None if it is not a flip."""
     if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
         return None
-    return doubling(halves, Y, family.speed)[0], halves.orbit(Y)
+    return doubling(halves, Y, family.speed)[0], "flip", halves.orbit(Y)
 
 
 def _is_twice_its_half(family: OrbitFamily, X: np.ndarray) -> bool:
