@@ -10,6 +10,7 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
 from oscillators import SectionMap, bifurcation
+from vibroimpact.orbits import special_points
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
@@ -490,6 +491,24 @@ def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind(
         again = bifurcation_curve(found.orbit(i), "fold", *ranges)
         assert sorted(point.kind for point in again.special) == ["flip", "graze"]
         assert not orbits_twice(again)
+
+
+def test_a_flip_beside_the_extrapolated_end_of_a_curve_of_folds_is_not_its_end(monkeypatch):
+    """Newton's method finds the flips of the half from anywhere near them."""
+    osc = Oscillator(
+        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
+        clearance=-0.027911269810741077,
+    )  # fmt: skip
+    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+    ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
+    extrapolated = special_points._extrapolated
+    aside = np.zeros(10)
+    aside[-2] = 0.01
+    monkeypatch.setattr(
+        special_points, "_extrapolated", lambda points, square: extrapolated(points, square) + aside
+    )
+    found = bifurcation_curve(start, "fold", *ranges)
+    assert "flip" not in [point.kind for point in found.special]
 
 
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])

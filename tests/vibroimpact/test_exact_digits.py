@@ -63,6 +63,29 @@ def test_a_short_bounce_to_rounding(length, clearance):
     assert max(map(abs, lengths)) < 5e-15
 
 
+def test_a_bounce_is_short_only_where_its_series_is_exact():
+    """Neither at the crest of a force that barely presses, nor where the force pulls."""
+    taken = 0
+    for press in (1e-4, 1e-3, 1e-2, 1.0, -1e-3, -1.0):
+        osc = Oscillator(h=0.0, R=1.0, omega=1.0, f=1.0, p=0.1, clearance=(1.0 - press) / 0.01)
+        eq = coefficients_of(osc.at(osc.clearance)[0])
+        for length in np.geomspace(1e-4, 10.0, 200):
+            t, _ = short_bounce(eq, Launch(0.0, -0.5 * length * abs(press), -1.0, 0.0))
+            taken += t > 0.0
+            if t != -1.0:
+                assert press > 0.0
+                with mp.workdps(40):
+                    w = mp.mpf(-0.5 * length * abs(press))
+                    flight = Flight(in_digits(osc), 1.5 * mp.pi, mp.mpf(osc.clearance), w)
+                    stop = osc.clearance
+                    back = mp.findroot(
+                        lambda q, f=flight, stop=stop: f(q)[0] - stop, 1.5 * mp.pi + t
+                    )
+                    error = float(t / (back - 1.5 * mp.pi) - 1)
+                assert abs(error) < 5e-15 + 4e-16 / press  # the rounding of the force
+    assert taken > 50
+
+
 def test_the_median_error_after_one_period_is_below_1e_15():
     """Of 200 points; relative to the size of the motion."""
     rng = np.random.default_rng(5)

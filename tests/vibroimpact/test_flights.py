@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator
+from vibroimpact.step.chatter import is_first
 from vibroimpact.step.exact import stays_below
 from vibroimpact.step.impact import FIRST, ONLY, single_impact
 from vibroimpact.step.propagator import (
@@ -227,3 +228,9 @@ def test_no_impact_is_proved_from_what_is_no_number():
     for start in ((-math.inf, 1.0), (math.nan, 1.0), (0.0, 0.0), (-1.0, math.inf), (-1e308, 1e308)):
         for end in ((1.0, 1.0), (math.inf, 1.0), (math.nan, 0.0)):
             assert single_impact(eq, start, (*end, 0.1), (0.0, 1.0, 0.5, 0.9), 0.5, 1)[4] < ONLY
+
+
+def test_a_rebound_that_ends_falling_is_not_proved_to_be_the_first():
+    """It has been above the stop before."""
+    assert is_first(-1.0, 0.5, 0.1, 1e-9, 1.0)
+    assert not is_first(-1.0, -0.5, 0.1, 1e-9, 1.0)

@@ -20,9 +20,11 @@ from vibroimpact.step.contact import (
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import CUBIC, REDUCED_STEP
 from vibroimpact.step.time_stepping import (
+    SHORTEST_FLIGHT,
     geometric_time_to_rest,
     reduced_step,
     shortened_flight,
+    single_linear_impact,
 )
 from vibroimpact.step.trigonometry import sin_cos
 
@@ -140,6 +142,17 @@ def test_several_impacts_in_one_step_follow_one_another(rule, integrator):
     np.testing.assert_allclose([x, v], [-u * left + left**2 / 2, -u + left], rtol=1e-6)
 
 
+@SHORTENING
+def test_a_step_that_ends_on_the_stop_has_its_impact_there_or_in_the_next(rule):
+    """No interpolant crosses the stop within it."""
+    pt = point(R=0.5, h=0.0, f=0.0, p=1e-9)
+    x, v, resting, events, _, status = run(pt, rule, "newmark", -1.0, 1.0, 0.0, 1.0)
+    assert (resting, status) == (False, Status.COMPUTED)
+    assert x == pytest.approx(0.0, abs=1e-15)
+    assert v == pytest.approx(-0.5 if len(events) else 1.0, rel=1e-15)
+    assert events[:, [KIND, TIME, SPEED]].tolist() == [[IMPACT, 1.0, 1.0]] * len(events)
+
+
 def test_a_chatter_needs_a_push_and_time():
     """No rest where the force pulls, where the sum outlasts the step, and none ever at R = 1."""
     pt = point(R=0.8, **PUSH)
@@ -198,3 +211,33 @@ def test_many_preloads_released_on_a_grid_point():
         osc = Oscillator(0.1, 0.5, 1.0, f, p, -f * math.sin(theta) / p**2)
         late += time_to_release(theta, osc.at(osc.clearance)[0]) > 1e-9
     assert late == 0
+
+
+def test_a_step_that_surely_has_one_impact_has_it_by_the_rule():
+    """Columns take such steps without branches; ``reduced_step`` takes all others.
+
+    Under a constant push: where rounding decides whether a chatter ends with the step or whether a
+    rebound is too short, at R = 1, at a turning point, and near overflow.
+    """
+    rng, surely, scratch = np.random.default_rng(7), 0, new_scratch()
+    method = REDUCED_STEP, INTEGRATORS["newmark"].code
+    for _ in range(20_000):
+        R, v = rng.choice([0.3, 0.9, 1.0 - 1e-9, 1.0]), 10.0 ** rng.uniform(-3.0, 0.5)
+        T, share = rng.uniform(0.01, 0.5), rng.uniform(0.01, 0.99)
+        in_time = 2.0 * R * v / max((1.0 - R) * T * (1.0 - share), 1e-9)
+        too_short = 2.0 * R * v / (SHORTEST_FLIGHT * T)
+        push = rng.choice([in_time, too_short * 1.001, too_short * 0.999, v * rng.random()])
+        size = rng.choice([1.0, 1.0, 1e150, 4e307])
+        pt = point(R=R, **(PUSH | {"f": min(push, 1e300 / size) * size}))
+        turning = v * (1.0 - 1.0 / share) * (1.0 + rng.normal() * 1e-6)  # for which v_Tr is tiny
+        start = -size * v * T * share, size * v
+        end = size * v * T * (1.0 - share), size * max(rng.choice([v, v, turning]), -4.0)
+        phase = CREST, *sin_cos(CREST)
+        T_r, v_Tr, _, _, sure = single_linear_impact(*start, *end, CREST, T, pt)
+        if sure:
+            surely += 1
+            n = reduced_step(method, (*start, False), end, phase, T, pt, scratch)[3]
+            events = scratch.events[:n]
+            assert events[0].tolist() == [IMPACT, T_r, v_Tr, 0.0]
+            assert n == 1 or events[1, KIND] == IMPACT
+    assert 3000 < surely < 17_000

@@ -14,6 +14,7 @@ from kernel_cases import (
     random_points,
     steps_for,
     taken_apart,
+    wide_points,
 )
 from vibroimpact import Oscillator, Status, integrate, simulate
 from vibroimpact.kernel.run import aligned
@@ -225,6 +226,18 @@ def test_the_impact_phase_does_not_depend_on_the_phase_of_the_section():
         np.testing.assert_allclose(found, [4.566798931063947, 5.969452473193079], atol=1e-13)
         kept = out["impact_phase"][np.isfinite(out["impact_phase"])]
         assert ((kept >= 0.0) & (kept < PERIOD)).all()
+
+
+def test_the_phase_of_an_impact_at_a_section_is_below_2_pi():
+    """With the section just before 2 pi, the phase at the end of a period is 4 pi to rounding."""
+    points, phase = wide_points(500, 3), math.nextafter(PERIOD, 0.0)
+    out = integrate(
+        points, integrator="newmark", impact="plain", steps_per_period=40, transient=0, periods=30,
+        phase=phase,
+    )  # fmt: skip
+    found = out["impact_phase"][np.isfinite(out["impact_phase"])]
+    assert (found == 0.0).any()
+    assert ((found >= 0.0) & (found < PERIOD)).all()
 
 
 @METHODS

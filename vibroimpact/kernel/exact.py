@@ -202,7 +202,7 @@ def resolve_exact_lane(batch, i, j, grid, n, recording, carrying):
     sums.status = max(sums.status, status)
     if recording:
         rested /= pt.omega
-        record_step(scratch.events, n_events, pt.clearance, rested, theta, pt, i, record)
+        record_step(scratch.events, n_events, rested, theta, pt, i, record)
         sums.near_grazes += grazes
     if carrying:
         pair = pair_in(lanes, TANGENTS + old_row + i, 2 * ROW)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibroimpact.jit import inlined
 from vibroimpact.status import Status
-from vibroimpact.step.contact import DISPLACEMENT, IMPACT, KIND, REST, SPEED, TIME
+from vibroimpact.step.contact import IMPACT, KIND, REST, SPEED, TIME
 
 #: The sums and extremes over the recorded periods of a point, and its worst status.
 SUMS = np.dtype(
@@ -60,14 +60,12 @@ def list_impact(ring, sums, phase, speed):
 
 
 @inlined
-def record_step(events, n, x_T, rested, theta, pt, row, record):
+def record_step(events, n, rested, theta, pt, row, record):
     """Add the events of one step to the record of the lane in that row."""
     sums = record.sums[row]
-    depth = x_T - pt.clearance
     for k in range(n):
         kind = events[k, KIND]
         if kind == IMPACT:
-            depth = max(depth, events[k, DISPLACEMENT] - pt.clearance)
             speed = events[k, SPEED]
             list_impact(record.impacts[row], sums, theta + pt.omega * events[k, TIME], speed)
         elif kind == REST:  # the speeds of the summed impacts are a geometric series
@@ -76,7 +74,6 @@ def record_step(events, n, x_T, rested, theta, pt, row, record):
             sums.speeds += speeds
             sums.squared_speeds += speeds * speeds * (1.0 - pt.R) / (1.0 + pt.R)
     sums.rested += rested
-    sums.max_penetration = max(sums.max_penetration, depth)
 
 
 @inlined

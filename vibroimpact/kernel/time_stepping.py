@@ -256,8 +256,8 @@ def resolve_stepped_lane(batch, i, method, grid, n, span, recording):
         state = x, v, resting
         set_rest(lanes, i, resting, theta + phase_step, pt)
         sums.status = max(sums.status, status)
-        if recording and (n_events > 0 or rested > 0.0):
-            record_step(scratch.events, n_events, x, rested, theta, pt, i, record)
+        if recording:
+            record_step(scratch.events, n_events, rested, theta, pt, i, record)
     lanes[POSITION + i], lanes[VELOCITY + i] = state[0], state[1]
 
 

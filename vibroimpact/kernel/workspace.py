@@ -107,7 +107,7 @@ def set_rest(lanes, i, resting, theta, pt):
 
 @inlined
 def sleeps_until(lanes, i, theta):
-    """Whether lane `i` rests until the phase `theta` at least."""
+    """Whether lane `i` rests until after the phase `theta`, rounding excluded."""
     return theta < lanes[WAKE + i] - 1e-9
 
 

@@ -66,7 +66,7 @@ def is_first(w, w_i, t, bound, phase_step):
 
 
 @jit
-def bounce(eq, launch, left, phase_step):
+def bounce(eq, launch, phase_step):
     """Return the length of a rebound that returns within half a step, and w at its end.
 
     They are -1 and 0 if no return is found. `is_first` proves that it is the first.
@@ -74,14 +74,10 @@ def bounce(eq, launch, left, phase_step):
     w = launch.w
     k = series(eq, 0.0, w, launch.s, launch.c)
     rest = (*k[1:], 0.0)
-    longest = min(left, 0.5 * phase_step)
     t = -w / k[2]
-    bent = 4.0 * t * k[3] / k[2]
-    if not (w < 0.0 and k[2] > 0.0 and bent > -1.0):
-        return -1.0, 0.0
-    t *= 2.0 / (1.0 + math.sqrt(1.0 + bent))
+    t *= 2.0 / (1.0 + math.sqrt(1.0 + 4.0 * t * k[3] / k[2]))  # NaN if the parabola has no root
     for _ in range(6):
-        if not 0.0 < t < longest:
+        if not 0.0 < t < 0.5 * phase_step:
             break
         g, d, e = all_terms(rest, t)
         newton = g / d
@@ -90,7 +86,7 @@ def bounce(eq, launch, left, phase_step):
         # Relative to t, the next change would be about the cube of this one; the change of the
         # slope would be about its square.
         if abs(change) <= 1e-6 * t:
-            return (t, t * fma(-2.0 * e, change, d)) if t < longest else (-1.0, 0.0)
+            return t, t * fma(-2.0 * e, change, d)
     return -1.0, 0.0
 
 

@@ -81,12 +81,12 @@ def time_to_release(theta, pt):
     # If the force is about to press, only rounding decides the sign of a; the wait is then until
     # the following release.
     begins = a > -1e-14 * pt.f and c < 0.0
-    if not ((a > 0.0 or begins) and level < pt.f):
+    if not (a > 0.0 or begins):
         return 0.0
     turn = -math.asin(level / pt.f)
     angle = (turn - theta) % (2.0 * math.pi)
     # The force begins to press at pi - turn, so the wait is at most pi + 2 turn. A longer one means
-    # that theta is just past a release, by rounding: release now.
+    # that theta is just past a release, by rounding: release now. So does NaN, where level > f.
     return angle / pt.omega if angle < 1.5 * math.pi + turn else 0.0
 
 

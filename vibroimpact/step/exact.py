@@ -169,15 +169,14 @@ def exact_flight(eq, launch, released, bound, left, phase_step, flight):
     if launched:
         dtheta, w_i = short_bounce(eq, launch)
         if not dtheta >= 0.0:
-            dtheta, w_i = bounce(eq, launch, left, phase_step)
+            dtheta, w_i = bounce(eq, launch, phase_step)
         if 0.0 < dtheta < left and is_first(launch.w, w_i, dtheta, bound, phase_step):
             return dtheta, w_i, 1, -math.inf
     expand_flight(eq, launch, released, phase_step, flight)
     end = left / phase_step
-    if launched or launch.y < 0.0:
-        for pieces in (2, 4):
-            if stays_below(flight, end, bound, pieces, extent(eq)):
-                return -1.0, 0.0, 0, -math.inf
+    for pieces in (2, 4):
+        if stays_below(flight, end, bound, pieces, extent(eq)):
+            return -1.0, 0.0, 0, -math.inf
     m, u, turn = next_impact(flight, end)
     w_i = launch.w
     if u > 0.0:

@@ -108,8 +108,8 @@ def guess(start, end, phase_step):
     u, a, b = -start[0] * inverse, start[1] * inverse * phase_step, end[1] * inverse * phase_step
     steep = (a > 0.25) & (b > 0.25)
     cubic = u * (1.0 - u) * fma((1.0 - u) * b, 1.0 - a, -u * a * (1.0 - b))
-    # Single precision is enough for a guess, and faster.
-    root = np.sqrt(np.float32(max(fma(4.0 * u, 1.0 - a, a * a), 0.0)))
+    # Single precision is enough for a guess, and faster. NaN is possible only without a crossing.
+    root = np.sqrt(np.float32(fma(4.0 * u, 1.0 - a, a * a)))
     over, under = select(steep, cubic, 2.0 * u), select(steep, a * b, a + np.float64(root))
     u = select(steep, u, 0.0) + np.float64(np.float32(over) / np.float32(under))
     late = select(u > 0.5, 1.0, 0.0)

@@ -163,9 +163,9 @@ def single_linear_impact(x, v, x_T, v_T, theta, T, pt):
     """
     T_r, v_Tr = linear_impact(x, v, x_T, v_T, T, pt.clearance)
     s, c = sin_cos(theta + pt.omega * T_r)
-    sure = crossed(x_T, v_T, pt.clearance)
-    sure &= (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf
-    sure &= v_Tr > _SLOWEST * abs(v)  # false for a launch from the stop, where v_Tr = v <= 0
+    sure = (abs(x_T - x) + T * (abs(v) + abs(v_T))) * (4.0 + T) < math.inf
+    # False for a launch from the stop, where v_Tr = v <= 0, and for an end on it with v_T <= 0.
+    sure &= v_Tr > _SLOWEST * abs(v)
     a = pressing(s, pt)
     twice = 2.0 * (pt.R * v_Tr)
     in_time = twice <= 1.000001 * (T - T_r) * a * (1.0 - pt.R)  # not sure where rounding decides
@@ -185,7 +185,7 @@ def geometric_time_to_rest(v, theta, s, left, T, pt):
         return math.inf
     if 2.0 * v <= SHORTEST_FLIGHT * T * a:
         return 0.0
-    remaining = 2.0 * v / (a * (1.0 - pt.R)) if pt.R < 1.0 else math.inf
+    remaining = 2.0 * v / (a * (1.0 - pt.R))  # inf at R = 1
     return remaining if remaining <= min(left, time_to_release(theta, pt)) else math.inf
 
 
