@@ -169,7 +169,7 @@ def time_to_rest(v, theta, s, c, left, pt):
 
 @inlined
 def phase_to_rest(eq, launch, theta, left, pt):
-    """As ``time_to_rest``, but as a phase; calls it only if the time may be finite."""
+    """As ``time_to_rest``, but as a phase, and infinite for impacts that are clearly too fast."""
     press = fma(eq.of_sin, launch.s, eq.of_1)
     slow = -launch.w * rates_of(eq) <= _SHORTEST_TAIL * (1.0 - pt.R) * press
     if not (slow or pt.R > _ENDLESS):
