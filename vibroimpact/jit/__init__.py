@@ -11,11 +11,13 @@ from vibroimpact.jit.compiling import (
 )
 from vibroimpact.jit.intrinsics import (
     claim,
+    copy_vector,
     fma,
     is_set,
     lowest_bit,
     not_negative,
     select,
+    transpose,
     widest_vectors,
 )
 from vibroimpact.jit.way import WAY
@@ -27,6 +29,7 @@ __all__ = [
     "called_before_passes",
     "claim",
     "compiled",
+    "copy_vector",
     "fma",
     "inlined",
     "is_set",
@@ -36,5 +39,6 @@ __all__ = [
     "not_negative",
     "on_threads",
     "select",
+    "transpose",
     "widest_vectors",
 ]

@@ -98,3 +98,60 @@ def not_negative(context, array, first):
         return builder.not_(builder.bitcast(negative, ir.IntType(64)))
 
     return types.int64(array, types.intp), generate
+
+
+def _vector_at(context, builder, kind, array, at):
+    """Return the address of 8 numbers of an array, from index `at` on."""
+    start = builder.gep(context.make_array(kind)(context, builder, array).data, [at])
+    return builder.bitcast(start, ir.VectorType(ir.DoubleType(), 8).as_pointer())
+
+
+@intrinsic
+def copy_vector(context, target, to, source, at):
+    """Copy 8 numbers of `source`, from index `at` on, to `target`, from index `to` on."""
+
+    def generate(context, builder, signature, arguments):
+        target, to, source, at = arguments
+        numbers = builder.load(_vector_at(context, builder, signature.args[2], source, at), align=8)
+        builder.store(numbers, _vector_at(context, builder, signature.args[0], target, to), align=8)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, source, types.intp), generate
+
+
+@intrinsic
+def transpose(context, target, to, distance, source, at, lines, first):
+    """Copy 8 lines of 8 numbers to rows: number q of line j to target[to + q distance + j].
+
+    Line j begins at source[at + 8 lines[first + j]]. Vectors are shuffled in registers, which takes
+    a third of the time of 64 copies.
+    """
+
+    def generate(context, builder, signature, arguments):
+        target, to, distance, source, at, lines, first = arguments
+        listed = context.make_array(signature.args[5])(context, builder, lines).data
+        rows = []
+        for j in range(8):
+            line = builder.load(builder.gep(listed, [builder.add(first, first.type(j))]))
+            start = builder.add(at, builder.mul(line, line.type(8)))
+            address = _vector_at(context, builder, signature.args[3], source, start)
+            rows.append(builder.load(address, align=8))
+        places = ir.VectorType(ir.IntType(32), 8)
+        for width in (4, 2, 1):  # exchange blocks of numbers between rows `width` apart
+            other = [8 if q & width else 0 for q in range(8)]
+            low = ir.Constant(places, [(q & ~width) + other[q] for q in range(8)])
+            high = ir.Constant(places, [(q | width) + other[q] for q in range(8)])
+            for a in range(8):
+                if not a & width:
+                    pair = rows[a], rows[a + width]
+                    rows[a] = builder.shuffle_vector(*pair, low)
+                    rows[a + width] = builder.shuffle_vector(*pair, high)
+        for q, row in enumerate(rows):
+            place = builder.add(to, builder.mul(distance, distance.type(q)))
+            builder.store(
+                row, _vector_at(context, builder, signature.args[0], target, place), align=8
+            )
+        return context.get_dummy_value()
+
+    i = types.intp
+    return types.void(target, i, i, source, i, lines, i), generate

@@ -7,13 +7,16 @@ nothing goes through ``exact_step`` alone, as a single orbit does.
 
 from __future__ import annotations
 
-from vibroimpact.jit import inlined, jit, select, widest_vectors
+from vibroimpact.jit import inlined, jit, lowest_bit, not_negative, select, widest_vectors
 from vibroimpact.kernel.exact_impacts import (
+    BOUND,
+    COLUMN_COEFFICIENTS,
     COLUMN_ROW,
-    PAIR,
     PROVED,
+    W_0,
     W_I,
     W_T,
+    Y_0,
     Y_T,
     U,
     coefficients_in,
@@ -34,7 +37,6 @@ from vibroimpact.kernel.workspace import (
     OMEGA,
     POSITION,
     PROPAGATOR,
-    REMAINDER_BOUND,
     ROW,
     SLEPT,
     TANGENTS,
@@ -90,8 +92,11 @@ def set_propagators(workspace, points, grid):
             lanes[PROPAGATOR + q * ROW + i] = propagator[q]
         for q in range(6):
             lanes[FORCING + q * ROW + i] = forcing[q]
+        line = COEFFICIENTS + COEFFICIENTS_SIZE * i
         for q in range(5):
-            lanes[COEFFICIENTS + COEFFICIENTS_SIZE * i + q] = eq[q]
+            lanes[line + q] = eq[q]
+        for q in range(3):
+            lanes[line + 5 + q] = propagator[4 + q]
     if grid.size <= KEPT:
         for n in range(grid.size):
             force_lanes(lanes, workspace.added[n], grid.table[SIN, n], grid.table[COS, n])
@@ -132,7 +137,7 @@ def propagate_lanes(lanes, size, added, phase_step, n):
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for i in range(whole_vectors(size)):
         y, w = lanes[Y + old_row + i], lanes[W + old_row + i]
-        y, w, lanes[REMAINDER_BOUND + i], lanes[GUARD + i] = propagate(
+        y, w, _, lanes[GUARD + i] = propagate(
             propagator_in(lanes, i), y, w, (added[0, i], added[1, i]), phase_step
         )
         lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
@@ -151,50 +156,44 @@ def propagate_all_tangents(lanes, size, n):
 
 
 @jit
-def scatter(batch, lo, count, grid, n, recording, carrying):
-    """Take the lanes of these columns to the end of step `n`.
-
-    A lane whose single impact is not proved is resolved alone.
-    """
+def settle(batch, lo, count, grid, n, recording, carrying):
+    """List the impacts of these columns; a lane whose single impact is not proved goes alone."""
     workspace, points, record = batch
     lanes, columns = workspace.lanes, workspace.columns
     theta, new_row = grid.table[THETA, n], (~n & 1) * ROW
-    for j in range(count):
+    if recording:
+        for j in range(count):
+            if columns[PROVED + j] == ONLY:
+                i = workspace.met[lo + j] & (LANES - 1)
+                speed = columns[W_I + j] * points[i].omega
+                list_impact(record.impacts[i], record.sums[i], theta + columns[U + j], speed)
+    bits = ~not_negative(columns, PROVED) & ((1 << count) - 1)
+    while bits != 0:  # terminates: one bit less each time
+        j = lowest_bit(bits)
+        bits &= bits - 1
         i = workspace.met[lo + j] & (LANES - 1)
-        if columns[PROVED + j] != ONLY:
-            if sleeps_until(lanes, i, theta + grid.phase_step):
-                lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
-                if recording:
-                    lanes[SLEPT + i] += 1.0
-            else:
-                resolve_exact_lane(batch, i, j, grid, n, recording, carrying)
-            continue
-        lanes[Y + new_row + i] = columns[Y_T + j]
-        lanes[W + new_row + i] = columns[W_T + j]
-        if carrying:
-            pair = pair_in(columns, PAIR + j, COLUMN_ROW)
-            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
-        if recording:
-            speed = columns[W_I + j] * points[i].omega
-            list_impact(record.impacts[i], record.sums[i], theta + columns[U + j], speed)
+        if sleeps_until(lanes, i, theta + grid.phase_step):
+            lanes[Y + new_row + i] = lanes[W + new_row + i] = 0.0
+            if recording:
+                lanes[SLEPT + i] += 1.0
+        else:
+            resolve_exact_lane(batch, i, j, grid, n, recording, carrying)
 
 
 @jit
 def resolve_exact_lane(batch, i, j, grid, n, recording, carrying):
     """Take lane `i`, which is in column `j`, over step `n` with every impact in it."""
     workspace, points, record = batch
-    lanes, columns, scratch = workspace.lanes, workspace.columns, workspace.scratch
+    lanes, c, scratch = workspace.lanes, workspace.columns, workspace.scratch
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     pt, sums, table, phase_step = points[i], record.sums[i], grid.table, grid.phase_step
     theta = table[THETA, n]
-    eq, was_resting = (
-        coefficients_in(lanes, COEFFICIENTS + COEFFICIENTS_SIZE * i, 1),
-        lanes[LEVEL + i] == AT_REST,
-    )
+    was_resting = lanes[LEVEL + i] == AT_REST
+    eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
     y, w, resting, n_events, rested, status, grazes = exact_step(
-        eq, pt, (lanes[Y + old_row + i], lanes[W + old_row + i], was_resting),
-        (lanes[Y + new_row + i], lanes[W + new_row + i], lanes[REMAINDER_BOUND + i]),
-        Impact(0.0, 0.0, columns[U + j], columns[W_I + j], columns[PROVED + j]),
+        eq, pt, (c[Y_0 + j], c[W_0 + j], was_resting),
+        (c[Y_T + j], c[W_T + j], c[BOUND + j]),
+        Impact(0.0, 0.0, c[U + j], c[W_I + j], c[PROVED + j]),
         (theta, table[SIN, n], table[COS, n]), phase_step, scratch,
     )  # fmt: skip
     lanes[Y + new_row + i], lanes[W + new_row + i] = y, w
@@ -269,7 +268,7 @@ def take_exact_steps(batch, grid, recording, carrying):
         for lo in range(0, listed, COLUMNS):
             count = min(COLUMNS, listed - lo)
             correct_exact_lanes(workspace, lo, count, grid, n, carrying)
-            scatter(batch, lo, count, grid, n, recording, carrying)
+            settle(batch, lo, count, grid, n, recording, carrying)
         if carrying and ((n + 1) % _CHECKED_EVERY == 0 or n + 1 == size):
             stretch_lanes(batch, n + 1)
     if size & 1:

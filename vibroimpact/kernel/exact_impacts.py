@@ -1,22 +1,22 @@
 """Exact impacts side by side: the stages of ``single_impact``, each for many columns at once.
 
-A column is a copy of a lane that may have met the stop. LLVM vectorises the loop of each stage.
-All stages in one loop would be a long chain of operations, each of which waits for the previous
-one. The chain of a single stage is so short that a processor computes several vectors at the same
-time.
+A column is a copy of a lane that may have met the stop. Neighbouring points often meet it in the
+same step, so states are copied as a vector where the lanes lie side by side. LLVM vectorises the
+loop of each stage. All stages in one loop would be a long chain of operations, each of which waits
+for the previous one. The chain of a single stage is so short that a processor computes several
+vectors at the same time.
 """
 
 from __future__ import annotations
 
 from itertools import accumulate
 
-from vibroimpact.jit import inlined, jit, widest_vectors
+from vibroimpact.jit import copy_vector, inlined, jit, transpose, widest_vectors
 from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
-    COEFFICIENTS_SIZE,
     COLUMN_ROW,
+    COLUMNS,
     LANES,
-    REMAINDER_BOUND,
     ROW,
     TANGENTS,
     VECTOR,
@@ -26,6 +26,7 @@ from vibroimpact.kernel.workspace import (
     put_pair,
 )
 from vibroimpact.step.impact import (
+    ONLY,
     all_terms,
     approach,
     expand_near,
@@ -33,21 +34,22 @@ from vibroimpact.step.impact import (
     guess,
     rebound,
 )
-from vibroimpact.step.propagator import Coefficients
+from vibroimpact.step.propagator import Coefficients, remainder_bound
 from vibroimpact.step.scheme import COS, SIN
 from vibroimpact.step.variational import tangents_through_impact
 
 # Where the rows of the columns begin; row + j belongs to column j.
 (
-    # The coefficients of (P), the states at both ends of the step, its remainder bound, the
-    # tangent vectors, the impact, and what is proved of it.
-    COLUMN_COEFFICIENTS, Y_0, W_0, Y_T, W_T, BOUND, PAIR, U, W_I, PROVED,
+    # The coefficients of (P) and the factors of the remainder bound; the states at the start of the
+    # step and at its end without and with the impact; the remainder bound, the tangent vectors, the
+    # impact, and what is proved of it.
+    COLUMN_COEFFICIENTS, _FACTORS, Y_0, W_0, Y_T, W_T, Y_1, W_1, BOUND, PAIR, U, W_I, PROVED,
     # Handed from one stage to the next: the guess, the time left after the impact, the value of the
     # series with its derivatives, and the series.
     _LATE, _T, _R, _VALUES, _SERIES,
     EXACT_COLUMNS,
 ) = accumulate(  # of the number of rows of each
-    (0, *(COLUMN_ROW * n for n in (5, 1, 1, 1, 1, 1, 4, 1, 1, 1, 1, 1, 1, 3, 17)))
+    (0, *(COLUMN_ROW * n for n in (5, 3, 1, 1, 1, 1, 1, 1, 1, 4, 1, 1, 1, 1, 1, 1, 3, 17)))
 )  # fmt: skip
 
 
@@ -90,6 +92,9 @@ def correct_columns(c, vectors, waves, phase_step):
     for j in range(count):
         start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
         c[_LATE + j], c[_T + j] = guess(start, end, phase_step)
+        f = _FACTORS + j
+        factors = c[f], c[f + COLUMN_ROW], c[f + 2 * COLUMN_ROW]
+        c[BOUND + j] = remainder_bound(factors, start[0], start[1])
     for j in range(count):
         start, end = (c[Y_0 + j], c[W_0 + j]), (c[Y_T + j], c[W_T + j])
         eq = coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW)
@@ -110,7 +115,7 @@ def correct_columns(c, vectors, waves, phase_step):
             coefficients_in(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW),
             (c[Y_T + j], c[W_T + j], c[BOUND + j]),
         )
-        c[Y_T + j], c[W_T + j], c[PROVED + j] = rebound(
+        c[Y_1 + j], c[W_1 + j], c[PROVED + j] = rebound(
             eq, free, c[_R + j], c[W_I + j], c[PROVED + j], phase_step
         )
 
@@ -128,23 +133,67 @@ def carry_columns(c, vectors, wave, phase_step):
         put_pair(c, PAIR + j, COLUMN_ROW, pair)
 
 
+@inlined
+def are_neighbours(met, first, count):
+    """Whether `VECTOR` of the `count` lanes listed from index `first` on lie side by side."""
+    return count >= VECTOR and met[first + VECTOR - 1] - met[first] == VECTOR - 1
+
+
+@inlined
+def fill_columns(workspace, lo, count, n, carrying):
+    """Copy `count` listed lanes, from index `lo` on, into columns, at the start of step `n`."""
+    lanes, met, c = workspace.lanes, workspace.met, workspace.columns
+    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
+    for vector in range((count + VECTOR - 1) // VECTOR):
+        j = VECTOR * vector & (COLUMNS - 1)  # these masks show LLVM that no index is negative
+        transpose(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW, lanes, COEFFICIENTS, met, lo + j)
+        if are_neighbours(met, lo + j, count - j):
+            i = met[lo + j] & (LANES - 1)
+            copy_vector(c, Y_0 + j, lanes, Y + old_row + i)
+            copy_vector(c, W_0 + j, lanes, W + old_row + i)
+            copy_vector(c, Y_T + j, lanes, Y + new_row + i)
+            copy_vector(c, W_T + j, lanes, W + new_row + i)
+        else:
+            for q in range(j, min(j + VECTOR, count)):
+                i = met[lo + q] & (LANES - 1)
+                c[Y_0 + q], c[W_0 + q] = lanes[Y + old_row + i], lanes[W + old_row + i]
+                c[Y_T + q], c[W_T + q] = lanes[Y + new_row + i], lanes[W + new_row + i]
+    if carrying:
+        for j in range(count):
+            i = met[lo + j] & (LANES - 1)
+            put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+
+
+@inlined
+def put_columns(workspace, lo, count, n, carrying):
+    """Copy the states at the end of step `n` from the columns of ``fill_columns`` to the lanes."""
+    lanes, met, c = workspace.lanes, workspace.met, workspace.columns
+    new_row = (~n & 1) * ROW
+    for vector in range((count + VECTOR - 1) // VECTOR):
+        j = VECTOR * vector & (COLUMNS - 1)
+        if are_neighbours(met, lo + j, count - j):
+            i = met[lo + j] & (LANES - 1)
+            copy_vector(lanes, Y + new_row + i, c, Y_1 + j)
+            copy_vector(lanes, W + new_row + i, c, W_1 + j)
+        else:
+            for q in range(j, min(j + VECTOR, count)):
+                i = met[lo + q] & (LANES - 1)
+                lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + q], c[W_1 + q]
+    if carrying:
+        for j in range(count):
+            if c[PROVED + j] == ONLY:  # those of a lane at rest must stay finite
+                i = met[lo + j] & (LANES - 1)
+                pair = pair_in(c, PAIR + j, COLUMN_ROW)
+                put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
+
+
 @jit
 def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
-    """Copy `count` listed lanes, from index `lo` on, into columns, and correct step `n` there."""
-    lanes, met, c = workspace.lanes, workspace.met, workspace.columns
-    table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
-    for j in range(count):
-        i = met[lo + j] & (LANES - 1)  # shows LLVM that it is not negative
-        for q in range(5):
-            c[COLUMN_COEFFICIENTS + q * COLUMN_ROW + j] = lanes[
-                COEFFICIENTS + COEFFICIENTS_SIZE * i + q
-            ]
-        c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
-        c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
-        c[BOUND + j] = lanes[REMAINDER_BOUND + i]
-        if carrying:
-            put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
+    """Correct step `n` of `count` listed lanes, from index `lo` on, in columns."""
+    table, c = grid.table, workspace.columns
+    fill_columns(workspace, lo, count, n, carrying)
     wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
     correct_columns(c, vectors, (*wave, table[SIN, n + 1], table[COS, n + 1]), grid.phase_step)
     if carrying:
         carry_columns(c, vectors, wave, grid.phase_step)
+    put_columns(workspace, lo, count, n, carrying)

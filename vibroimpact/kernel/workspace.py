@@ -25,7 +25,7 @@ VECTOR = 8
 ROW, COLUMN_ROW = LANES + 24, COLUMNS + VECTOR
 #: Most steps per period for which the forcing of each step is kept; more do not fit into the cache.
 KEPT = 64
-#: Numbers of a lane from COEFFICIENTS on: one cache line, of which five numbers are used.
+#: Numbers of a lane from COEFFICIENTS on: one cache line.
 COEFFICIENTS_SIZE = 8
 
 # Where the rows of the lanes begin; row + i belongs to lane i. All rows lie in one flat array,
@@ -38,15 +38,16 @@ COEFFICIENTS_SIZE = 8
     # time stepping watches, or AT_REST. WAKE is the phase before which a resting lane is not
     # released, or AWAKE.
     GUARD, LEVEL, WAKE, CLEARANCE, OMEGA,
-    # For exact impacts: the propagator of a step, its forcing and bound, and the steps at rest.
-    PROPAGATOR, FORCING, REMAINDER_BOUND, SLEPT,
+    # For exact impacts: the propagator of a step, its forcing, and the steps at rest.
+    PROPAGATOR, FORCING, SLEPT,
     # For time stepping: the affine map; with the rule ``plain`` also R, the greatest displacement,
     # and the speeds of the impacts in a stride.
     MAP, RESTITUTION, GREATEST, SPEEDS,
-    # The coefficients of (P), not in rows: the numbers of one lane are contiguous.
+    # The coefficients of (P) and the factors of the remainder bound, not in rows: the eight numbers
+    # of one lane are contiguous.
     COEFFICIENTS,
 ) = accumulate(  # of the number of rows of each
-    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 1, 8, 1, 1, 4)))
+    (0, *(ROW * n for n in (2, 2, 8, 1, 1, 1, 1, 1, 7, 6, 1, 8, 1, 1, 4)))
 )  # fmt: skip
 #: The rows of the state with exact impacts, in the units of ``propagator.py``.
 Y, W = POSITION, VELOCITY

@@ -30,8 +30,8 @@ from vibroimpact.step.propagator import INVERSE_FACTORIALS, impulse
 _RESIDUAL, _LAST_CHANGE = 1e-17, 1e-5
 
 #: What ``single_impact`` has proved: nothing; that it found the first impact of the step; that this
-#: impact is also the only one.
-NOTHING, FIRST, ONLY = 0.0, 1.0, 2.0
+#: impact is also the only one, which alone is not negative.
+NOTHING, FIRST, ONLY = -2.0, -1.0, 0.0
 
 
 class Impact(NamedTuple):

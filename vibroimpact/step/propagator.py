@@ -149,6 +149,13 @@ def forced(forcing, s, c):
 
 
 @inlined
+def remainder_bound(factors, y, w):
+    """Return the remainder bound of a whole step from a state, by its ``bound_factors``."""
+    of_y, of_w, of_1 = factors
+    return fma(of_w, abs(w), fma(of_y, abs(y), of_1))
+
+
+@inlined
 def propagate(propagator, y, w, added, phase_step):
     """Take a state over a step as if there were no stop; return y_T, w_T, the bound and the guard.
 
@@ -157,7 +164,7 @@ def propagate(propagator, y, w, added, phase_step):
     third = phase_step * (1.0 / 3.0)
     y_T = y + fma(propagator.yy, y, fma(propagator.yw, w, added[0]))
     w_T = w + fma(propagator.wy, y, fma(propagator.ww, w, added[1]))
-    bound = fma(propagator.bound_w, abs(w), fma(propagator.bound_y, abs(y), propagator.bound_1))
+    bound = remainder_bound((propagator.bound_y, propagator.bound_w, propagator.bound_1), y, w)
     return y_T, w_T, bound, max(fma(0.5, bound, max(fma(third, w, y), fma(-third, w_T, y_T))), y_T)
 
 
