@@ -18,7 +18,7 @@ from vibroimpact.kernel.record import Record
 from vibroimpact.step.contact import Scratch, time_to_release
 
 #: Most points in a batch, a power of 2; and impacts corrected at a time.
-LANES, COLUMNS = 128, 64
+LANES, COLUMNS = 128, 32
 #: Numbers in a vector of 512 bits.
 VECTOR = 8
 #: Distances between rows. Powers of two would put all rows into few sets of the cache.
