@@ -11,7 +11,6 @@ from vibroimpact.jit.compiling import (
 )
 from vibroimpact.jit.intrinsics import (
     claim,
-    copy_vector,
     fma,
     is_set,
     lowest_bit,
@@ -29,7 +28,6 @@ __all__ = [
     "called_before_passes",
     "claim",
     "compiled",
-    "copy_vector",
     "fma",
     "inlined",
     "is_set",

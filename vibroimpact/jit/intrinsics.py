@@ -107,19 +107,6 @@ def _vector_at(context, builder, kind, array, at):
 
 
 @intrinsic
-def copy_vector(context, target, to, source, at):
-    """Copy 8 numbers of `source`, from index `at` on, to `target`, from index `to` on."""
-
-    def generate(context, builder, signature, arguments):
-        target, to, source, at = arguments
-        numbers = builder.load(_vector_at(context, builder, signature.args[2], source, at), align=8)
-        builder.store(numbers, _vector_at(context, builder, signature.args[0], target, to), align=8)
-        return context.get_dummy_value()
-
-    return types.void(target, types.intp, source, types.intp), generate
-
-
-@intrinsic
 def transpose(context, target, to, distance, source, at, lines, first):
     """Copy 8 lines of 8 numbers to rows: number q of line j to target[to + q distance + j].
 

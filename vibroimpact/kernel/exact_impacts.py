@@ -1,17 +1,16 @@
 """Exact impacts side by side: the stages of ``single_impact``, each for many columns at once.
 
-A column is a copy of a lane that may have met the stop. Neighbouring points often meet it in the
-same step, so states are copied as a vector where the lanes lie side by side. LLVM vectorises the
-loop of each stage. All stages in one loop would be a long chain of operations, each of which waits
-for the previous one. The chain of a single stage is so short that a processor computes several
-vectors at the same time.
+A column is a copy of a lane that may have met the stop. LLVM vectorises the loop of each stage.
+All stages in one loop would be a long chain of operations, each of which waits for the previous
+one. The chain of a single stage is so short that a processor computes several vectors at the same
+time.
 """
 
 from __future__ import annotations
 
 from itertools import accumulate
 
-from vibroimpact.jit import copy_vector, inlined, jit, transpose, widest_vectors
+from vibroimpact.jit import inlined, jit, transpose, widest_vectors
 from vibroimpact.kernel.workspace import (
     COEFFICIENTS,
     COLUMN_ROW,
@@ -134,30 +133,17 @@ def carry_columns(c, vectors, wave, phase_step):
 
 
 @inlined
-def are_neighbours(met, first, count):
-    """Whether `VECTOR` of the `count` lanes listed from index `first` on lie side by side."""
-    return count >= VECTOR and met[first + VECTOR - 1] - met[first] == VECTOR - 1
-
-
-@inlined
 def fill_columns(workspace, lo, count, n, carrying):
     """Copy `count` listed lanes, from index `lo` on, into columns, at the start of step `n`."""
     lanes, met, c = workspace.lanes, workspace.met, workspace.columns
     old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
     for vector in range((count + VECTOR - 1) // VECTOR):
-        j = VECTOR * vector & (COLUMNS - 1)  # these masks show LLVM that no index is negative
+        j = VECTOR * vector & (COLUMNS - 1)  # the mask shows LLVM that it is not negative
         transpose(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW, lanes, COEFFICIENTS, met, lo + j)
-        if are_neighbours(met, lo + j, count - j):
-            i = met[lo + j] & (LANES - 1)
-            copy_vector(c, Y_0 + j, lanes, Y + old_row + i)
-            copy_vector(c, W_0 + j, lanes, W + old_row + i)
-            copy_vector(c, Y_T + j, lanes, Y + new_row + i)
-            copy_vector(c, W_T + j, lanes, W + new_row + i)
-        else:
-            for q in range(j, min(j + VECTOR, count)):
-                i = met[lo + q] & (LANES - 1)
-                c[Y_0 + q], c[W_0 + q] = lanes[Y + old_row + i], lanes[W + old_row + i]
-                c[Y_T + q], c[W_T + q] = lanes[Y + new_row + i], lanes[W + new_row + i]
+    for j in range(count):
+        i = met[lo + j] & (LANES - 1)
+        c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
+        c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
     if carrying:
         for j in range(count):
             i = met[lo + j] & (LANES - 1)
@@ -169,16 +155,9 @@ def put_columns(workspace, lo, count, n, carrying):
     """Copy the states at the end of step `n` from the columns of ``fill_columns`` to the lanes."""
     lanes, met, c = workspace.lanes, workspace.met, workspace.columns
     new_row = (~n & 1) * ROW
-    for vector in range((count + VECTOR - 1) // VECTOR):
-        j = VECTOR * vector & (COLUMNS - 1)
-        if are_neighbours(met, lo + j, count - j):
-            i = met[lo + j] & (LANES - 1)
-            copy_vector(lanes, Y + new_row + i, c, Y_1 + j)
-            copy_vector(lanes, W + new_row + i, c, W_1 + j)
-        else:
-            for q in range(j, min(j + VECTOR, count)):
-                i = met[lo + q] & (LANES - 1)
-                lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + q], c[W_1 + q]
+    for j in range(count):
+        i = met[lo + j] & (LANES - 1)
+        lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + j], c[W_1 + j]
     if carrying:
         for j in range(count):
             if c[PROVED + j] == ONLY:  # those of a lane at rest must stay finite
