@@ -1,9 +1,9 @@
 """Branches of periodic orbits in one parameter, with every bifurcation on them.
 
 A branch is continued from an orbit in both directions (``continuation.py``). Its flips and folds
-are located on the way (``special_points.py``). It ends at a graze, at a flip of an orbit of half
-the period, at the edge of the range, or where the mass would rest. Other branches begin at its
-flips and at its grazes.
+are located on the way (``special_points.py``). It ends at a flip of an orbit of half the period, or
+at a graze, at the edge of the range, or where the mass would rest (``ends.py``). Other branches
+begin at its flips and at its grazes.
 """
 
 from __future__ import annotations
@@ -18,16 +18,11 @@ import numpy as np
 
 from vibroimpact.orbits.continuation import continue_branch
 from vibroimpact.orbits.detection import ROUNDING
-from vibroimpact.orbits.family import ContinuationParameter, OrbitFamily
+from vibroimpact.orbits.ends import ending
+from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_long, solved
-from vibroimpact.orbits.special_points import (
-    NEARBY_DISTANCE,
-    doubling,
-    ending,
-    parents_flip,
-    special_points,
-)
+from vibroimpact.orbits.special_points import doubling, parents_flip, special_points
 from vibroimpact.oscillator import Oscillator, refuse_other
 
 #: Number of values of the parameter at which the free oscillation is checked.

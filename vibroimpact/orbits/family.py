@@ -1,4 +1,4 @@
-"""A family of orbits over free parameters; a continuation moves along its points.
+"""A family of orbits over free parameters, its points, and the steps of a path along them.
 
 A point is a vector X of phases and scaled speeds, alternating, then of parameters in units of their
 spans (``corrector.py``).
@@ -7,7 +7,7 @@ spans (``corrector.py``).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from vibroimpact.orbits import corrector
 from vibroimpact.orbits.corrector import FLIP, FOLD, GRAZE, NONE, parameters_at
-from vibroimpact.orbits.detection import ROUNDING, test_functions
+from vibroimpact.orbits.detection import may_miss, test_functions
 from vibroimpact.orbits.flights import first_penetration, values_of
 from vibroimpact.orbits.orbit import PeriodicOrbit, determinant, orbit_of, unit_of_speed
 from vibroimpact.oscillator import Oscillator, one_of
@@ -27,14 +27,17 @@ _NAMES = [field.name for field in fields(Oscillator)]
 MOST_WORK = 2**24
 #: Most iterations of the corrector.
 _MOST_ITERATIONS = 8
+#: A bifurcation that was found belongs to the path if it is closer to it than this, in scaled
+#: unknowns.
+NEARBY_DISTANCE = 1e-3
 #: A speed below this, in the unit of speed, is zero to rounding: a graze.
 _ZERO_SPEED = 1e-12
 #: By rounding, a flight that is known to touch the stop passes it by at most this share of the
 #: clearance.
 _TOUCHES = 1e-9
-#: Where orbits vanish with the force, a force below this share of its range counts as zero: the
-#: equations of the orbits are singular there.
-_VANISHES = 1e-9
+#: The chord of a step deviates from the mean of both tangents by less than this share of the step.
+#: On a circle it does not deviate at all; of 20,000 steps, 11 deviate by more.
+_MOST_OFF = 0.05
 
 
 @dataclass(frozen=True)
@@ -136,20 +139,6 @@ class OrbitFamily:
                 values[..., j][np.abs(values[..., j] - edge) <= parameter.slack] = edge
         return values
 
-    def without_force(self, X: np.ndarray) -> np.ndarray | None:
-        """Return the limit at which orbits vanish with the force; None if X is not near it.
-
-        They vanish if the clearance is 0, since x and v are then proportional to f.
-        """
-        for j, parameter in enumerate(self.parameters):
-            at = 2 * self.q + j
-            if parameter.name == "f" and parameter.low == 0.0 and X[at] < _VANISHES:
-                if self.oscillator(X).clearance == 0.0:
-                    X = X.copy()
-                    X[1 : 2 * self.q : 2] = X[at] = 0.0
-                    return X
-        return None
-
     def oscillator(self, X: np.ndarray) -> Oscillator:
         """Return the oscillator at a point; its parameters stay in their ranges."""
         return replace(self.osc, **dict(zip(self.names, self.kept(X).tolist(), strict=True)))
@@ -221,31 +210,6 @@ class OrbitFamily:
         """Return one of the test functions."""
         return float(test_functions(self.system, X, np.zeros(X.size), self.bounds)[0, number])
 
-    def margin(self, point: Point, reason: Inadmissible) -> float:
-        """Return a number that is 0 where a reason begins, negative beyond; NaN if unknown."""
-        if reason.kind == "speed":
-            return float(point.X[2 * reason.at + 1])
-        if reason.kind == "edge":
-            parameter = self.parameters[reason.at]
-            inside = (reason.where - float(self.kept(point.X)[reason.at])) / parameter.span
-            return inside if reason.where == parameter.high else -inside
-        seen = math.isfinite(point.maximum) and (point.maximum > 0.0) == (
-            point.inadmissible is not None
-        )
-        return -point.maximum if reason.kind == "penetration" and seen else math.nan
-
-    def leaves(self, point: Point) -> bool:
-        """Whether a path is on an edge of a range and goes on beyond it."""
-        ways = zip(self.parameters, self.kept(point.X), point.tangent[2 * self.q :], strict=True)
-        return any(
-            value == (axis.low if along < 0.0 else axis.high) and along != 0.0
-            for axis, value, along in ways
-        )
-
-    def allows(self, point: Point) -> bool:
-        """Whether a point is an orbit, or fails to be one only by rounding."""
-        return point.inadmissible is None or self.margin(point, point.inadmissible) > -ROUNDING
-
     def slowest(self, X: np.ndarray) -> float:
         """Return the slowest speed; on a curve of grazes that of the other impacts, inf if none."""
         speeds = X[1 : 2 * self.q : 2]
@@ -275,3 +239,58 @@ class OrbitFamily:
         if self.kind == "graze" and self.q == 1 and maximum < _TOUCHES * values[-1]:
             return None, maximum  # the free oscillation touches the stop once in each of m periods
         return Inadmissible("penetration", int(flight), float(phase)), maximum
+
+
+@dataclass(frozen=True)
+class ArclengthStep:
+    """An arclength step along a path of orbits."""
+
+    family: OrbitFamily
+    begin: Point
+    end: Point
+    length: float  # along the tangent at `begin`; 0 where a path ends without a further step
+    last: bool = False  # whether the path ends with this step
+    closed: bool = False  # whether it ends where the path began
+    inadmissible: Inadmissible | None = None  # just beyond the end of the last step
+    margin: float = math.nan  # of that, at the end; if Newton fails, the slowest speed
+
+    def place(self, X: np.ndarray) -> float:
+        """Return the position of a point along the tangent, as a share of the step."""
+        return self.family.inner(self.begin.tangent, X - self.begin.X) / self.length
+
+    def between(self, share: float) -> np.ndarray:
+        """Return the unknowns at a share of the chord."""
+        return self.begin.X + share * (self.end.X - self.begin.X)
+
+    def jumps(self) -> bool:
+        """Whether the chord deviates from the mean tangent, as in a jump to another path."""
+        first, second = self.begin.tangent, self.end.tangent
+        mean = (first + second) / (1.0 + self.family.inner(first, second))
+        off = self.end.X - self.begin.X - self.length * mean
+        return self.family.inner(off, off) > (_MOST_OFF * self.length) ** 2
+
+    def may_miss(self) -> bool:
+        """Whether the step may miss roots of test functions, or points that are not orbits."""
+        first, second = self.begin[:3], self.end[:3]
+        return bool(may_miss(self.family.system, *first, *second, self.length))
+
+    def root(self, function: Callable[[np.ndarray], float]) -> np.ndarray | None:
+        """Return the root of a function that changes its sign over the step; None if not found."""
+        from scipy.optimize import brentq
+
+        X, tangent = self.begin.X, self.begin.tangent
+
+        def at(s: float) -> np.ndarray | None:
+            return X if s == 0.0 else self.family.corrected(X + s * tangent, tangent[None, :])
+
+        def along_step(s: float) -> float:
+            Y = at(s)
+            if Y is None:
+                raise ArithmeticError
+            return function(Y)
+
+        try:
+            s = brentq(along_step, 0.0, self.length, xtol=1e-16 * (1.0 + self.length), rtol=1e-14)
+        except (ArithmeticError, ValueError):
+            return None
+        return at(float(s))

@@ -1,15 +1,12 @@
-"""The special points of a step, located to rounding: flips, folds, cusps, meetings, and ends.
+"""The special points of a step, located to rounding: flips, folds, cusps and meetings.
 
-The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). At a
-graze the speed of an impact is zero, or a flight between two impacts touches the stop. Both count
-as an impact of speed zero, so one condition finds them. An orbit of twice the period becomes one of
-half its period where its two halves change places.
+The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). An orbit
+of twice the period becomes one of half its period where its two halves change places.
 
 Cusps are points on a curve of folds where both parameters turn back together. A curve of grazes
-meets curves of flips and folds where the middle coefficient of det(S + mu T) vanishes. The curves
-of flips and folds end there, and wherever else their orbit grazes. A curve of folds of an orbit
-with equal halves ends in a degenerate flip of the half (Kuznetsov, *Elements of Applied Bifurcation
-Theory*, sec. 9.3).
+meets curves of flips and folds where the middle coefficient of det(S + mu T) vanishes. A curve of
+folds of an orbit with equal halves ends in a degenerate flip of the half (Kuznetsov, *Elements of
+Applied Bifurcation Theory*, sec. 9.3).
 """
 
 from __future__ import annotations
@@ -20,16 +17,12 @@ from functools import partial
 
 import numpy as np
 
-from vibroimpact.orbits.continuation import ArclengthStep
-from vibroimpact.orbits.corrector import linearised, null_vector, parameters_at
+from vibroimpact.orbits.corrector import linearised, null_vector
 from vibroimpact.orbits.detection import HEADING, ROUNDING, halves_apart
-from vibroimpact.orbits.family import Inadmissible, OrbitFamily
-from vibroimpact.orbits.flights import state_after
+from vibroimpact.orbits.ends import is_orbit
+from vibroimpact.orbits.family import NEARBY_DISTANCE, ArclengthStep, OrbitFamily
 from vibroimpact.orbits.orbit import PeriodicOrbit
 
-#: A bifurcation that was found belongs to the path if it is closer to it than this, in scaled
-#: unknowns.
-NEARBY_DISTANCE = 1e-3
 #: Greatest difference of the halves of an orbit at which the test of a fold, divided by the square
 #: of it, may be rounding.
 _ALIKE = 1e-4
@@ -37,10 +30,6 @@ _ALIKE = 1e-4
 _ALMOST_ALIKE = 0.05
 #: Root mean square differences of the halves at the points from which this end is extrapolated.
 _BESIDE = (0.02, 0.03, 0.04, 0.05, 0.06)
-#: At the end of a path, an impact slower than this, in the unit of speed, grazes; so does a flight
-#: that turns as near to the stop. The value is not smaller because Newton's method fails at 1e-6
-#: where all impacts of a long orbit graze at once.
-_GRAZES = 1e-5
 
 
 def special_points(
@@ -112,83 +101,6 @@ def _cusp(step: ArclengthStep) -> np.ndarray | None:
 def _heading(step: ArclengthStep, X: np.ndarray) -> np.ndarray:
     """Return the direction of the parameters at a point of a step."""
     return step.family.tangent(X, step.begin.tangent)[-2:]
-
-
-def ending(step: ArclengthStep) -> tuple[str, np.ndarray, PeriodicOrbit]:
-    """Return how a path that is not closed ends, its last point, and the orbit there.
-
-    It ends at an ``edge``, in a ``graze``, in ``rest`` if the mass cannot leave the stop, as at
-    R = 0, in ``penetration``, or is ``lost``. At the graze of a branch the orbit has the impact of
-    speed zero.
-    """
-    family, X, reason = step.family, step.end.X, step.inadmissible
-    if reason is None and family.leaves(step.end):  # as at R = 0, where two impacts may meet
-        return "edge", X, family.orbit(X)
-    kind = "lost" if reason is None or reason.kind == "speed" else "penetration"
-    if reason is not None:
-        limit = family.without_force(X)
-        if limit is not None:
-            return "edge", limit, family.orbit(limit)
-        if reason.kind in ("edge", "rest"):
-            return reason.kind, X, family.orbit(X)
-        found = _graze(family, X, reason) if family.kind == "" else None
-        if found is not None:
-            return found
-    if not step.margin < _GRAZES:
-        return kind, X, family.orbit(X)
-    X = _without_speed(step) if family.kind == "" and kind == "lost" else X
-    return "graze", X, family.orbit(X)
-
-
-def _without_speed(step: ArclengthStep) -> np.ndarray:
-    """Return the end of a branch, on which an impact is slow, along its tangent to speed zero.
-
-    Newton's method fails there where any natural vibration closes the orbit, as at h = 0 and
-    omega = n p.
-    """
-    X, tangent, q = step.end.X, step.end.tangent, step.family.q
-    at = 2 * int(np.argmin(X[1 : 2 * q : 2])) + 1
-    if not -X[at] / NEARBY_DISTANCE > tangent[at]:  # it becomes no slower
-        return X
-    X = X - X[at] / tangent[at] * tangent
-    X[at] = 0.0
-    return X
-
-
-def _graze(
-    family: OrbitFamily, X: np.ndarray, reason: Inadmissible
-) -> tuple[str, np.ndarray, PeriodicOrbit] | None:
-    """Return the graze near the end of a branch, as `ending` does; None if there is none."""
-    grazing, Y, index = family, X, reason.at
-    if reason.kind == "penetration":
-        grazing, Y = _with_touch(family, X, reason)
-        index += 1
-    Z = grazing.bifurcation(Y, "graze", index)
-    if Z is None or not grazing.distance(Z, Y) < NEARBY_DISTANCE:
-        return None
-    last = Z if grazing is family else np.delete(Z, [2 * index, 2 * index + 1])
-    return "graze", last, grazing.orbit(Z)
-
-
-def _with_touch(
-    family: OrbitFamily, X: np.ndarray, reason: Inadmissible
-) -> tuple[OrbitFamily, np.ndarray]:
-    """Return the family and the point with one more impact, of speed zero.
-
-    This impact is at the highest point of the flight that crosses the stop.
-    """
-    at, values = reason.at, parameters_at(family.system, X)
-    omega, theta, v = family.oscillator(X).omega, X[2 * at], X[2 * at + 1] * family.speed
-    tau = (reason.where - theta) / omega
-    for _ in range(20):
-        _, u, a = state_after(values, theta, v, tau)
-        if abs(u / a) < 1e-12 * tau:
-            break
-        tau -= u / a
-    Y = np.insert(X, 2 * at + 2, (theta + omega * tau, 0.0))
-    z = Y[: 2 * family.q + 2].reshape(-1, 2)
-    touching = PeriodicOrbit(family.oscillator(X), family.m, z[:, 0], z[:, 1] * family.speed)
-    return OrbitFamily(touching, family.parameters, speed=family.speed), Y
 
 
 def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
@@ -271,7 +183,7 @@ def _edge_beside(
     guess = doubling(halves, Y, family.speed)[0] + math.sqrt(square) * plane
     guess[at] = edge
     X = family.corrected(guess, np.array([plane, axis]))
-    if X is None or not family.allows(family.point(X, np.zeros(X.size))):
+    if X is None or not is_orbit(family, family.point(X, np.zeros(X.size))):
         return None
     return X, "edge", family.orbit(X)
 
@@ -286,7 +198,7 @@ def _doubled(
     family: OrbitFamily, halves: OrbitFamily, Y: np.ndarray | None
 ) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
     """Return a flip of the half orbits as `parents_flip` does; None if it is not a flip."""
-    if Y is None or not halves.allows(halves.point(Y, np.zeros(Y.size))):
+    if Y is None or not is_orbit(halves, halves.point(Y, np.zeros(Y.size))):
         return None
     return doubling(halves, Y, family.speed)[0], "flip", halves.orbit(Y)
 
