@@ -92,7 +92,7 @@ def test_the_flips_of_long_orbits_end_where_those_of_two_periods_do(m, q, omega,
     assert {p.kind for p in found.special} <= {"graze", "edge"}
     assert len(found.values) < 60
     for (f, omega), phases, speeds in zip(found.values, found.phases, found.speeds, strict=True):
-        if speeds.min() > 0.01:
+        if speeds.min() > 0.02:  # below, the rounding of the phases alone may be seen
             orbit = PeriodicOrbit(replace(SCENE, f=f, omega=omega), m, phases, speeds)
             assert np.abs(orbit.multipliers + 1.0).min() < 1e-10
 
@@ -148,8 +148,8 @@ def test_the_graze_of_a_doubled_orbit_is_not_lost_where_newtons_method_fails(mon
     speeds = np.array([0.181186, 0.0, 0.247833, 0.268621, 0.217353])
     start = PeriodicOrbit(osc, 8, phases, speeds)
     found = bifurcation_curve(start, "graze", ("omega", 4.0, 5.2), ("R", 0.2, 1.0))
-    assert [point.kind for point in found.special] == ["edge", "flip", "fold", "graze"]
-    end = found.special[-1].orbit
+    assert [point.kind for point in found.special] == ["graze", "fold", "flip", "edge"]
+    end = found.special[0].orbit
     half = np.flatnonzero(end.speeds)[:2]
     orbit = PeriodicOrbit(end.oscillator, 4, end.phases[half], end.speeds[half])
     assert orbit.multipliers.real.min() == pytest.approx(-1.0, abs=1e-4)
@@ -307,7 +307,7 @@ def test_a_curve_of_folds_that_ends_where_no_energy_is_lost_has_no_cusp_there():
     start = PeriodicOrbit(osc, 1, np.array([6.270993163818162]), np.array([0.2432289187730071]))
     found = bifurcation_curve(start, "fold", ("f", 0.0, 3.0), ("R", 0.05, 1.0))
     assert [point.kind for point in found.special] == ["edge", "edge"]
-    assert found.special[1].value.tolist() == [0.0, 1.0]
+    assert found.special[0].value.tolist() == [0.0, 1.0]
 
 
 def test_a_graze_that_newtons_method_finds_elsewhere_is_not_the_end_of_a_branch(monkeypatch):
@@ -484,8 +484,8 @@ def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind(
     start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
     ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
     found = bifurcation_curve(start, "fold", *ranges)
-    assert [point.kind for point in found.special] == ["graze", "flip"]
-    assert found.special[1].value == pytest.approx([-0.03049523, 0.90218745], abs=1e-8)
+    assert [point.kind for point in found.special] == ["flip", "graze"]
+    assert found.special[0].value == pytest.approx([-0.03049523, 0.90218745], abs=1e-8)
     assert not orbits_twice(found)
     for i in range(1, len(found.values) - 1):
         again = bifurcation_curve(found.orbit(i), "fold", *ranges)
@@ -520,17 +520,17 @@ def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, 
     )  # fmt: skip
     start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
     ranges = [("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)]
-    flip = bifurcation_curve(start, "fold", *ranges).special[1].value
+    flip = bifurcation_curve(start, "fold", *ranges).special[0].value
     slopes, sizes = [], []
     for away in (1e-4, 1e-6, 1e-7, 1e-8):
         edge, (name, low, high) = flip[axis] + inside * away, ranges[axis]
         cut = ranges.copy()
         cut[axis] = (name, edge, high) if inside > 0.0 else (name, low, edge)
         found = bifurcation_curve(start, "fold", *cut)
-        assert [point.kind for point in found.special] == ["graze", "edge"]
-        end = found.special[1]
+        assert [point.kind for point in found.special] == ["edge", "graze"]
+        end = found.special[0]
         assert end.value[axis] == edge
-        assert end.value.tolist() == found.values[-1].tolist()
+        assert end.value.tolist() == found.values[0].tolist()
         assert (end.orbit.m, end.orbit.q) == (6, 4)
         assert why_inadmissible(end.orbit) == ""
         slopes.append((end.value[1 - axis] - flip[1 - axis]) / away)
@@ -624,6 +624,6 @@ def test_a_curve_of_grazes_ends_at_the_edge_where_two_impacts_meet():
     start = periodic_orbit(Oscillator(h=h, R=0.5, omega=1.3, f=1.0, clearance=clearance), -0.3, 0.0)
     found = bifurcation_curve(start, "graze", ("R", 0.0, 1.0), ("omega", 0.65, 2.21))
     assert [point.kind for point in found.special] == ["edge", "edge"]
-    end = found.special[-1]
+    end = found.special[0]
     assert end.value[0] == 0.0
     assert end.value[1] == pytest.approx(brentq(misses, 1.6, 1.8, xtol=1e-15), abs=1e-8)

@@ -1,27 +1,33 @@
 """Newton's method onto orbits, branches of them and curves of bifurcations: one corrector.
 
 A vector of unknowns X holds the phases and scaled speeds of q impacts, alternating, z_1 .. z_q, and
-then k free parameters in units of their spans. With k free parameters the orbits are a manifold of
-k dimensions: k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of bifurcation
-is a curve. The linearised flights (``flights.py``) couple an impact only to the next one,
+then k free parameters p in units of their spans. With k free parameters the orbits are a manifold
+of k dimensions: k = 0 is an orbit, k = 1 a branch, k = 2 a surface on which each kind of
+bifurcation is a curve. The linearised flights (``flights.py``) and the planes given by a predictor
+are linear equations. Each impact gets parameters of its own, so that an equation of a flight has
+only the unknowns of two impacts,
 
-    A_i z_i + B_i z_{i+1} = r_i,    z_{q+1} = mu z_1,    mu = 1.
+    A_i z_i + D_i p_i + B_i z_{i+1} = r_i,    p_i - p_{i+1} = 0,    z_{q+1} = z_1.
 
-Givens rotations of determinant +1 with positive pivots eliminate z_2 .. z_q one by one, as in the
-structured solvers for boundary value problems (Ascher, Mattheij & Russell 1995, ch. 7), so every
-cost is proportional to the number of impacts. What remains is S z_1 + T z_{q+1} = r. det(S + mu T)
-is the determinant of the whole matrix J(mu) divided by the positive pivots: a quadratic in mu whose
-roots are the Floquet multipliers, and which is regular where an impact grazes. The remaining two
-equations have a particular solution and k null vectors. They are found without inverting anything
-that is singular at a fold.
+Their matrix is factorised as J = L Q by Householder reflections (Golub & Van Loan, *Matrix
+Computations*, ch. 5). With J x = r this gives the shortest solution, and the last rows of Q are an
+orthonormal basis of the null space: at a fold like anywhere else, and also where an impact grazes.
+With one plane for each parameter the shortest solution is the Newton step. With one plane less the
+condition of a bifurcation says how far to go along the null vector,
 
-Further conditions choose one of these solutions: planes given by the predictor, and the
-bifurcation,
+    flip, fold:  det J(mu) = 0 at mu = -1, +1;      graze:  v_k = 0.
 
-    flip, fold:  det(S + mu T) = 0 at mu = -1, +1;      graze:  v_k = 0.
+J(mu) is the matrix of the flights with z_{q+1} = mu z_1. Its determinant is a quadratic in mu whose
+roots are the Floquet multipliers. With z_{i+1} = M_i / det(B_i) z_i, M_i = -adj(B_i) A_i, it is
+
+    det J(mu) = c0 + c1 mu + c2 mu^2 = prod det A_i - mu trace(M_q .. M_1) + mu^2 prod det B_i,
+
+where no speed is divided by. It is divided by the volume of the rows of all flights but the last,
+the product of the diagonal of L, and so is a smooth function of a convenient size, which is regular
+where an impact grazes.
 
 Derivatives with respect to z are exact. Those with respect to parameters, and those of
-det(S + mu T), are central differences: they steer the iteration, but its limit does not depend on
+det J(mu), are central differences: they steer the iteration, but its limit does not depend on
 them. Loops are written out, because numba compiles them in a tenth of the time that it takes for
 slices and array expressions.
 """
@@ -46,8 +52,8 @@ FLIGHT_DIFFERENCE = 6e-6
 #: narrow span is a large number: the step is at least ``_DIFFERENCE_SHARE`` of it, far above its
 #: rounding, but at most the step for flights.
 _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
-#: The rank is lost if only this share of a row remains when it is orthogonalised.
-_RANK = 1e-14
+#: Equations count as dependent if only this share of a row is orthogonal to the rows before it.
+_INDEPENDENT = 1e-14
 #: The iteration ends after a step shorter than the first, or after a step that is shorter than the
 #: second and longer than half the step before it.
 _CONVERGED, _STALLED = 1e-12, 1e-7
@@ -67,6 +73,19 @@ class System(NamedTuple):
     condition: int  # the bifurcation to move onto
     graze: int  # index of the impact that grazes
     work: np.ndarray  # receives the number of time steps taken, (1,)
+
+
+class Equations(NamedTuple):
+    """The linearised flights and planes, with k parameters; the last impact has l planes.
+
+    Each impact has a block of 2 + k unknowns and as many equations; the last has 2 + l equations.
+    """
+
+    A: np.ndarray  # factors of the impact before each flight, (q, 2, 2)
+    B: np.ndarray  # factors of the impact after it, (q, 2, 2)
+    D: np.ndarray  # factors of the parameters, (q, 2, k)
+    planes: np.ndarray  # vectors of which `inner` is taken with the solution, (l, 2 q + k)
+    right: np.ndarray  # right-hand sides of the equations that are solved
 
 
 @jit
@@ -116,224 +135,184 @@ def _largest(F):
 
 
 @jit
-def _rotate(W, a, b, column):
-    """Make W[b, column] zero by rotating the rows a and b; W[a, column] is then >= 0."""
-    r = math.hypot(W[a, column], W[b, column])
-    if r == 0.0:
-        return
-    c, s = W[a, column] / r, W[b, column] / r
-    for j in range(W.shape[1]):
-        upper, lower = W[a, j], W[b, j]
-        W[a, j] = c * upper + s * lower
-        W[b, j] = c * lower - s * upper
+def _set_row(equations, row, w):
+    """Set w to a row of J."""
+    A, B, D = equations.A, equations.B, equations.D
+    q, block = A.shape[0], 2 + D.shape[2]
+    i, of_block = row // block, row % block
+    for j in range(w.size):
+        w[j] = 0.0
+    if of_block < 2:
+        for j in range(2):
+            w[block * i + j] = A[i, of_block, j]
+        for j in range(2, block):
+            w[block * i + j] = D[i, of_block, j - 2]
+        for j in range(2):
+            w[block * ((i + 1) % q) + j] += B[i, of_block, j]
+    elif i + 1 < q:
+        w[row], w[row + block] = 1.0, -1.0
+    else:
+        for j in range(w.size):
+            at = 2 * (j // block) + j % block if j % block < 2 else 2 * q + j % block - 2
+            w[j] = equations.planes[of_block - 2, at] / q
 
 
 @jit
-def _condense(A, B, right, kept):
-    """Eliminate all impacts but the first from flights with right-hand sides, shape (q, 2, k).
+def _reflect(V, row, block, w):
+    """Apply the Householder reflection I - v v^T to a vector, in place."""
+    start, product = row - row % block, 0.0
+    stop = min(start + V.shape[1], w.size)
+    for j in range(start, stop):
+        product += V[row, j - start] * w[j]
+    for j in range(start, stop):
+        w[j] -= product * V[row, j - start]
 
-    The last two rows of the result, shape (4, 6 + k), contain S, T and their right-hand sides, from
-    the third column on. `kept`, shape (q, 2, 6 + k), receives the rows from which z_2 .. z_q are
-    found: their factors of z_i, z_1 and z_{i+1}, and the right-hand sides. Its first entry is not
-    used.
+
+@jit
+def _factorise(equations, V, diagonal, w, y):
+    """Find Q as reflections, the diagonal of L, and y, with L y = r; False if rows are dependent.
+
+    Each v has elements in the block of its row and in the next, which are a row of V, shape
+    (rows, 2 (2 + k)). `w` is overwritten.
     """
-    q, k = A.shape[0], right.shape[2]
-    W = np.zeros((4, 6 + k))
-    for i in range(q):
-        for row in range(2):
-            for j in range(2):
-                # The remainder of the flights so far becomes the upper rows: z_i was z_{i+1}.
-                W[row, j], W[row, 2 + j], W[row, 4 + j] = W[2 + row, 4 + j], W[2 + row, 2 + j], 0.0
-                W[2 + row, j], W[2 + row, 2 + j] = A[i, row, j], 0.0
-                W[2 + row, 4 + j] = B[i, row, j]
-            for j in range(k):
-                W[row, 6 + j], W[2 + row, 6 + j] = W[2 + row, 6 + j], right[i, row, j]
-        if i == 0:
-            for row in range(2, 4):
-                for j in range(2):
-                    W[row, j], W[row, 2 + j] = 0.0, W[row, j]
-            continue
-        for row in range(1, 4):
-            _rotate(W, 0, row, 0)
-        for row in range(2, 4):
-            _rotate(W, 1, row, 1)
-        for row in range(2):
-            for j in range(6 + k):
-                kept[i, row, j] = W[row, j]
-    return W
+    q, block = equations.A.shape[0], 2 + equations.D.shape[2]
+    for row in range(equations.right.size):
+        _set_row(equations, row, w)
+        i = row // block
+        # Only the last impact shares unknowns with impacts other than those beside it.
+        first = block * (i - 1) if 0 < i < q - 1 else 0
+        left, before, rest = equations.right[row], 0.0, 0.0
+        for j in range(first, row):
+            _reflect(V, j, block, w)
+        for j in range(first, row):
+            left -= w[j] * y[j]
+            before += w[j] * w[j]
+        stop = min(block * (i + 2), w.size)
+        for j in range(row, stop):
+            rest += w[j] * w[j]
+        if not rest > _INDEPENDENT**2 * (before + rest):
+            return False
+        diagonal[row] = -math.copysign(math.sqrt(rest), w[row])
+        y[row] = left / diagonal[row]
+        w[row] -= diagonal[row]
+        scale = 1.0 / math.sqrt(-diagonal[row] * w[row])
+        for j in range(row, stop):
+            V[row, j - block * i] = scale * w[j]
+    return True
 
 
 @jit
-def _expand(kept, z, weights, mu):
-    """Fill z_2 .. z_q from z_1, with z_{q+1} = mu z_1; `weights` combine the right-hand sides."""
-    q = kept.shape[0]
-    for i in range(q - 1, 0, -1):
-        factor, at = (mu, 0) if i + 1 == q else (1.0, 2 * i + 2)
-        for row in range(1, -1, -1):
-            left = 0.0
-            for j in range(weights.size):
-                left += kept[i, row, 6 + j] * weights[j]
-            for j in range(2):
-                left -= kept[i, row, 2 + j] * z[j] + kept[i, row, 4 + j] * factor * z[at + j]
-            if row == 0:
-                left -= kept[i, 0, 1] * z[2 * i + 1]
-            z[2 * i + row] = left / kept[i, row, row]
+def _solve(equations, P, N):
+    """Find the shortest solution P and an orthonormal basis N; False if equations are dependent."""
+    q, block, rows = equations.A.shape[0], 2 + equations.D.shape[2], equations.right.size
+    V, w, y = np.zeros((rows, 2 * block)), np.empty(q * block), np.zeros(q * block)
+    independent = _factorise(equations, V, np.empty(rows), w, y)
+    for number in range(-1, N.shape[0]):
+        vector = P if number < 0 else N[number]
+        for j in range(w.size):
+            w[j] = y[j] if number < 0 else 0.0
+        if number >= 0:  # one of the last rows of Q, in units in which its ``inner`` is 1
+            w[rows + number] = math.sqrt(q)
+        for row in range(rows - 1, -1, -1):
+            _reflect(V, row, block, w)
+        for j in range(2 * q):
+            vector[j] = w[block * (j // 2) + j % 2]
+        for j in range(2, block):
+            vector[2 * q + j - 2] = w[j]
+    return independent
 
 
 @jit
-def null_vector(A, B, mu):
-    """Return z, (2 q,), with A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu."""
+def _without_last(A, B):
+    """Return the equations of all flights but the last."""
     q = A.shape[0]
-    kept, z = np.empty((q, 2, 6)), np.empty(2 * q)
-    W = _condense(A, B, np.empty((q, 2, 0)), kept)
-    largest = -1.0
-    for row in range(2, 4):
-        first, second = W[row, 2] + mu * W[row, 4], W[row, 3] + mu * W[row, 5]
-        if math.hypot(first, second) > largest:
-            largest = math.hypot(first, second)
-            z[0], z[1] = second, -first
-    _expand(kept, z, np.empty(0), mu)
-    return z
+    return Equations(A, B, np.empty((q, 2, 0)), np.empty((0, 2 * q)), np.zeros(2 * q - 2))
 
 
 @jit
 def characteristic(A, B):
-    """Return c0, c1, c2 of det(S + mu T) = c0 + c1 mu + c2 mu^2."""
-    q = A.shape[0]
-    W = _condense(A, B, np.empty((q, 2, 0)), np.empty((q, 2, 6)))
-    a, b, c, d = W[2, 2], W[2, 3], W[3, 2], W[3, 3]  # S
-    e, f, g, h = W[2, 4], W[2, 5], W[3, 4], W[3, 5]  # T
-    return a * d - b * c, a * h + e * d - b * g - f * c, e * h - f * g
+    """Return c0, c1, c2 of det J(mu), divided by the volume of all flights but the last."""
+    q, c0, M, c2 = A.shape[0], 1.0, np.zeros((2, 2)), 1.0
+    V, diagonal = np.zeros((2 * q - 2, 4)), np.ones(2 * q)
+    _factorise(_without_last(A, B), V, diagonal, np.empty(2 * q), np.empty(2 * q - 2))
+    M[0, 0] = M[1, 1] = 1.0
+    for i in range(q):
+        volume = abs(diagonal[2 * i] * diagonal[2 * i + 1])
+        c0 *= (A[i, 0, 0] * A[i, 1, 1] - A[i, 0, 1] * A[i, 1, 0]) / volume
+        c2 *= (B[i, 0, 0] * B[i, 1, 1] - B[i, 0, 1] * B[i, 1, 0]) / volume
+        for j in range(2):  # M becomes -adj(B_i) A_i M
+            upper = (A[i, 0, 0] * M[0, j] + A[i, 0, 1] * M[1, j]) / volume
+            lower = (A[i, 1, 0] * M[0, j] + A[i, 1, 1] * M[1, j]) / volume
+            M[0, j] = B[i, 0, 1] * lower - B[i, 1, 1] * upper
+            M[1, j] = B[i, 1, 0] * upper - B[i, 0, 0] * lower
+    return c0, -M[0, 0] - M[1, 1], c2
 
 
 @jit
-def _right_hand_sides(system, X, F):
-    """Return the negative residuals and their derivatives with respect to the parameters."""
+def null_vector(A, B, mu):
+    """Return z, (2 q,), with A_i z_i + B_i z_{i+1} = 0, z_{q+1} = mu z_1, for a multiplier mu.
+
+    Its first element, the phase of the first impact, is not negative.
+    """
+    n, largest = 2 * A.shape[0], -1.0
+    N, z, last = np.empty((2, n)), np.empty(n), np.zeros(2)
+    _solve(_without_last(A, B), np.empty(n), N)
+    for row in range(2):
+        for i in range(2):
+            last[i] = 0.0
+            for j in range(2):
+                last[i] += A[-1, row, j] * N[i, n - 2 + j] + mu * B[-1, row, j] * N[i, j]
+        if math.hypot(last[0], last[1]) > largest:
+            largest = math.hypot(last[0], last[1])
+            for j in range(n):
+                z[j] = last[1] * N[0, j] - last[0] * N[1, j]
+    if z[0] < 0.0:
+        for j in range(n):
+            z[j] = -z[j]
+    return z
+
+
+@jit
+def _parameter_slopes(system, X):
+    """Return the derivatives of the residuals with respect to the free parameters, (q, 2, k)."""
     q, values = system.q, parameters_at(system, X)
-    right = np.empty((q, 2, 1 + system.free.size))
-    for i in range(q):
-        right[i, 0, 0], right[i, 1, 0] = -F[i, 0], -F[i, 1]
+    D = np.empty((q, 2, system.free.size))
     system.work[0] += 2 * system.free.size * time_steps(values, system.m, q)
     for j in range(system.free.size):
         at, span = system.free[j], system.spans[j]
         value = values[at]
         step = FLIGHT_DIFFERENCE * min(span, max(abs(value), 0.1 * span))
         values[at] = value + step
-        up, _, _ = residuals(values, system.m, system.speed, X, q)
+        above, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value - step
-        down, _, _ = residuals(values, system.m, system.speed, X, q)
+        below, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value
         for i in range(q):
             for row in range(2):
-                change = down[i, row] - up[i, row]
-                right[i, row, 1 + j] = change * (0.5 * span / step)
-    return right
+                D[i, row, j] = (above[i, row] - below[i, row]) * (0.5 * span / step)
+    return D
 
 
 @jit
-def _orthogonalise(basis, count):
-    """Make row `count` orthogonal to the rows before it; return its length, then make it 1."""
-    n, length = basis.shape[1], 0.0
-    for _ in range(2):
-        for j in range(count):
-            product = 0.0
-            for i in range(n):
-                product += basis[count, i] * basis[j, i]
-            for i in range(n):
-                basis[count, i] -= product * basis[j, i]
-    for i in range(n):
-        length += basis[count, i] ** 2
-    length = math.sqrt(length)
-    for i in range(n):
-        basis[count, i] /= length
-    return length
-
-
-@jit
-def _short_basis(rows, basis):
-    """Fill an orthonormal basis whose first two vectors span two rows; False if there is none."""
-    n = basis.shape[0]
-    for i in range(2):
-        size = 0.0
-        for j in range(n):
-            basis[i, j] = rows[i, j]
-            size += rows[i, j] ** 2
-        if not _orthogonalise(basis, i) > _RANK * math.sqrt(size):
-            return False
-    for i in range(2, n):
-        most, best = -1.0, 0
-        for unit in range(n + 1):
-            chosen = unit if unit < n else best
-            for j in range(n):
-                basis[i, j] = 1.0 if j == chosen else 0.0
-            left = _orthogonalise(basis, i)
-            if left > most:
-                most, best = left, chosen
-    return True
-
-
-@jit
-def _particular(W, rows, basis):
-    """Replace the second vector of a basis by a solution in the span of the first two."""
-    n, on = basis.shape[0], np.zeros((2, 2))  # the rows in the basis
-    for i in range(2):
-        for j in range(2):
-            for unit in range(n):
-                on[i, j] += rows[i, unit] * basis[j, unit]
-    first = W[2, 6] / on[0, 0]
-    second = (W[3, 6] - on[1, 0] * first) / on[1, 1]
-    for unit in range(n):
-        basis[1, unit] = first * basis[0, unit] + second * basis[1, unit]
-
-
-@jit
-def _orthonormalise(N, P, q):
-    """Make null vectors orthonormal, and take the shortest solution, which keeps slow impacts."""
-    for i in range(N.shape[0] + 1):
-        vector = N[i] if i < N.shape[0] else P
-        for row in range(i):
-            product = inner(vector, N[row], q)
-            for j in range(vector.size):
-                vector[j] -= product * N[row, j]
-        length = math.sqrt(inner(vector, vector, q)) if i < N.shape[0] else 1.0
-        for j in range(vector.size):
-            vector[j] /= length
-
-
-@jit
-def _solution_space(system, X, P, N):
-    """Find all solutions of the linearised flights: the shortest, P, and null vectors, N (k, n).
+def _newton_step(system, X, origin, planes, P, N):
+    """Set P to the shortest step onto the linearised orbits in planes, and N to null vectors.
 
     Return the largest residual; inf if impacts are out of order or the rank is lost.
     """
-    q, k = system.q, system.free.size
+    q = system.q
     F, A, B = linearised(system, X)
     size = _largest(F)
     if not size < math.inf:
         return math.inf
-    kept = np.empty((q, 2, 7 + k))
-    W = _condense(A, B, _right_hand_sides(system, X, F), kept)
-    rows, basis = np.empty((2, 2 + k)), np.empty((2 + k, 2 + k))
-    for i in range(2):
-        for j in range(2):
-            rows[i, j] = W[2 + i, 2 + j] + W[2 + i, 4 + j]
-        for j in range(k):
-            rows[i, 2 + j] = -W[2 + i, 7 + j]
-    if not _short_basis(rows, basis):
-        return math.inf
-    _particular(W, rows, basis)
-    weights = np.empty(1 + k)
-    for i in range(1 + k):
-        vector = N[i - 1] if i else P
-        weights[0] = 0.0 if i else 1.0
-        for j in range(2 + k):
-            at = j if j < 2 else 2 * q + j - 2
-            vector[at] = basis[1 + i, j]
-        for j in range(k):
-            weights[1 + j] = basis[1 + i, 2 + j]
-        _expand(kept, vector, weights, 1.0)
-    _orthonormalise(N, P, q)
-    return size
+    block = 2 + system.free.size
+    right = np.zeros(block * (q - 1) + 2 + planes.shape[0])
+    for i in range(q):
+        right[block * i], right[block * i + 1] = -F[i, 0], -F[i, 1]
+    for i in range(planes.shape[0]):
+        at = block * (q - 1) + 2 + i
+        right[at] = inner(planes[i], origin, q) - inner(planes[i], X, q)
+    equations = Equations(A, B, _parameter_slopes(system, X), planes, right)
+    return size if _solve(equations, P, N) else math.inf
 
 
 @jit
@@ -372,44 +351,18 @@ def _gradient(system, X, along):
 @jit
 def tangent(system, X):
     """Return the direction of a branch (k = 1) or a curve (k = 2); NaN if there is none."""
-    k = system.free.size
-    P, N = np.empty(X.size), np.empty((k, X.size))
-    if not _solution_space(system, X, P, N) < math.inf:
+    k, P = system.free.size, np.empty(X.size)
+    N = np.empty((k, X.size))
+    if not _newton_step(system, X, X, np.empty((0, X.size)), P, N) < math.inf:
         P[0] = math.nan
         return P
     if k == 1:
         return N[0].copy()
     first, second = _gradient(system, X, N[0]), _gradient(system, X, N[1])
+    size = math.hypot(first, second)
     for i in range(X.size):
-        P[i] = second * N[0, i] - first * N[1, i]
-    length = math.sqrt(inner(P, P, system.q))
-    for i in range(X.size):
-        P[i] /= length
+        P[i] = (second * N[0, i] - first * N[1, i]) / size
     return P
-
-
-@jit
-def _choose(system, X, origin, planes, P, N):
-    """Make P the only solution that meets the further conditions."""
-    k, q = system.free.size, system.q
-    G, g, Y = np.zeros((k, k)), np.zeros(k), moved(X, 1.0, P)
-    for i in range(planes.shape[0]):
-        g[i] = inner(planes[i], origin, q) - inner(planes[i], Y, q)
-        for j in range(k):
-            G[i, j] = inner(planes[i], N[j], q)
-    if planes.shape[0] < k:
-        g[k - 1] = -_condition(system, Y)
-        for j in range(k):
-            G[k - 1, j] = _gradient(system, Y, N[j])
-    if k == 1:
-        for i in range(X.size):
-            P[i] += g[0] / G[0, 0] * N[0, i]
-    elif k == 2:
-        det = G[0, 0] * G[1, 1] - G[0, 1] * G[1, 0]
-        first = (g[0] * G[1, 1] - g[1] * G[0, 1]) / det
-        second = (g[1] * G[0, 0] - g[0] * G[1, 0]) / det
-        for i in range(X.size):
-            P[i] += first * N[0, i] + second * N[1, i]
 
 
 @jit
@@ -445,13 +398,15 @@ def correct(system, X, planes, most):
     planes, the condition of the system is the last equation. There are at most `most` iterations.
     """
     k, q = system.free.size, system.q
-    origin, P, N = X.copy(), np.empty(X.size), np.empty((k, X.size))
+    origin, P, N = X.copy(), np.empty(X.size), np.empty((k - planes.shape[0], X.size))
     before = math.inf
     for _ in range(most):
-        size = _solution_space(system, X, P, N)
+        size = _newton_step(system, X, origin, planes, P, N)
         if not size < math.inf:
             return False
-        _choose(system, X, origin, planes, P, N)
+        if k > planes.shape[0]:  # the condition decides how far to go along the null vector
+            Y = moved(X, 1.0, P)
+            P = moved(P, -_condition(system, Y) / _gradient(system, Y, N[0]), N[0])
         length = math.sqrt(inner(P, P, q))
         if not length < 1e6:
             return False

@@ -48,7 +48,8 @@ def bifurcation_curve(
     Returns
     -------
     Branch
-        A curve of that `kind`, with two parameters.
+        A curve of that `kind`, with two parameters. Where the bifurcation was found, the first
+        parameter increases from point to point.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def bifurcation_curve(
     tangent = family.tangent(family.start)
     if not np.isfinite(tangent).all():
         raise OrbitError(f"the {kind} does not go on in {first[0]} and {second[0]}")
-    return both_directions(family, tangent)
+    return both_directions(family, -tangent if tangent[-2] < 0.0 else tangent)
 
 
 def _bifurcation(

@@ -3,8 +3,8 @@
 Along a branch or a curve the test functions are smooth:
 
     the distances of the free parameters from both edges of their ranges;
-    on a branch the flip and the fold, det(S + mu T) at mu = -1 and +1 (``corrector.py``); on a
-    curve of grazes their meeting, the middle coefficient of det(S + mu T).
+    on a branch the flip and the fold, det J(mu) at mu = -1 and +1 (``corrector.py``); on a
+    curve of grazes their meeting, the middle coefficient of det J(mu).
 
 The signs at both ends of a step show one root, but not two. The values and slopes there give the
 cubic Hermite interpolant. It has no more roots than the control polygon of its Bernstein form has

@@ -1,10 +1,10 @@
 """The special points of a step, located to rounding: flips, folds, cusps and meetings.
 
-The test functions of flip and fold are det(S + mu T) at mu = -1 and +1 (``corrector.py``). An orbit
+The test functions of flip and fold are det J(mu) at mu = -1 and +1 (``corrector.py``). An orbit
 of twice the period becomes one of half its period where its two halves change places.
 
 Cusps are points on a curve of folds where both parameters turn back together. A curve of grazes
-meets curves of flips and folds where the middle coefficient of det(S + mu T) vanishes. A curve of
+meets curves of flips and folds where the middle coefficient of det J(mu) vanishes. A curve of
 folds of an orbit with equal halves ends in a degenerate flip of the half (Kuznetsov, *Elements of
 Applied Bifurcation Theory*, sec. 9.3).
 """
