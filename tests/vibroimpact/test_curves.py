@@ -475,13 +475,18 @@ def test_a_curve_of_folds_ends_at_an_edge_that_comes_before_its_degenerate_flip(
     assert end.value[1] == pytest.approx(edge, rel=1e-9)
 
 
-def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
-    """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
+def orbit_of_6_4():
+    """Return an orbit whose folds end where its two halves become equal."""
     osc = Oscillator(
         h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
         clearance=-0.027911269810741077,
     )  # fmt: skip
-    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+    return periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+
+
+def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind():
+    """A 6/4 orbit, from which both ends were once the same graze, with the halves swapped."""
+    start = orbit_of_6_4()
     ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
     found = bifurcation_curve(start, "fold", *ranges)
     assert [point.kind for point in found.special] == ["flip", "graze"]
@@ -495,11 +500,7 @@ def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind(
 
 def test_a_flip_beside_the_extrapolated_end_of_a_curve_of_folds_is_not_its_end(monkeypatch):
     """Newton's method finds the flips of the half from anywhere near them."""
-    osc = Oscillator(
-        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
-        clearance=-0.027911269810741077,
-    )  # fmt: skip
-    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+    start = orbit_of_6_4()
     ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
     extrapolated = special_points._extrapolated
     aside = np.zeros(10)
@@ -514,11 +515,7 @@ def test_a_flip_beside_the_extrapolated_end_of_a_curve_of_folds_is_not_its_end(m
 @pytest.mark.parametrize(("axis", "inside"), [(0, 1.0), (1, -1.0)])
 def test_a_curve_of_folds_ends_at_an_edge_just_before_its_degenerate_flip(axis, inside):
     """Its equations are singular there; the halves differ by the square root of the distance."""
-    osc = Oscillator(
-        h=0.007362632864275454, R=0.8628857905514986, omega=5.2602055795026255, f=1.0,
-        clearance=-0.027911269810741077,
-    )  # fmt: skip
-    start = periodic_orbit(osc, -0.2504382214728245, 0.5088206343102007, 6)
+    start = orbit_of_6_4()
     ranges = [("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)]
     flip = bifurcation_curve(start, "fold", *ranges).special[0].value
     slopes, sizes = [], []
