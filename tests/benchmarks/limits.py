@@ -42,7 +42,7 @@ LIMITS = {
     "cubic, newmark": (9.5, 13.5),
     "cubic, rk4": (11.1, 15.4),
     "cubic, exact": (12.8, 16.4),
-    "exact, exact": (2.6, 3.3),
+    "exact, exact": (2.35, 3.0),
     "chatter": (125.0, 130.0),
     "Lyapunov exponents on / off": (2.1, 2.2),
     # Measured 1.25 to 1.28, and 1.20.
