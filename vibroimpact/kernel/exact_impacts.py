@@ -132,47 +132,27 @@ def carry_columns(c, vectors, wave, phase_step):
         put_pair(c, PAIR + j, COLUMN_ROW, pair)
 
 
-@inlined
-def fill_columns(workspace, lo, count, n, carrying):
-    """Copy `count` listed lanes, from index `lo` on, into columns, at the start of step `n`."""
+@jit
+def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
+    """Correct step `n` of `count` listed lanes, from index `lo` on, in columns."""
     lanes, met, c = workspace.lanes, workspace.met, workspace.columns
-    old_row, new_row = (n & 1) * ROW, (~n & 1) * ROW
-    for vector in range((count + VECTOR - 1) // VECTOR):
+    table, old_row, new_row = grid.table, (n & 1) * ROW, (~n & 1) * ROW
+    wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
+    for vector in range(vectors):
         j = VECTOR * vector & (COLUMNS - 1)  # the mask shows LLVM that it is not negative
         transpose(c, COLUMN_COEFFICIENTS + j, COLUMN_ROW, lanes, COEFFICIENTS, met, lo + j)
     for j in range(count):
         i = met[lo + j] & (LANES - 1)
         c[Y_0 + j], c[W_0 + j] = lanes[Y + old_row + i], lanes[W + old_row + i]
         c[Y_T + j], c[W_T + j] = lanes[Y + new_row + i], lanes[W + new_row + i]
-    if carrying:
-        for j in range(count):
-            i = met[lo + j] & (LANES - 1)
+        if carrying:
             put_pair(c, PAIR + j, COLUMN_ROW, pair_in(lanes, TANGENTS + old_row + i, 2 * ROW))
-
-
-@inlined
-def put_columns(workspace, lo, count, n, carrying):
-    """Copy the states at the end of step `n` from the columns of ``fill_columns`` to the lanes."""
-    lanes, met, c = workspace.lanes, workspace.met, workspace.columns
-    new_row = (~n & 1) * ROW
-    for j in range(count):
-        i = met[lo + j] & (LANES - 1)
-        lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + j], c[W_1 + j]
-    if carrying:
-        for j in range(count):
-            if c[PROVED + j] == ONLY:  # those of a lane at rest must stay finite
-                i = met[lo + j] & (LANES - 1)
-                pair = pair_in(c, PAIR + j, COLUMN_ROW)
-                put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
-
-
-@jit
-def correct_exact_lanes(workspace, lo, count, grid, n, carrying):
-    """Correct step `n` of `count` listed lanes, from index `lo` on, in columns."""
-    table, c = grid.table, workspace.columns
-    fill_columns(workspace, lo, count, n, carrying)
-    wave, vectors = (table[SIN, n], table[COS, n]), (count + VECTOR - 1) // VECTOR
     correct_columns(c, vectors, (*wave, table[SIN, n + 1], table[COS, n + 1]), grid.phase_step)
     if carrying:
         carry_columns(c, vectors, wave, grid.phase_step)
-    put_columns(workspace, lo, count, n, carrying)
+    for j in range(count):
+        i = met[lo + j] & (LANES - 1)
+        lanes[Y + new_row + i], lanes[W + new_row + i] = c[Y_1 + j], c[W_1 + j]
+        if carrying and c[PROVED + j] == ONLY:  # those of a lane at rest must stay finite
+            pair = pair_in(c, PAIR + j, COLUMN_ROW)
+            put_pair(lanes, TANGENTS + new_row + i, 2 * ROW, pair)
