@@ -231,7 +231,7 @@ def recorded(
     missing = [name for name in names if name not in dataset]
     if missing:
         raise Refused(f"the file has no {listed(missing)}: record it and run the sweep again")
-    point = select(dataset[[*names, "status"]], at)
+    point = select(dataset, at)
     columns = np.array([point[name].values for name in names])
     columns = columns[:, np.isfinite(columns).all(axis=0)]
     if not columns.size:
@@ -262,6 +262,32 @@ def recorded_coordinate(dataset: xr.Dataset, coordinate: str) -> xr.DataArray:
         return dataset[coordinate]
     x = dataset["poincare_x"]
     return (dataset["clearance"] - x).transpose(*x.dims)
+
+
+def impacts_met(dataset: xr.Dataset) -> np.ndarray:
+    """Return the number of impacts during the record of every point, in the shape of ``status``."""
+    per_period = dataset["impacts_per_period"].transpose(*dataset["status"].dims).values
+    return np.rint(np.nan_to_num(per_period) * config_of(dataset).record.periods).astype(int)
+
+
+def impacts_left_out(dataset: xr.Dataset) -> str:
+    """Say how many impacts of the record were kept at most; empty if all were."""
+    kept, most = dataset.sizes["impact"], int(impacts_met(dataset).max(initial=0))
+    several = "up to " if dataset["status"].size > 1 else ""
+    return f"last {kept:,} of {several}{most:,} impacts" if most > kept else ""
+
+
+def shows_part(dataset: xr.Dataset) -> np.ndarray:
+    """Return the mask of the points of which the kept impacts are less than a repetition.
+
+    Where no class is known, the impacts of a forcing period count.
+    """
+    repetition = dataset["impacts_per_period"]
+    if "period" in dataset:
+        repetition = dataset["period_impacts"].where(dataset["period"] > 0, repetition)
+    kept = dataset.sizes["impact"]
+    longer: np.ndarray = repetition.transpose(*dataset["status"].dims).values > kept
+    return longer & (impacts_met(dataset) > kept)
 
 
 def orbit_coordinates(orbit: PeriodicOrbit, phase: float) -> dict[str, np.ndarray]:

@@ -190,6 +190,7 @@ def export(
     ] = "points",
 ) -> None:
     """Write a row for every point, with its single-number results, or every section or impact."""
+    from sweeps.analysis.selection import impacts_left_out
     from sweeps.analysis.tables import ROWS, check_table, write_rows
 
     if rows not in ROWS:
@@ -197,4 +198,6 @@ def export(
     check_table(output)
     with opened(file) as dataset, named(file):
         written = write_rows(dataset, output, rows)
-    say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}")
+        left_out = impacts_left_out(dataset) if rows == "impacts" else ""
+    points = "; the file has only the " + left_out + " of a point" if left_out else ""
+    say(f"{output}: {written:,} {'row' if written == 1 else 'rows'}{points}")

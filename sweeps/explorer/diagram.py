@@ -21,7 +21,7 @@ from bokeh.models import (
 from bokeh.palettes import interp_palette
 
 from sweeps.analysis.regimes import has_result
-from sweeps.analysis.selection import dataset_of, recorded_coordinate
+from sweeps.analysis.selection import COORDINATES, dataset_of, recorded_coordinate, shows_part
 from sweeps.config.sweep import SweepConfig
 from sweeps.engine.compute import Results, compute
 from sweeps.engine.estimate import check_memory
@@ -30,7 +30,15 @@ from sweeps.explorer.figures import LEAST, PixelFigure, Report, outer_edges, set
 from sweeps.explorer.view import View, Window
 from sweeps.explorer.worker import Step
 from sweeps.plotting.lines import count_pixels, widened
-from sweeps.plotting.style import DENSITY, LEAST_SHARE, STATUS_COLOURS, VERMILION
+from sweeps.plotting.style import (
+    DENSITY,
+    LEAST_SHARE,
+    MARKS,
+    PARTIAL,
+    STATUS_COLOURS,
+    VERMILION,
+)
+from vibroimpact.status import Status
 
 #: Columns of the fine picture per column of the coarse one.
 _COARSER = 4
@@ -126,6 +134,14 @@ class Shown:
         """The values of the axis."""
         return self.config.sweep.grid.axes[self.view.axis]
 
+    def has(self, kind: Status | str) -> np.ndarray:
+        """Return the mask of points with an outcome, or of those that show a part only."""
+        if isinstance(kind, Status):
+            return np.asarray(self.results["status"] == kind)
+        if COORDINATES[self.view.ordinate].dimension != "impact":
+            return np.zeros(len(self.values), bool)
+        return shows_part(dataset_of(self.config, self.config.sweep.grid.axes, self.results))
+
 
 class Diagram(PixelFigure):
     """The figure with its picture, the mark and the failed points; `report` as in `PixelFigure`."""
@@ -154,17 +170,17 @@ class Diagram(PixelFigure):
         self.figure.add_layout(self.mark)
 
     def _new_strips(self) -> dict[Any, tuple[ColumnDataSource, LegendItem]]:
-        """Return the marks of failed points by outcome, in a strip at the bottom."""
+        """Return the marks of failed points, and of parts of repetitions, in a strip below."""
         self.figure.extra_y_ranges = {"strip": Range1d(0.0, 1.0)}
         strips, items = {}, []
-        for outcome, colour in STATUS_COLOURS.items():
-            source = ColumnDataSource({"x": [], "y": []}, name=outcome.name)
+        for kind, colour in (*STATUS_COLOURS.items(), (PARTIAL, MARKS[PARTIAL])):
+            source = ColumnDataSource({"x": [], "y": []}, name=getattr(kind, "name", kind))
             marks = self.figure.scatter(
                 "x", "y", source=source, marker="dash", angle=np.pi / 2.0, size=10,
                 color=colour, y_range_name="strip",
             )  # fmt: skip
-            items.append(LegendItem(label=outcome.meaning, renderers=[marks], visible=False))
-            strips[outcome] = source, items[-1]
+            items.append(LegendItem(label="", renderers=[marks], visible=False))
+            strips[kind] = source, items[-1]
         self.legend = Legend(items=items, visible=False, orientation="horizontal")
         self.legend.update(margin=0, padding=2, border_line_color=None, label_text_font_size="11px")
         self.figure.add_layout(self.legend, "above")
@@ -252,11 +268,12 @@ class Diagram(PixelFigure):
             self.fitted.append(shown.window)
         fit = [(before, self.fitted[-1])]
         self.set_pixels(shown.pixels, edges, shown.window, number=[self.sent], fit=fit)
-        for outcome, (source, item) in self._strips.items():
-            x = shown.values[shown.results["status"] == outcome]
+        for kind, (source, item) in self._strips.items():
+            x = shown.values[shown.has(kind)]
             if len(x) or len(source.data["x"]):
                 source.data = {"x": x, "y": np.full(len(x), 0.015)}
-                item.label = f"{outcome.meaning} ({len(x)} of {len(shown.values)})"
+                text = kind.meaning if isinstance(kind, Status) else kind
+                item.label = f"{text} ({len(x)} of {len(shown.values)})"
                 item.visible = bool(len(x))
         self.show_legend()
         self._report(shown.config, len(shown.values), shown.seconds, seconds)

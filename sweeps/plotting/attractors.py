@@ -17,22 +17,30 @@ from sweeps.analysis.attractors import attractors
 from sweeps.analysis.grouping import STARTS, records
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.selection import (
+    COORDINATES,
     Selection,
     choice_of,
     chosen_axes,
     config_of,
     listed,
     select,
+    shows_part,
     swept_axes,
 )
 from sweeps.errors import Refused
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.colours import Cells
-from sweeps.plotting.labels import CLASSES_TITLE, as_variable, basins_title, label_axis
+from sweeps.plotting.labels import (
+    CLASSES_TITLE,
+    as_variable,
+    basins_title,
+    label_axis,
+    record_text,
+)
 from sweeps.plotting.lines import choose_coordinate, refuse_empty, refuse_without_result
 from sweeps.plotting.maps import draw_cells
-from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, REGIMES
+from sweeps.plotting.style import ATTRACTORS, OTHER_ATTRACTORS, PARTIAL, REGIMES
 from sweeps.text import shown_count
 
 
@@ -202,9 +210,13 @@ def attractor_diagram(
         panel.set_xlim(values.min(), values.max())
     page.fit_ordinate(panel)
     page.set_limits(panel)
-    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel())
+    masks = {}
+    if COORDINATES[coordinate].dimension == "impact":
+        masks[PARTIAL] = shows_part(line.transpose(axis, ...)).ravel()
+    canvas.mark_status(panel, np.repeat(values, status.shape[1]), status.ravel(), masks)
     title = f"{CLASSES_TITLE}\n{shown_count(status.shape[1], 'start')} at each value"
-    return canvas.finish(panel, page, line, legend_title=title)
+    record = record_text(line, coordinate)
+    return canvas.finish(panel, page, line, legend_title=title, record=record)
 
 
 def _draw_rows(

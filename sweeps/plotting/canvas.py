@@ -7,7 +7,7 @@ import inspect
 import io
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,7 @@ from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.lines import widened
-from sweeps.plotting.style import APPROACHING, BLUE, STATUS_COLOURS, user_style
+from sweeps.plotting.style import BLUE, MARKS, STATUS_COLOURS, user_style
 
 
 @dataclass(frozen=True)
@@ -304,17 +304,19 @@ def widen_if_constant(set_limits: Callable[..., object], low: float, high: float
         set_limits(*ends)
 
 
+NO_MASKS: Mapping[str, np.ndarray] = {}
+
+
 def mark_status(
-    panel: Axes, values: np.ndarray, status: np.ndarray, approaching: np.ndarray | None = None
+    panel: Axes, values: np.ndarray, status: np.ndarray, masks: Mapping[str, np.ndarray] = NO_MASKS
 ) -> None:
-    """Mark failed, pending and `approaching` points in a strip below the data and in the legend.
+    """Mark failed and pending points in a strip below the data and in the legend.
 
     `values` are the abscissas, shape (n,); `status` has the shape (n,) or (directions, n), and so
-    has `approaching`, the mask of the motions that are not on their orbit yet.
+    have the `masks` of further points, by a name of ``MARKS``.
     """
     kinds = [(status_name(one), colour, status == one) for one, colour in STATUS_COLOURS.items()]
-    if approaching is not None:
-        kinds.append(("not settled yet", APPROACHING, approaching))
+    kinds += [(name, MARKS[name], where) for name, where in masks.items()]
     if np.isin(status, list(STATUS_COLOURS)).any():
         low, high = panel.get_ylim()
         panel.set_ylim(low - 0.04 * (high - low), high)

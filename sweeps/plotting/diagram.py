@@ -17,6 +17,7 @@ from sweeps.analysis.selection import (
     config_of,
     listed,
     recorded_coordinate,
+    shows_part,
     split_directions,
 )
 from sweeps.errors import Refused
@@ -26,10 +27,10 @@ from sweeps.plotting.colours import Paint, paint
 from sweeps.plotting.density import draw_density, value_range
 from sweeps.plotting.directions import agreeing, draw_jumps
 from sweeps.plotting.exact import draw_branches, name_parts
-from sweeps.plotting.labels import as_variable, label, label_axis
+from sweeps.plotting.labels import as_variable, label, label_axis, record_text
 from sweeps.plotting.lines import refuse_empty, select_line
 from sweeps.plotting.numbers import Wanted, with_number
-from sweeps.plotting.style import BOTH_COLOUR, DIRECTION_COLOURS
+from sweeps.plotting.style import APPROACHING, BOTH_COLOUR, DIRECTION_COLOURS, PARTIAL
 from sweeps.store.variables import FLAGS
 
 #: More points than this are drawn as a density, because single markers would merge.
@@ -56,8 +57,10 @@ def bifurcation(
     """Draw a coordinate of the section or of the impacts over one swept axis.
 
     Points that failed or are not computed yet are not drawn, but marked below the diagram. So are
-    motions that have a class and have not settled. If the axis was followed both ways, values that
-    both ways have are dark, and an arrow leads from the end of a motion to the next one.
+    motions that have a class and have not settled; over impacts, so are those of which less than a
+    repetition was kept, and the title says how many impacts are left out. If the axis was followed
+    both ways, values that both ways have are dark, and an arrow leads from the end of a motion to
+    the next one.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def bifurcation(
     page.set_limits(panel)
     name_parts(panel, parts)
     drawn.draw_jumps(panel)
-    canvas.mark_status(panel, drawn.values, drawn.line["status"].values, approaching(drawn.line))
+    drawn.mark_points(panel)
     for scalar_panel, name in zip(lower, names, strict=True):
         drawn.draw_scalar(scalar_panel, name)
         page.fit_ordinate(scalar_panel)
@@ -130,7 +133,8 @@ def bifurcation(
     if shown is not None:
         shown.add_bar([panel, *lower])
         others, title = [*shown.handles(), *others], shown.title
-    figure = canvas.finish(panel, page, line, [*others, *of_parts], title)
+    record = record_text(line, coordinate)
+    figure = canvas.finish(panel, page, line, [*others, *of_parts], title, record)
     if drawn.dense:
         draw_density(panel, drawn.values, drawn.ways, coordinate, drawn.tints)
     return figure
@@ -234,6 +238,13 @@ class _Drawn(NamedTuple):
             colours = ("black", "black") if self.tints else DIRECTION_COLOURS
             up, down = (record[order] for record in self._records())
             draw_jumps(panel, self.values[order], up, down, colours)
+
+    def mark_points(self, panel: Axes) -> None:
+        """Mark points that failed, have not settled, or show only part of a repetition."""
+        masks = {APPROACHING: approaching(self.line)}
+        if COORDINATES[self.coordinate].dimension == "impact":
+            masks = {PARTIAL: shows_part(self.line), **masks}
+        canvas.mark_status(panel, self.values, self.line["status"].values, masks)
 
     def ranges_within(self, limits: tuple[float, float] | None) -> list[tuple[float, float]]:
         """Return the range of the ordinates within limits of the axis that a density has."""

@@ -16,7 +16,7 @@ from matplotlib.ticker import (
 )
 
 from sweeps.analysis.rig import parameters_of
-from sweeps.analysis.selection import COORDINATES, config_of
+from sweeps.analysis.selection import COORDINATES, config_of, impacts_left_out
 from sweeps.config.rig import parameter_of
 from sweeps.store import DIRECTION, VARIABLES, is_remarkable
 from sweeps.text import in_units, unit_name
@@ -99,11 +99,22 @@ def status_name(outcome: Status) -> str:
     return outcome.name.lower().replace("_", "-")
 
 
+def record_text(drawn: xr.Dataset, coordinate: str = "poincare_x") -> str:
+    """Write the phase (if it is not 0), the transient and the periods, and impacts left out."""
+    kept = config_of(drawn).record
+    transient = "auto" if kept.transient is None else f"{kept.transient:,}"
+    parts = [f"phase {kept.phase:.6g} rad"] if kept.phase else []
+    parts += [f"transient {transient}", f"record {kept.periods:,} periods"]
+    if COORDINATES[coordinate].dimension == "impact" and (text := impacts_left_out(drawn)):
+        parts.append(text)
+    return ", ".join(part.replace(" ", _JOINT) for part in parts)
+
+
 def title(drawn: xr.Dataset, record: str | None = None) -> str:
     """Write the title of a picture: name, parameters that differ from their defaults, and record.
 
-    Parameters have units if names were chosen for these, as always for a rig. By default the record
-    is the phase (if it is not 0), the transient and the periods.
+    Parameters have units if names were chosen for these, as always for a rig. The record is by
+    default that of `record_text`.
     """
     config = config_of(drawn)
     parts = [
@@ -115,12 +126,7 @@ def title(drawn: xr.Dataset, record: str | None = None) -> str:
         ways = drawn[DIRECTION] if DIRECTION in drawn.coords else config.follow.directions
         symbol = parameter_of(config.follow.axis, config.rig).symbol
         parts.append(f"followed {' and '.join(np.atleast_1d(ways))} along ${symbol}$")
-    if record is None:
-        kept = config.record
-        parts += [f"phase{_JOINT}{kept.phase:.6g}{_JOINT}rad"] if kept.phase else []
-        transient = "auto" if kept.transient is None else f"{kept.transient:,}"
-        record = f"transient{_JOINT}{transient}, record{_JOINT}{kept.periods:,}{_JOINT}periods"
-    parts.append(record)
+    parts.append(record_text(drawn) if record is None else record)
     if not drawn["status"].dims and is_remarkable(status := Status(int(drawn["status"]))):
         parts.append(status.meaning)
     name = config.name.replace("$", r"\$")

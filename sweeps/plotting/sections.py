@@ -13,7 +13,7 @@ from sweeps.analysis.selection import Selection, config_of, recorded
 from sweeps.plotting import canvas
 from sweeps.plotting.canvas import PAGE, Page, styled
 from sweeps.plotting.colours import Paint, coloured_points
-from sweeps.plotting.labels import as_variable, label_axis
+from sweeps.plotting.labels import as_variable, label_axis, record_text
 from sweeps.plotting.numbers import Wanted
 from sweeps.plotting.style import BLUE
 
@@ -43,14 +43,14 @@ class _Records(NamedTuple):
         colours = np.broadcast_to(shown.colours()[..., None, :], (*seen.shape, 4))[seen]
         return cls(points, list(columns[:, seen]), colours, shown)
 
-    def finish(self, panel: Axes, page: Page) -> Figure:
+    def finish(self, panel: Axes, page: Page, coordinate: str) -> Figure:
         """Draw the legend or the colour bar of the colours, if any, and return the figure."""
-        handles = panel.get_legend_handles_labels()[0]
-        if self.shown is None:
-            return canvas.finish(panel, page, self.points, handles)
-        self.shown.add_bar([panel])
-        handles = [*self.shown.handles(), *handles]
-        return canvas.finish(panel, page, self.points, handles, self.shown.title)
+        handles, title = panel.get_legend_handles_labels()[0], None
+        if self.shown is not None:
+            self.shown.add_bar([panel])
+            handles, title = [*self.shown.handles(), *handles], self.shown.title
+        record = record_text(self.points, coordinate)
+        return canvas.finish(panel, page, self.points, handles, title, record)
 
 
 @styled
@@ -95,7 +95,7 @@ def section(
     canvas.widen_if_constant(panel.set_ylim, v.min(), v.max())
     page.fit_ordinate(panel)
     page.set_limits(panel)
-    return found.finish(panel, page)
+    return found.finish(panel, page, "poincare_x")
 
 
 @styled
@@ -110,6 +110,7 @@ def impacts(
     """Draw the impact section: speed before the impact over the forcing phase.
 
     It is that of one point or, with `color`, those of all points that `at` does not exclude.
+    The title says how many impacts of the record were not kept.
 
     Parameters
     ----------
@@ -136,4 +137,4 @@ def impacts(
     label_axis(panel.xaxis, found.points["impact_phase"])
     label_axis(panel.yaxis, found.points["impact_v"])
     page.set_limits(panel)
-    return found.finish(panel, page)
+    return found.finish(panel, page, "impact_v")

@@ -28,8 +28,10 @@ OTHER_PERIODIC = "#D3E4B4"
 #: Classes m/q with fixed colours, in the order of ``PERIODIC``; others get the remaining colours.
 _NAMED = ((1, 1), (2, 2), (1, 2), (3, 3), (2, 1), (1, 0))
 REST = VERMILION
-#: Colour of the marks of points whose motion is not on its orbit yet, in a diagram.
-APPROACHING = "#8A2BE2"
+#: Colours of the marks in a diagram: motions whose kept impacts are less than a repetition, and
+#: motions that are not on their orbit yet.
+PARTIAL, APPROACHING = "only part of a repetition", "not settled yet"
+MARKS = {PARTIAL: "#009E73", APPROACHING: "#8A2BE2"}
 #: Labels and colours of the other regimes.
 REGIMES = {
     Regime.REST: ("with rest", REST),

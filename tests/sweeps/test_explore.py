@@ -28,6 +28,7 @@ from sweeps.explorer.worker import Step, Worker
 from sweeps.interrupts import check
 from sweeps.plotting.attractors import basin_cells
 from sweeps.plotting.colours import period_cells
+from sweeps.plotting.style import PARTIAL
 from vibroimpact.orbits.one_impact import one_impact_orbit
 from vibroimpact.oscillator import PARAMETERS, Oscillator
 from vibroimpact.status import Status
@@ -301,6 +302,21 @@ def test_failed_points_are_marked_and_named(tmp_path):
     assert diagram.legend.visible
     assert item.label == f"{Status.NON_FINITE.meaning} ({failed.sum()} of {columns})"
     assert not shown.pixels[:, 1:][:, failed[1:] & failed[:-1]].any()
+    page.worker.shutdown()
+
+
+def test_points_that_show_part_of_a_repetition_are_marked(tmp_path):
+    """At omega = 0.2 a period has 122 impacts, of which 64 are kept; at 2.3 it has one."""
+    oscillator = {"h": 0.05, "R": 0.9, "omega": [0.2, 2.3], "f": 1.0}
+    record = {"transient": 20, "periods": 10}
+    view = View.of(load_config({"oscillator": oscillator, "record": record}))
+    page = LivePage(Document(), view, tmp_path)
+    for ordinate, marked in (("impact_v", [0.2]), ("poincare_x", [])):
+        seen = replace(page.view, ordinate=ordinate)
+        page.diagram._paint(page.diagram._draw(seen, seen.diagram(2), 40), 1.0)
+        source, item = page.diagram._strips[PARTIAL]
+        np.testing.assert_array_equal(source.data["x"], marked)
+        assert item.visible == page.diagram.legend.visible == bool(marked)
     page.worker.shutdown()
 
 

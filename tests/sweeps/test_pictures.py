@@ -21,7 +21,7 @@ from sweeps.errors import Refused
 from sweeps.plotting import Page
 from sweeps.plotting.saving import save
 from sweeps.plotting.style import user_style
-from vibroimpact import Oscillator, one_impact_orbit
+from vibroimpact import Oscillator, one_impact_orbit, simulate
 
 MAP = """
 name: a map with a name that is long enough to need two lines on a page of one column
@@ -222,6 +222,36 @@ def test_a_motion_is_shown_over_two_repetitions_with_its_class():
         t = figure.axes[0].lines[0].get_xdata()
         assert t[-1] == pytest.approx(periods * 2.0 * np.pi / 5.18)
         assert f", {shown}" in figure.get_suptitle()
+
+
+SLOW = """
+oscillator: {h: 0.05, R: 0.9, omega: [0.2, 0.25, 2.3], f: 1.0}
+record: {transient: 20, periods: 10, diagnostics: [period]}
+"""
+
+
+def test_impacts_that_were_not_kept_are_said(tmp_path):
+    """122 impacts in a period at omega = 0.2, as `simulate` counts them; 64 are kept."""
+    path = run_in(tmp_path, SLOW)
+    turn = 2.0 * np.pi / 0.2
+    motion = simulate(Oscillator(h=0.05, R=0.9, omega=0.2, f=1.0), periods=30)
+    most = f"{int((motion.impact_t > 20 * turn).sum()):,}"
+    with open_sweep(path) as dataset:
+        for figure, said, part in (
+            (plotting.bifurcation(dataset, coordinate="impact_v"), f"up to {most}", True),
+            (plotting.bifurcation(dataset, coordinate="poincare_x"), "", False),
+            (plotting.impacts(dataset, at={"omega": 0.2}), most, False),
+            (plotting.impacts(dataset, at={"omega": 2.3}), "", False),
+            (plotting.impacts(dataset, color="period"), f"up to {most}", False),
+            (plotting.section(dataset), "", False),
+        ):
+            title = figure.get_suptitle().replace("\N{NO-BREAK SPACE}", " ")
+            assert title.endswith(f"last 64 of {said} impacts" if said else "record 10 periods")
+            texts = [text.get_text() for one in figure.legends for text in one.get_texts()]
+            assert ("only part of a repetition (1 of 3)" in texts) == part
+    said = "; the file has only the last 64 of up to {} impacts of a point"
+    for rows, text in (("impacts", said.format(most)), ("sections", "")):
+        assert call("export", path, "-o", "a.csv", "--rows", rows).stdout.endswith(f" rows{text}\n")
 
 
 LONG = """
