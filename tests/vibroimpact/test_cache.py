@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import numba
 import pytest
@@ -157,6 +158,17 @@ def test_a_folder_that_cannot_be_made(tmp_path):
         with pytest.warns(CacheWarning, match="its path is not absolute"):
             assert not call(relative)
         assert not relative.parent.exists()
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no home"), None])
+def test_no_home_folder(monkeypatch, error):
+    """New versions of platformdirs raise this error; older ones return a path with ``~``."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    found = Mock(side_effect=error, return_value="~/.cache/vibroimpact")
+    monkeypatch.setattr("platformdirs.user_cache_dir", found)
+    with pytest.warns(CacheWarning, match="not absolute.* set NUMBA_CACHE_DIR to a folder"):
+        assert not call(cache.cache_folder("private"))
+    assert not Path("~").exists()
 
 
 def test_a_full_disk(tmp_path):

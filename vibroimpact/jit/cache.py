@@ -30,7 +30,12 @@ _DIGEST = hashlib.sha256().digest_size
 def root() -> Path:
     """Return the folder of all that is kept from one process to the next."""
     config: Any = numba.config  # its settings are made at run time, unseen by a type checker
-    return Path(config.CACHE_DIR or platformdirs.user_cache_dir("vibroimpact", appauthor=False))
+    if config.CACHE_DIR:
+        return Path(config.CACHE_DIR)
+    try:
+        return Path(platformdirs.user_cache_dir("vibroimpact", appauthor=False))
+    except RuntimeError:  # there is no home folder; older versions return such a path
+        return Path("~/.cache/vibroimpact")
 
 
 def syntax(source: bytes) -> str:
