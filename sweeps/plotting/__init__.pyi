@@ -4,7 +4,7 @@ from .attractors import attractor_diagram as attractor_diagram
 from .attractors import basins as basins
 from .canvas import Page as Page
 from .diagram import bifurcation as bifurcation
-from .integrity import integrity as integrity
+from .erosion import integrity as integrity
 from .maps import parameter_map as parameter_map
 from .motion import trajectory as trajectory
 from .sections import impacts as impacts

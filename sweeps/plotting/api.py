@@ -18,7 +18,7 @@ from sweeps.grid import TABLE
 from sweeps.plotting.attractors import attractor_diagram, basins
 from sweeps.plotting.canvas import PAGE, Page
 from sweeps.plotting.diagram import bifurcation
-from sweeps.plotting.integrity import integrity
+from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map
 from sweeps.plotting.motion import trajectory
 from sweeps.plotting.saving import check_picture, description, save

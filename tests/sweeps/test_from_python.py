@@ -44,6 +44,13 @@ def test_every_name_is_there_and_documented(package, names):
         assert not inspect.isroutine(one) or "Returns\n" in one.__doc__
 
 
+@pytest.mark.parametrize("package", [vibroimpact, sweeps, plotting])
+def test_no_public_name_is_that_of_a_module(package):
+    """An import of the module would set the name, and lazy-loader before 0.6 leaves it so."""
+    modules = {Path(path).stem for path in Path(package.__file__).parent.iterdir()}
+    assert not modules & (set(dir(package)) - {"__version__"})
+
+
 def test_help_of_the_engine_is_a_screen_that_names_all_of_it():
     text = pydoc.plain(pydoc.render_doc(sweeps))
     assert text.count("\n") < 60
