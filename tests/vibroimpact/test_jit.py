@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import WAY, fma
+from vibroimpact.jit import WAY, fma, trial
 from vibroimpact.step.trigonometry import sin_cos
 
 # time_to_release() is in step/contact.py, the helper it calls in step/trigonometry.py.
@@ -159,6 +159,16 @@ def crash(context, data, *others):
 CompileResult._rebuild = crash
 """
 NO_OPTION = "import numba.core.cpu; del numba.core.cpu._options_mixin.no_cfunc_wrapper\n"
+
+
+@pytest.mark.parametrize("optimize", [0, 1, 2])
+def test_a_wrong_result_fails_the_check_even_if_asserts_are_removed(optimize):
+    source = Path(trial.__file__).read_text()
+    names = {"__name__": trial.__name__}  # its options depend on the name of a module
+    exec(compile(source, trial.__file__, "exec", optimize=optimize), names)
+    names["compiled"] = lambda function, job: lambda job: (1.0, job.rows[:2])
+    with pytest.raises(Exception, match=r"1\.0"):
+        names["main"]()
 
 
 @pytest.mark.slow
