@@ -31,10 +31,10 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> SweepConfig:
             return load_config(path, overrides)
     with open_sweep(path, verify=False) as dataset:
         text, table = dataset.attrs["configuration"], columns_of(dataset) or None
-    written = any(override.partition("=")[0].strip() == "output" for override in overrides)
-    elsewhere = () if written else (f"output={yaml.dump(str(path))}",)
-    origin, overrides = f"{path}, its configuration", (*overrides, *elsewhere)
-    return parse_config(text, origin, path.stem, overrides, points=table)
+    config = parse_config(text, f"{path}, its configuration", path.stem, overrides, points=table)
+    if any(override.partition("=")[0].strip() == "output" for override in overrides):
+        return config
+    return config.model_copy(update={"output": path})
 
 
 def zoomed(config: SweepConfig, pieces: Mapping[str, tuple[float, float]]) -> SweepConfig:

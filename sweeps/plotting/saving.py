@@ -17,7 +17,7 @@ from sweeps.analysis.selection import config_of, listed
 from sweeps.errors import Refused
 from sweeps.plotting.style import STYLE, dots_per_inch, user_style
 from sweeps.store.replacing import check_target, writing
-from sweeps.text import shortened
+from sweeps.text import printable, shortened
 from vibroimpact import __version__
 
 #: Metadata fields of each format for the title, the program and a text.
@@ -36,7 +36,7 @@ _MOST_PIXELS = 2**16
 def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
     """Return title, program and text for the metadata of a picture, without the rows of a table.
 
-    `command` is the command that draws it, or ``""``.
+    `command` is the command that draws it, or ``""``. It may name files that are not in UTF-8.
     """
     about = {
         name.removesuffix("_version"): value
@@ -44,7 +44,7 @@ def description(dataset: xr.Dataset, command: str) -> tuple[str, str, str]:
         if name.endswith("_version") or name == "numerics"
     }
     text = "computed with " + ", ".join(f"{name} {value}" for name, value in about.items())
-    text += f"\ncommand: {command}" if command else ""
+    text += f"\ncommand: {printable(command)}" if command else ""
     config = config_of(dataset)
     text += f"\nconfiguration:\n{config.to_yaml(table=False)}"
     program = f"vibroimpact {__version__}, matplotlib {mpl.__version__}"

@@ -86,6 +86,17 @@ def test_what_a_file_says_reaches_the_terminal_escaped():
     assert r"\x1b[31m.h5 does not exist" in refused("info", "\x1b[31m.h5")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems allow Unicode alone")
+def test_names_of_files_that_are_not_utf_8(ran):
+    data, picture = (os.fsdecode(name) for name in (b"a\xff.h5", b"p\xff"))
+    Path("small.h5").rename(data)
+    for ending in ("png", "svg", "pdf"):
+        assert accepted("plot", data, "-o", f"{picture}.{ending}") == rf"p\udcff.{ending}" + "\n"
+    assert accepted("zoom", data, "omega=2:2.1")
+    assert Path(os.fsdecode(b"a\xff-omega-2-2.1.png")).stat().st_size
+    assert "exists; resume it, overwrite it" in refused("run", data)  # it is its own output
+
+
 @pytest.mark.parametrize("name", ["", ".", "..", "/"])
 def test_a_folder_is_no_file_of_a_sweep(name):
     for command in ("plot", "info", "attractors"):
