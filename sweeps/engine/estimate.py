@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import psutil
 
 from sweeps.engine.compute import compute
 from sweeps.engine.executors import Computer, in_thread
+from sweeps.engine.memory import available_memory
 from sweeps.errors import StoreError
 from sweeps.grid import Sweep
 from sweeps.store import bytes_per_point, check_room, widths_of
@@ -102,7 +102,7 @@ def check_memory(sweep: Sweep, points: int, what: str) -> int:
 
     Return the available memory in bytes.
     """
-    needed, available = _BLOCKS_HELD * points * _memory_per_point(sweep), _available_memory()
+    needed, available = _BLOCKS_HELD * points * _memory_per_point(sweep), available_memory()
     if needed > available:
         raise StoreError(
             f"{what} takes about {shown_bytes(needed)} of memory, and only "
@@ -129,11 +129,6 @@ def _memory_per_point(sweep: Sweep) -> int:
     samples = widths_of(sweep.spec, _AT_IMPACTS)["sample"]
     in_one_direction = bytes_per_point(sweep.spec, _AT_IMPACTS) + 32 * samples
     return in_one_direction * max(1, len(sweep.spec.directions))
-
-
-def _available_memory() -> int:
-    """Return the available memory in bytes."""
-    return int(psutil.virtual_memory().available)
 
 
 def trial(sweep: Sweep, threads: int | None) -> tuple[float, float]:

@@ -130,14 +130,14 @@ def test_a_block_holds_whole_chains(monkeypatch):
     long = "oscillator.omega={start: 1, stop: 2, num: 3000}"
     many = configured(long, "oscillator.R={start: 0.5, stop: 0.8, num: 100}")
     for memory in (10**11, 10**9):
-        monkeypatch.setattr(limits, "_available_memory", lambda memory=memory: memory)
+        monkeypatch.setattr(limits, "available_memory", lambda memory=memory: memory)
         size = block_size(many.sweep)
         assert size % 3000 == 0
         cost = expected_cost(many.sweep, Path("out.h5"), executors.LocalComputer(), False)
         assert cost.memory <= memory
         for block in many.sweep.grid.blocks(size, unsplit="omega"):
             assert block[1] == slice(0, 3000)
-    monkeypatch.setattr(limits, "_available_memory", lambda: 10**7)
+    monkeypatch.setattr(limits, "available_memory", lambda: 10**7)
     told = r"one chain of 3,000 points, followed up and down along omega, takes about .* of memory"
     with pytest.raises(StoreError, match=told):
         run_sweep(many, "out.h5")

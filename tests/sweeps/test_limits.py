@@ -14,6 +14,7 @@ from sweeps.engine import estimate as limits
 from sweeps.engine.compute import compute, compute_block
 from sweeps.engine.estimate import block_size, expected_cost, trial
 from sweeps.engine.executors import LocalComputer, LocalExecutor, completed
+from sweeps.engine.memory import available_memory
 from sweeps.engine.run import _schema, run_sweep
 from sweeps.errors import StoreError
 from sweeps.grid import block_points
@@ -32,7 +33,7 @@ def cost_of(sweep, threads=None):
 
 
 def with_memory(monkeypatch, size):
-    monkeypatch.setattr(limits, "_available_memory", lambda: size)
+    monkeypatch.setattr(limits, "available_memory", lambda: size)
 
 
 @pytest.mark.slow
@@ -66,6 +67,41 @@ def test_a_point_that_does_not_fit_is_refused(monkeypatch, folder):
         assert "one point takes about 80 MB of memory, and only 10 MB" in result.stderr
         assert "record fewer periods, impacts or samples" in result.stderr
     assert [path.name for path in folder.iterdir()] == ["sweep.yaml"]
+
+
+GROUPS = {
+    "v2": {
+        "self": "0::/a/b\n",
+        "memory.max": "max\n",
+        "a/memory.max": "1000\n",
+        "a/memory.current": "900\n",
+        "a/memory.stat": "anon 600\ninactive_file 100\nactive_file 50\n",
+        "a/b/memory.max": "max\n",
+        "a/b/memory.current": "700\n",
+    },
+    "v1": {
+        "self": "5:cpu,memory:/outside/of/the/container\n1:name=systemd:/\n0::/\n",
+        "memory/memory.limit_in_bytes": "1000\n",
+        "memory/memory.usage_in_bytes": "900\n",
+        "memory/memory.stat": "total_inactive_file 100\ntotal_active_file 50\n",
+    },
+    "no limit": {
+        "self": "4:memory:/\n0::/\n",
+        "memory/memory.limit_in_bytes": f"{2**63 - 4096}\n",
+        "memory/memory.usage_in_bytes": "900\n",
+    },
+    "no groups": {},
+}
+
+
+@pytest.mark.parametrize("which", GROUPS)
+def test_memory_is_that_of_the_container(which, tmp_path):
+    """What a group holds of files does not count: writing a sweep fills it."""
+    for name, text in GROUPS[which].items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = available_memory(tmp_path / "self", tmp_path)
+    assert found == 250 if which in ("v1", "v2") else found > 10**6
 
 
 FOLLOWED = ["follow={axis: omega, direction: both}", "oscillator.omega.num=50"]
