@@ -46,7 +46,7 @@ def set_start(lanes, points, rule, s):
         lanes[WAKE + i], lanes[SLEPT + i], lanes[GREATEST + i] = AWAKE, 0.0, pt.clearance
         # Zeros in lanes without a point: numbers that become subnormal would slow all lanes down.
         one = 1.0 if i < points.size else 0.0
-        put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one / pt.omega))
+        put_pair(lanes, TANGENTS + i, 2 * ROW, (one, 0.0, 0.0, one * pt.p / pt.omega))
 
 
 @jit

@@ -298,10 +298,10 @@ def forget_at_rest(lanes, size):
 
 @jit
 def sum_up_tangents(batch):
-    """Add up the growth that remains in the tangent vectors, in the units of (x, v)."""
+    """Add up the growth that remains in the tangent vectors, in the norm dx^2 + (dv / p)^2."""
     workspace, points, record = batch
     lanes = workspace.lanes
     for i in range(points.size):
         ay, aw, by, bw = pair_in(lanes, TANGENTS + i, 2 * ROW)
-        omega = points[i].omega
-        stretch((ay, aw * omega, by, bw * omega), record.sums[i])
+        unit = points[i].omega / points[i].p
+        stretch((ay, aw * unit, by, bw * unit), record.sums[i])

@@ -10,6 +10,9 @@ with R a_- + a_+ = (1 + R) (-f sin(omega t) - p^2 clearance): the damping cancel
 det M = exp(-2 h t), so the exponents add up to -2 h + 2 ln R * (impacts per unit time). A rest
 maps every neighbour to the same state: no tangent vector remains, and both exponents are -inf.
 An impact with R = 0 maps all neighbours onto a line: the second exponent is -inf.
+
+Lengths are measured in the norm dx^2 + (dv / p)^2 at both ends of a record, so that exponents do
+not depend on the units. Between them (y, w) have the same unit.
 """
 
 from __future__ import annotations
