@@ -47,8 +47,10 @@ def _check_folder() -> None:
     """Refuse to work in a folder that was removed."""
     try:
         os.getcwd()
-    except OSError:
+    except FileNotFoundError:
         raise Refused("the working folder was removed; change to one that exists") from None
+    except OSError as error:
+        raise Refused(f"the working folder cannot be used: {error.strerror}") from None
 
 
 def _check_numba() -> None:

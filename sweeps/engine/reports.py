@@ -17,6 +17,7 @@ from sweeps.store import (
     columns_of,
     identity,
     is_remarkable,
+    is_sweep,
     kept_points,
     parts_path,
     per_point,
@@ -100,14 +101,18 @@ def kept(path: Path, command: str, old: tuple[object, object] = (None, None)) ->
 
     `old` are the `identities` of the files that the run would have overwritten.
     """
-    (file, schema), name = identities(path), parts_path(path)
-    points = kept_points(path)
+    name = parts_path(path)
+    try:
+        (file, schema), points = identities(path), kept_points(path)
+        complete = file is not None and is_sweep(path)
+    except StoreError as error:
+        return f"what is kept is not known, because {error}; to go on: {command}"
     if points is not None and schema != old[1]:
-        complete, total = points
-        return f"{complete:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
+        done, total = points
+        return f"{done:,} of {shown_count(total, 'point')} kept in {name}; to go on: {command}"
     if old != (None, None) and (file, schema) == old:
         return f"nothing of it is kept, and the old {path if file else name} is unchanged"
-    return "nothing is kept" if file is None else f"all of it is kept in {path}"
+    return f"all of it is kept in {path}" if complete else "nothing is kept"
 
 
 def contents(dataset: xr.Dataset) -> str:

@@ -1,10 +1,10 @@
+from .lock import only_writer as only_writer
 from .parts import kept_points as kept_points
 from .paths import SCHEMA as SCHEMA
 from .paths import check_output as check_output
 from .paths import check_room as check_room
 from .paths import identity as identity
 from .paths import is_sweep as is_sweep
-from .paths import only_writer as only_writer
 from .paths import parts_path as parts_path
 from .reading import open_sweep as open_sweep
 from .reading import per_point as per_point

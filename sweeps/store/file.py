@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -24,7 +24,16 @@ import numpy as np
 from sweeps.errors import StoreError
 from sweeps.grid import Block
 from sweeps.interrupts import check
-from sweeps.store.paths import TRAILER, Content, content, open_regular, refuse_version
+from sweeps.store.paths import (
+    NO_LOCKS,
+    TRAILER,
+    Content,
+    UnreadableError,
+    content,
+    error_number,
+    open_regular,
+    refuse_version,
+)
 from sweeps.store.schema import Schema, describe, schema_in
 
 #: The end of the trailer: size and checksum of the table before it, magic.
@@ -42,6 +51,7 @@ _SMALL = 1 << 17
 Row = tuple[str, int, int, int]
 #: A box of points, and the results of a variable there.
 Part = tuple[Block, np.ndarray]
+Opened = TypeVar("Opened")
 
 
 class _Draft(io.FileIO):
@@ -205,13 +215,18 @@ def check_file(path: Path, *, verify: bool = True) -> None:
             rows = _rows(file)
     except FileNotFoundError:
         raise StoreError(f"{path} does not exist") from None
+    except OSError as error:
+        raise UnreadableError(path, error) from error
     found = content(path) if rows is None else Content.SWEEP
     if found is Content.OLDER:
         refuse_version(path)
     if found not in (None, Content.SWEEP):
         raise StoreError(f"{path} is {found.value}")
     rows = [row for row in rows or () if verify or row[0] == _REST]
-    pairs = zip(rows, _checksums(path, rows), strict=True)
+    try:
+        pairs = zip(rows, _checksums(path, rows), strict=True)
+    except OSError as error:
+        raise UnreadableError(path, error) from error
     damaged = sorted({name for (name, _, _, crc), now in pairs if crc != now})
     if not rows or _REST in damaged:
         raise StoreError(
@@ -244,8 +259,22 @@ def _rows(file: io.BufferedReader) -> list[Row] | None:
     return rows if sum(row[2] for row in rows) == start else None
 
 
+def opened(open_file: Callable[[dict[str, Any]], Opened]) -> Opened:
+    """Open a complete file with options of h5py: without a lock, where the file system has none.
+
+    HDF5 locks what it reads. A complete file never changes, but other programs of this process may
+    have it open, and HDF5 refuses to open it both with and without a lock.
+    """
+    try:
+        return open_file({})
+    except OSError as error:
+        if error_number(error) not in NO_LOCKS:
+            raise
+    return open_file({"locking": False})
+
+
 def schema_of(path: Path) -> Schema:
     """Verify a complete file and return its schema."""
     check_file(path)
-    with h5py.File(path, "r") as file:
+    with opened(lambda options: h5py.File(path, "r", **options)) as file:
         return schema_in(file)

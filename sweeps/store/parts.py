@@ -9,6 +9,7 @@ later; it counts as not computed, like a block that belongs to another sweep.
 
 from __future__ import annotations
 
+import errno
 import io
 import math
 import os
@@ -27,16 +28,23 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.interrupts import check
 from sweeps.store.file import add_table, schema_of
-from sweeps.store.paths import SCHEMA, identity, identity_of, open_regular, parts_path
-from sweeps.store.replacing import drafted, replacing
+from sweeps.store.paths import (
+    BLOCK,
+    DRAFT,
+    SCHEMA,
+    UnreadableError,
+    identity,
+    identity_of,
+    open_regular,
+    parts_path,
+)
+from sweeps.store.replacing import draft_of, drafted, replacing, sync_names
 from sweeps.store.schema import Schema, add_blocks, describe
 from sweeps.store.variables import VARIABLES
 
 #: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
 #: duration of the run so far [s].
 _ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
-_DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.\d+-[0-9a-f]{8}\.new"
-_BLOCK = r"block-\d+\.npz"
 #: What else may have happened to a block that a reader does not find.
 _ELSE = "its sweep was completed or begun anew; open the sweep again"
 
@@ -65,20 +73,26 @@ def create(folder: Path, schema: Schema) -> None:
         if is_new:
             folder.rmdir()
         raise
-    _remove(folder, f"{_BLOCK}|{_DRAFT}")
+    _remove(folder, f"{BLOCK}|{DRAFT}")
 
 
 def remove(folder: Path) -> None:
-    """Remove the files of a sweep from its folder, the schema first, and the folder if empty."""
+    """Remove the files of a sweep from its folder, and the folder if empty.
+
+    The schema becomes a draft, which goes last: so `refuse_incomplete_copy` knows what a kill left.
+    """
     with suppress(OSError):  # on Windows, another process is reading it; there are other files
-        (folder / SCHEMA).unlink(missing_ok=True)
-        _remove(folder, f"{_BLOCK}|{_DRAFT}")
+        with suppress(FileNotFoundError):
+            os.replace(folder / SCHEMA, draft_of(folder / SCHEMA))
+        _remove(folder, BLOCK)
+        sync_names(folder)
+        _remove(folder, DRAFT)
         folder.rmdir()
 
 
 def remove_drafts(folder: Path) -> None:
     """Remove the drafts that killed writers left in a folder."""
-    _remove(folder, _DRAFT)
+    _remove(folder, DRAFT)
 
 
 def _remove(folder: Path, names: str) -> None:
@@ -92,19 +106,23 @@ class Parts:
 
     `entries` maps the number of a block to its entry; `damaged` counts the blocks that are damaged
     or belong to another sweep. With `verify`, all data are compared with their checksums. Raises
-    StoreError if the schema is missing, damaged or of another format version.
+    StoreError if the schema is missing, damaged or of another format version, and its subclass
+    UnreadableError if it or a block cannot be read now.
     """
 
     def __init__(self, folder: Path, *, verify: bool = True) -> None:
         self.folder = folder
         self.schema = schema_of(folder / SCHEMA)
         self._identity = identity(folder / SCHEMA)
-        self._sweep = zlib.crc32((folder / SCHEMA).read_bytes())
+        try:
+            self._sweep = zlib.crc32((folder / SCHEMA).read_bytes())
+            files = set(os.listdir(folder))
+        except OSError as error:
+            raise UnreadableError(folder, error) from error
         self._singles = [name for name in self.schema.variables if _is_single(name)]
         self._points = np.dtype([(name, VARIABLES[name].dtype) for name in self._singles])
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
-        files = {path.name for path in folder.iterdir()}
         for number in range(len(self.schema.blocks)):
             if self._file(number).name not in files:
                 continue
@@ -114,6 +132,8 @@ class Parts:
                 self.entries[number] = self._entry(number)
                 if verify:
                     self.read(number, self.schema.variables)
+            except UnreadableError:
+                raise
             except StoreError:
                 self.entries.pop(number, None)
                 self.damaged += 1
@@ -193,7 +213,10 @@ class Parts:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, object]]:
-    """Open the file of a block, and return it with its `identity`; any error is a StoreError."""
+    """Open the file of a block, and return it with its `identity`; any error is a StoreError.
+
+    An OSError is no damage, unless damage led to a place that no file has (EINVAL).
+    """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as held:
             yield held, identity_of(os.fstat(file.fileno()))
@@ -202,6 +225,8 @@ def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, object]]:
     except FileNotFoundError:
         raise StoreError(f"{path} was removed by another program, or {_ELSE}") from None
     except Exception as error:  # zipfile has many for damaged files
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:
+            raise UnreadableError(path, error) from error
         raise StoreError(f"{path} is damaged, or cannot be read: {error}") from error
 
 
@@ -228,9 +253,14 @@ def _is_single(name: str) -> bool:
 
 
 def kept_points(path: Path) -> tuple[int, int] | None:
-    """Return the number of finished points and of all points; None without an incomplete sweep."""
+    """Return the number of finished points and of all points; None without an incomplete sweep.
+
+    Raises UnreadableError as `Parts` does.
+    """
     try:
         parts = Parts(parts_path(path), verify=False)
+    except UnreadableError:
+        raise
     except StoreError:
         return None
     blocks = parts.schema.blocks

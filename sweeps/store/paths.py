@@ -1,22 +1,19 @@
-"""The paths of a sweep's files: what exists there, what may be written, and the lock of the writer.
+"""The paths of a sweep's files: what exists there, and what may be written.
 
 While a sweep runs, it has a folder for its blocks, ``OUT.h5.parts``, and a lock, ``OUT.h5.lock``.
 """
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
 import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from enum import Enum
 from pathlib import Path
 from typing import NoReturn
-
-from filelock import FileLock, SoftFileLock, Timeout
 
 from sweeps.errors import StoreError
 from sweeps.store.replacing import check_target, kind
@@ -25,9 +22,11 @@ from sweeps.text import shown_bytes
 #: The attributes ``format`` and ``format_version`` of a file.
 FORMAT = "vibroimpact-sweep"
 FORMAT_VERSION = 5
-#: Ending of the folder of an incomplete sweep, and the name of the schema in it.
+#: Ending of the folder of an incomplete sweep, and the names of the files in it.
 PARTS = ".parts"
 SCHEMA = "schema.h5"
+BLOCK = r"block-\d+\.npz"
+DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.\d+-[0-9a-f]{8}\.new"
 #: The last bytes of a complete file.
 TRAILER = b"\x89VIBRO5\n"
 #: The last bytes of files with the format versions 2 to 4.
@@ -38,9 +37,15 @@ _ENDS = 1 << 16
 
 #: Endings of other kinds of files, refused for an output because they are surely a mistake.
 _OTHER_ENDINGS = (".png", ".svg", ".pdf", ".yaml", ".yml", ".txt")
-#: Valid contents of a lock: this program's text, the text that filelock writes on systems without
-#: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
-_LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
+#: The errors of a file system that has no locks.
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
+
+
+class UnreadableError(StoreError):
+    """The system does not let a file be read now, so nothing is known about what it holds."""
+
+    def __init__(self, path: Path, error: Exception) -> None:
+        super().__init__(f"{str(path)!r} cannot be read: {reason(error)}")
 
 
 def parts_path(path: Path) -> Path:
@@ -53,8 +58,10 @@ def identity(path: Path) -> tuple[int, ...] | None:
     """Return a value that changes when the file is replaced or written; None without a file."""
     try:
         return identity_of(path.stat())
-    except (OSError, ValueError):
+    except (FileNotFoundError, NotADirectoryError):
         return None
+    except (OSError, ValueError) as error:
+        raise UnreadableError(path, error) from error
 
 
 def identity_of(about: os.stat_result) -> tuple[int, ...]:
@@ -64,9 +71,14 @@ def identity_of(about: os.stat_result) -> tuple[int, ...]:
 
 def reason(error: Exception) -> str:
     """Return the message of an error, without the buffer addresses and line breaks of HDF5."""
-    errno = re.search(r"errno = (\d+)", str(error))
-    number = getattr(error, "errno", None) or (errno and int(errno[1]))
+    number = error_number(error)
     return os.strerror(number) if number else str(error).splitlines()[0]
+
+
+def error_number(error: Exception) -> int | None:
+    """Return the number of an error of the system, which HDF5 only writes into its message."""
+    found = re.search(r"errno = (\d+)", str(error))
+    return getattr(error, "errno", None) or (int(found[1]) if found else None)
 
 
 # What may be written, and what can be read
@@ -94,6 +106,8 @@ def content(path: Path) -> Content | None:
             tail = file.read()
     except (FileNotFoundError, NotADirectoryError):
         return None
+    except OSError as error:
+        raise UnreadableError(path, error) from error
     if not head:
         return Content.NOTHING
     hdf5 = head.startswith(_HDF5)
@@ -111,7 +125,7 @@ def open_regular(path: Path) -> io.BufferedReader:
     except (FileNotFoundError, NotADirectoryError):
         raise
     except (OSError, ValueError) as error:  # too long a name, a null byte
-        raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from None
+        raise UnreadableError(path, error) from None
     raise StoreError(f"{path} is {kind(mode)} and so not the file of a sweep")
 
 
@@ -159,6 +173,8 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"{parts} is needed as a folder, but something else has that name; move it, or give "
             "another output"
         )
+    if not overwrite:
+        refuse_incomplete_copy(parts)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
         found = content(file)
         if found is None:
@@ -169,6 +185,31 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"
             )
+
+
+def refuse_incomplete_copy(parts: Path) -> None:
+    """Refuse a folder with blocks but without their schema, unless a killed removal left it.
+
+    A removal first turns the schema into a draft, which it removes last.
+    """
+    names = _names_in(parts)
+    if SCHEMA in names or any(re.fullmatch(DRAFT, name) and SCHEMA in name for name in names):
+        return
+    if any(re.fullmatch(BLOCK, name) for name in names):
+        raise StoreError(
+            f"{parts} has blocks but no {SCHEMA}, like a copy that was cut short; copy it again, "
+            "overwrite it, or give another output"
+        )
+
+
+def _names_in(parts: Path) -> list[str]:
+    """Return the names in the folder of an incomplete sweep, none without the folder."""
+    try:
+        return os.listdir(parts)
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise UnreadableError(parts, error) from error
 
 
 def check_room(path: Path, size: int, *, resume: bool = False) -> None:
@@ -186,65 +227,3 @@ def check_room(path: Path, size: int, *, resume: bool = False) -> None:
             f"{path} has only {shown_bytes(free)} left; record less{also}, or give an output "
             "elsewhere"
         )
-
-
-# The lock
-
-
-@contextmanager
-def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
-    """Hold the lock ``<path>.lock``, a file that names this process, and remove it at the end.
-
-    However the process dies, the system releases the lock. The file left behind is then unlocked,
-    and the next writer takes it over. Readers need no lock. Raises StoreError if another process
-    holds the lock, if the file cannot be created, or as `check_output` does.
-    """
-    check_target(path, "output")
-    real = path.resolve()
-    try:
-        name = real.with_name(f"{real.name}.lock")
-        _lock_text(name)  # refuses another file of that name
-        lock = FileLock(name)
-        lock.acquire(blocking=False)
-    except Timeout:
-        if not os.path.lexists(name):
-            raise StoreError(
-                f"no file can be made in the folder {real.parent} of the output {path.name}"
-            ) from None
-        number = re.search(rb"\d+", _lock_text(name))
-        holder = number[0].decode() if number else "of an unknown number"
-        raise StoreError(
-            f"{path} is being written by process {holder}; wait for it, stop it with Ctrl-C or "
-            "kill, or give another output"
-        ) from None
-    except OSError as error:
-        raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
-    is_soft = isinstance(lock, SoftFileLock)  # it writes and removes the file itself
-    try:
-        with suppress(PermissionError):  # on Windows a locked file cannot be written
-            if not is_soft:
-                name.write_bytes(b"vibroimpact lock of process %d\n" % os.getpid())
-        check_output(path, overwrite=overwrite, resume=resume)
-        yield
-    finally:
-        with suppress(PermissionError):
-            if not is_soft:
-                name.unlink(missing_ok=True)
-        lock.release()
-
-
-def _lock_text(name: Path) -> bytes:
-    """Return the content of a lock, if it can be read; refuse another file of its name."""
-    text = b""
-    with suppress(FileNotFoundError, PermissionError):
-        if stat.S_ISREG(os.lstat(name).st_mode):
-            with name.open("rb") as file:
-                text = file.read(100)
-        else:
-            text = b"another"
-    if not _LOCK_TEXT.fullmatch(text):
-        raise StoreError(
-            f"{name} is needed as a lock, but something else has that name; move it, or give "
-            "another output"
-        )
-    return text

@@ -10,13 +10,14 @@ import h5py
 import numpy as np
 
 from sweeps.errors import StoreError
-from sweeps.store.file import check_file
+from sweeps.store.file import check_file, opened
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
     PARTS,
     SCHEMA,
     Content,
     content,
+    identity,
     parts_path,
     reason,
 )
@@ -63,7 +64,7 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     path = Path(path)
     try:
         _refuse_parts(path)
-        if _is_missing(path) and (parts_path(path) / SCHEMA).exists():
+        if _is_missing(path) and identity(parts_path(path) / SCHEMA):
             from sweeps.store.partial import open_parts
 
             try:
@@ -72,7 +73,7 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
                 if _is_missing(path):  # otherwise a run has just completed the file
                     raise
         check_file(path, verify=verify)
-        return xr.open_dataset(path, engine="h5netcdf")
+        return opened(lambda options: xr.open_dataset(path, engine="h5netcdf", driver_kwds=options))
     except (OSError, ValueError) as error:
         raise StoreError(f"{str(path)!r} cannot be read: {reason(error)}") from error
 
@@ -84,7 +85,7 @@ def _is_missing(path: Path) -> bool:
 def _refuse_parts(path: Path) -> None:
     """Refuse the folder of an incomplete sweep and its files, and name the path to give."""
     for folder in (path, path.parent):
-        if folder.name.endswith(PARTS) and (folder / SCHEMA).exists():
+        if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
             output = str(folder).removesuffix(PARTS)
             raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
 
@@ -95,7 +96,7 @@ def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], 
     Also returns the duration of the run [s].
     """
     check_file(path, verify=False)
-    with h5py.File(path, "r") as file:
+    with opened(lambda options: h5py.File(path, "r", **options)) as file:
         held = {name: file[name][()] for name in names if name in file}
         return held, float(file.attrs["duration"])
 

@@ -140,14 +140,19 @@ def replacing(path: Path) -> Iterator[Path]:
     remove_leftovers(target)
     with drafted(target) as new:
         yield new
-    _sync_names(target.parent)
+    sync_names(target.parent)
+
+
+def draft_of(target: Path) -> Path:
+    """Return the path of a new draft of a file."""
+    name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
+    return target.with_name(name)
 
 
 @contextmanager
 def drafted(target: Path) -> Iterator[Path]:
     """Do the same without a search for leftovers; a loss of power may still lose the new name."""
-    name = f".{target.name[:_REPEATED]}.{os.getpid()}-{secrets.token_hex(4)}.new"
-    new = target.with_name(name)
+    new = draft_of(target)
     new.open("xb").close()  # creates the file, so that no file of another user is opened
     try:
         yield new
@@ -158,7 +163,7 @@ def drafted(target: Path) -> Iterator[Path]:
         new.unlink(missing_ok=True)
 
 
-def _sync_names(folder: Path) -> None:
+def sync_names(folder: Path) -> None:
     """Wait until the names in a folder are on the disk; Windows cannot, as it opens no folder."""
     with suppress(PermissionError):
         descriptor = os.open(folder, os.O_RDONLY)

@@ -16,7 +16,15 @@ from sweeps.errors import Failed, StoreError
 from sweeps.grid import Block, block_points, box_shape
 from sweeps.store.file import schema_of, write_file
 from sweeps.store.parts import Parts, create, remove, remove_drafts
-from sweeps.store.paths import SCHEMA, identity, parts_path, reason
+from sweeps.store.paths import (
+    SCHEMA,
+    Content,
+    content,
+    identity,
+    parts_path,
+    reason,
+    refuse_incomplete_copy,
+)
 from sweeps.store.replacing import remove_leftovers, replacing
 from sweeps.store.schema import ADDED, Schema
 from sweeps.store.variables import VARIABLES
@@ -39,14 +47,18 @@ def sweep_writer(
     # Follow a link only once, so that everything works on the file that was checked and locked.
     path = Path(path).resolve()
     folder = parts_path(path)
-    remove_leftovers(path)  # drafts may be large
+    with _failure(path, "written"):
+        remove_leftovers(path)  # drafts may be large
     schema_file = identity(folder / SCHEMA)
-    if folder.exists() and schema_file is None:
+    if schema_file is None:
+        if resume:
+            refuse_incomplete_copy(folder)
         remove(folder)  # a run was killed while it did so
     if resume and schema_file is not None:
-        remove_drafts(folder)
+        with _failure(path, "written"):
+            remove_drafts(folder)
         _refuse_other(folder, schema_of(folder / SCHEMA), schema)
-    elif resume and path.exists() and path.stat().st_size > 0:
+    elif resume and content(path) not in (None, Content.NOTHING):
         _refuse_other(path, schema_of(path), schema)
         yield None
         return

@@ -1,7 +1,9 @@
 """Paths that are refused for writing or reading, and the lock of the single writer."""
 
+import errno
 import os
 import re
+import shutil
 import stat
 import subprocess
 import sys
@@ -291,3 +293,44 @@ def test_a_pipe_where_the_lock_goes_does_not_block():
     os.mkfifo("out.h5.lock")
     with pytest.raises(StoreError, match="needed as a lock"), only_writer(Path("out.h5")):
         pass
+
+
+@pytest.mark.parametrize("error", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_on_a_disk_without_locks_the_file_itself_is_the_lock(monkeypatch, error):
+    """A dead process of this machine loses it; a living or a distant one is named."""
+
+    def refuse(*_):
+        raise OSError(error, os.strerror(error))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    fill_blocks("out.h5", 2)
+    with only_writer(Path("out.h5"), resume=True):
+        mine = Path("out.h5.lock").read_text()
+        with pytest.raises(StoreError, match=rf"by process {os.getpid()} on .*, remove .*out\.h5"):
+            fill_blocks("out.h5", resume=True)
+    with subprocess.Popen(["true"]) as ended:
+        pass
+    number, _, rest = mine.partition("\n")
+    assert int(number) == os.getpid()
+    Path("out.h5.lock").write_text(f"{ended.pid}\n{rest}")
+    fill_blocks("out.h5", resume=True)
+    assert set(os.listdir()) == {"sweep.yaml", "out.h5"}
+    Path("out.h5.lock").write_text("1\nanother-machine\n")
+    with pytest.raises(StoreError, match=r"process 1 on another-machine; wait .*if it has ended"):
+        fill_blocks("out.h5", resume=True)
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_a_complete_file_is_read_where_no_file_can_be_locked():
+    fill_blocks("out.h5")
+    code = (
+        "from pathlib import Path; from sweeps.store import open_sweep, per_point\n"
+        "from sweeps.store.file import schema_of\n"
+        "open_sweep('out.h5').load(); per_point(Path('out.h5'), ['status'])\n"
+        "schema_of(Path('out.h5'))"
+    )
+    without = ["-f", "-qq", "-e", "trace=flock,fcntl", "-e", "inject=flock:error=ENOLCK"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(sweeps.__file__).parents[1])}
+    reading = [shutil.which("strace"), *without, "-o", "/dev/null", sys.executable, "-c", code]
+    done = subprocess.run(reading, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,111 @@
+"""The lock of the only writer of a sweep, ``OUT.h5.lock``."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+
+from sweeps.errors import StoreError
+from sweeps.store.paths import NO_LOCKS, check_output, reason
+from sweeps.store.replacing import check_target
+
+#: Valid contents of a lock: this program's text, the text that filelock writes on systems without
+#: locks, nothing if the writer was killed early, or zeros, which a loss of power may leave.
+_LOCK_TEXT = re.compile(rb"vibroimpact lock of process \d+\n|\d+\n\S+\n(?:\d+\n)?|\0{,99}")
+
+
+@contextmanager
+def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
+    """Hold the lock ``<path>.lock``, a file that names this process, and remove it at the end.
+
+    However the process dies, the system releases the lock. The file left behind is then unlocked,
+    and the next writer takes it over. Readers need no lock. Raises StoreError if another process
+    holds the lock, if the file cannot be created, or as `check_output` does.
+    """
+    check_target(path, "output")
+    real = path.resolve()
+    name = real.with_name(f"{real.name}.lock")
+    try:
+        _lock_text(name)  # refuses another file of that name
+        lock = _acquired(name)
+    except Timeout:
+        if not os.path.lexists(name):
+            raise StoreError(
+                f"no file can be made in the folder {real.parent} of the output {path.name}"
+            ) from None
+        raise StoreError(f"{path} is being written by {_holder(name)}") from None
+    except OSError as error:
+        raise StoreError(f"{str(path)!r} cannot be locked for writing: {reason(error)}") from None
+    try:
+        check_output(path, overwrite=overwrite, resume=resume)
+        yield
+    finally:
+        with suppress(PermissionError):  # on Windows a locked file cannot be removed
+            if not isinstance(lock, SoftFileLock):  # which removes the file itself
+                name.unlink(missing_ok=True)
+        lock.release()
+
+
+def _acquired(name: Path) -> BaseFileLock:
+    """Return the held lock of a file: a lock of the system, or the file itself where it has none.
+
+    A killed process leaves such a file, which a process of the same machine then takes over.
+    """
+    was_there = os.path.lexists(name)
+    lock: BaseFileLock = FileLock(name, fallback_to_soft=False)
+    try:
+        lock.acquire(blocking=False)
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        if not was_there:
+            name.unlink(missing_ok=True)
+        lock = SoftFileLock(name)  # it writes a text of its own
+        lock.acquire(blocking=False)
+    if not isinstance(lock, SoftFileLock):
+        with suppress(PermissionError):  # on Windows a locked file cannot be written
+            _write_text(name)
+    return lock
+
+
+def _write_text(name: Path) -> None:
+    """Name this process in its lock; a link that was put there meanwhile is not followed."""
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    descriptor = os.open(name, os.O_WRONLY | os.O_TRUNC | flags)
+    try:
+        os.write(descriptor, b"vibroimpact lock of process %d\n" % os.getpid())
+    finally:
+        os.close(descriptor)
+
+
+def _holder(name: Path) -> str:
+    """Name the process that holds a lock, and say what the user can do."""
+    text = _lock_text(name).decode(errors="replace")
+    found = re.search(r"(\d+)\n?(.*)", text)
+    number, host = found.groups() if found else ("of an unknown number", "")
+    process = f"process {number}{f' on {host}' if host else ''}"
+    ended = f"if it has ended, remove {name}, " if host else ""
+    return f"{process}; wait for it, stop it with Ctrl-C or kill, {ended}or give another output"
+
+
+def _lock_text(name: Path) -> bytes:
+    """Return the content of a lock, if it can be read; refuse another file of its name."""
+    text = b""
+    with suppress(FileNotFoundError, PermissionError):
+        if stat.S_ISREG(os.lstat(name).st_mode):
+            with name.open("rb") as file:
+                text = file.read(100)
+        else:
+            text = b"another"
+    if not _LOCK_TEXT.fullmatch(text):
+        raise StoreError(
+            f"{name} is needed as a lock, but something else has that name; move it, or give "
+            "another output"
+        )
+    return text
