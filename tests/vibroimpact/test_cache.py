@@ -190,7 +190,7 @@ def test_an_unusable_cache_leaves_nothing_in_the_package_or_the_temporary_folder
     (tmp_path / "temporary").mkdir()
     (tmp_path / "file").touch()
     before = sorted(tmp_path.rglob("*"))
-    code = "from vibroimpact.step.trigonometry import sin_cos as f; print(f(0.0))"
+    code = "from vibroimpact.step.elementary import sin_cos as f; print(f(0.0))"
     environment = {
         "PATH": "",
         "PYTHONPATH": str(package.parent),

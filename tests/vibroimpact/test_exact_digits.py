@@ -131,44 +131,59 @@ def test_the_time_of_rest_does_not_depend_on_the_steps(R, clearance, f):
         np.testing.assert_allclose(other, rests[0], rtol=0.0, atol=1e-13)
 
 
-# --- vectors ---
+# --- processors and libraries ---
 
 PROGRAM = """\
 import hashlib
 import numpy as np
-from vibroimpact import Oscillator, integrate
+from vibroimpact import Oscillator
+from vibroimpact.kernel.integrate import run_points
+from vibroimpact.step.scheme import scheme_of
 points = np.concatenate(
-    [Oscillator(h=0.1, R=0.8, omega=omega, f=1.0, clearance=c).at()
-     for omega in np.linspace(0.2, 4.0, 100) for c in (0.0, 0.2)]
+    [Oscillator(h=0.1, R=R, omega=omega, f=1.0 + omega / 9.0, clearance=c).at(min(c, 0.0))
+     for omega in np.linspace(0.2, 4.0, 100) for R in (0.3, 0.8) for c in (-0.1, 0.0, 0.2)]
 )
 for integrator, impact in (
     ("exact", "exact"), ("rk4", "plain"), ("newmark", "reduced-step"), ("rk4", "cubic")
 ):
-    out = integrate(points, integrator=integrator, impact=impact, transient=5, periods=20,
-                    lyapunov=impact == "exact", threads=1)
-    data = b"".join(out[name].tobytes() for name in sorted(out))
-    print(impact, hashlib.sha256(data).hexdigest())
+    scheme = scheme_of(points, integrator, impact, 600, phase=0.1)
+    out = run_points(points, scheme, (5, 20, 64), impact == "exact", 1, np.zeros(1, int), True)
+    for name in sorted(out):
+        print(impact, name, hashlib.sha256(out[name].tobytes()).hexdigest())
 """
+
+
+def digests(**settings):
+    """Return the digests of results of every rule, computed by a process with these settings."""
+    command, environment = [sys.executable, "-c", PROGRAM], os.environ | settings
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.count("\n") == 61
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def usual_digests():
+    return digests()
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(
     not llvm.get_host_cpu_features().get("avx512f"), reason="a processor without wide vectors"
 )
-def test_a_processor_with_narrower_vectors_gives_the_same_bits():
+def test_a_processor_with_narrower_vectors_gives_the_same_bits(usual_digests):
     """Compiled for AVX2, and for this processor with its vectors of 512 bits.
 
     Compiled code is kept under the processor's name and features: neither takes the other's.
     """
-
-    def hashes(**settings):
-        command, environment = [sys.executable, "-c", PROGRAM], os.environ | settings
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-
     features = [
         ("-" if name.startswith(("avx512", "evex")) or not there else "+") + name
         for name, there in llvm.get_host_cpu_features().items()
     ]
-    narrow = hashes(NUMBA_CPU_NAME="haswell", NUMBA_CPU_FEATURES=",".join(features)).stdout
-    assert narrow.count("\n") == 4
-    assert narrow == hashes().stdout
+    narrow = digests(NUMBA_CPU_NAME="haswell", NUMBA_CPU_FEATURES=",".join(features))
+    assert narrow == usual_digests
+
+
+@pytest.mark.slow
+def test_another_mathematical_library_gives_the_same_bits(usual_digests):
+    """The functions of glibc for processors without FMA differ from the others in last bits."""
+    assert digests(GLIBC_TUNABLES="glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4") == usual_digests

@@ -17,6 +17,7 @@ from vibroimpact.step.contact import (
     pressing,
     time_to_release,
 )
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.scheme import CUBIC, REDUCED_STEP
 from vibroimpact.step.time_stepping import (
@@ -26,7 +27,6 @@ from vibroimpact.step.time_stepping import (
     shortened_flight,
     single_linear_impact,
 )
-from vibroimpact.step.trigonometry import sin_cos
 
 ALL = pytest.mark.parametrize("integrator", INTEGRATORS)
 # Integrators that are exact under a constant push, as a rebound within one step requires.

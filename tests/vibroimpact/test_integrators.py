@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from vibroimpact import Oscillator, integrate
+from vibroimpact.step.elementary import asin, hypot, log, sin_cos
 from vibroimpact.step.integrators import INTEGRATORS, affine_map
 from vibroimpact.step.scheme import IMPACT_RULES
-from vibroimpact.step.trigonometry import sin_cos
 
 ALL = pytest.mark.parametrize("name", INTEGRATORS)
 
@@ -104,22 +104,45 @@ def test_an_absurd_step_is_nan_and_ends():
     assert all(math.isnan(q) for q in exact_map(point(omega=1e200), 1e200).ravel())
 
 
-# --- sine and cosine of the compiled code ---
+# --- elementary functions of the compiled code ---
 
 
-def test_both_are_right_to_rounding():
-    """Every quadrant, next to and at its ends, and thousands of radians: to 2^-52 of their size."""
+def assert_right(function, true, *arguments):
+    """Compare with mpmath, to 2^-52 of the size of each result."""
+    with mpmath.workdps(40):
+        for given in zip(*map(np.ndarray.tolist, arguments), strict=True):
+            found, known = function(*given), true(*map(mpmath.mpf, given))
+            for ours, value in zip(np.atleast_1d(found), np.atleast_1d(known), strict=True):
+                assert abs(ours - value) <= abs(value) * 2.0**-52, given
+
+
+def test_sine_and_cosine_are_right_to_rounding():
+    """Every quadrant, next to and at its ends, and thousands of radians."""
     rng = np.random.default_rng(1)
     ends = np.arange(-40, 41) * (np.pi / 4)
     angles = np.concatenate(
         [rng.uniform(-50.0, 50.0, 2000), ends, ends + rng.normal(0.0, 1e-9, ends.size),
          rng.uniform(0.0, 5e3, 500)]
     )  # fmt: skip
-    with mpmath.workdps(40):
-        true = [(mpmath.sin(a), mpmath.cos(a)) for a in map(mpmath.mpf, angles)]
-        for angle, known in zip(angles, true, strict=True):
-            for found, value in zip(sin_cos(angle), known, strict=True):
-                assert abs(found - value) <= abs(value) * 2.0**-52
+    assert_right(sin_cos, lambda angle: (mpmath.sin(angle), mpmath.cos(angle)), angles)
+
+
+def test_arc_sine_logarithm_and_length_are_right_to_rounding():
+    """Also where they are small, and at the ends of their ranges."""
+    rng = np.random.default_rng(2)
+    small, signs = 10.0 ** rng.uniform(-16.0, -1.0, 300), rng.choice([-1.0, 1.0], 300)
+    sines = [rng.uniform(-1.0, 1.0, 2000), signs * small, signs * (1.0 - small), [1.0, 0.5, -1.0]]
+    assert_right(asin, mpmath.asin, np.concatenate(sines))
+    sizes = 10.0 ** rng.uniform(-320.0, 308.0, 300)
+    assert_right(
+        log, mpmath.log, np.concatenate([rng.uniform(0, 4, 2000), sizes, 1 + signs * small])
+    )
+    x, y = rng.normal(size=(2, 2000)) * 10.0 ** rng.uniform(-3.0, 3.0, 2000)
+    assert_right(hypot, mpmath.hypot, x, y)
+    assert hypot(3.0 * 2.0**900, -4.0 * 2.0**900) == 5.0 * 2.0**900
+    assert hypot(-5e-324, 0.0) == 5e-324
+    assert (log(0.0), log(np.inf), asin(0.0), hypot(0.0, 0.0)) == (-np.inf, np.inf, 0.0, 0.0)
+    assert np.isnan([log(-1.0), log(np.nan), asin(1.1), asin(np.nan), hypot(np.nan, 1.0)]).all()
 
 
 def test_what_is_no_angle_is_no_number():

@@ -12,9 +12,9 @@ import pytest
 
 import vibroimpact
 from vibroimpact.jit import WAY, fma, trial
-from vibroimpact.step.trigonometry import sin_cos
+from vibroimpact.step.elementary import sin_cos
 
-# time_to_release() is in step/contact.py, the helper it calls in step/trigonometry.py.
+# time_to_release() is in step/contact.py, the helper it calls in step/elementary.py.
 PROGRAM = """\
 import vibroimpact
 from vibroimpact import Oscillator
@@ -54,7 +54,7 @@ def test_an_edited_helper_in_another_file_changes_the_result(tmp_path):
         Path(vibroimpact.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
     )
     assert run(tmp_path) == (pytest.approx(RELEASE), 0, 1)
-    helper = copy / "step/trigonometry.py"
+    helper = copy / "step/elementary.py"
     before = helper.read_text()
     after = before.replace("return -s if half >= 1.0 else s,", "return s,")
     assert after != before
@@ -118,7 +118,7 @@ def test_fma_rounds_once():
 #: Prints the way, how functions are compiled, and a result.
 WAY_PROGRAM = """
 from vibroimpact.jit import WAY
-from vibroimpact.step.trigonometry import sin_cos
+from vibroimpact.step.elementary import sin_cos
 print(WAY.name, sin_cos.targetoptions.get("_nrt"), *map(float.hex, sin_cos(0.7)))
 """
 

@@ -15,6 +15,7 @@ from vibroimpact.destination.nearby_orbit import multipliers
 from vibroimpact.destination.section_map import follow
 from vibroimpact.jit import inlined, jit
 from vibroimpact.status import Evidence
+from vibroimpact.step.elementary import hypot, log, sin_cos
 
 _UNREACHED, _CAPTURED = int(Evidence.UNREACHED), int(Evidence.CAPTURED)
 _FALLING = int(Evidence.FALLING)
@@ -62,11 +63,13 @@ def captured(flow, orbit, size, y, w, G, r):
     l22 = math.sqrt(G[2] - l21 * l21)
     b = l22 * (w - orbit.w) / size[1]
     a = l11 * (y - orbit.y) / size[0] + l21 * (w - orbit.w) / size[1]
-    first, radius = math.atan2(b, a), max(math.hypot(a, b), _LEAST_ELLIPSE)
+    far = hypot(a, b)
+    a_0, b_0 = (a / far, b / far) if far > 0.0 else (1.0, 0.0)
+    radius = max(far, _LEAST_ELLIPSE)
     for k in range(_ELLIPSE):
-        angle = first + 2.0 * math.pi * k / _ELLIPSE
-        b = radius * math.sin(angle) / l22
-        a = (radius * math.cos(angle) - l21 * b) / l11
+        s, c = sin_cos(2.0 * math.pi * k / _ELLIPSE)
+        b = radius * (a_0 * s + b_0 * c) / l22
+        a = (radius * (a_0 * c - b_0 * s) - l21 * b) / l11
         start_y, start_w = orbit.y + a * size[0], orbit.w + b * size[1]
         if not start_y <= 0.0:
             return False
@@ -100,6 +103,6 @@ def evidence(flow, orbit, y, w, size):
                 return _UNREACHED
         if captured(flow, orbit, size, y, w, G, r):
             return _CAPTURED
-    rate = -math.log(now / begin) / max(done, 1)
-    agrees = rate > -_SHARE_OF_RATE * math.log(greatest)
+    rate = -log(now / begin) / max(done, 1)
+    agrees = rate > -_SHARE_OF_RATE * log(greatest)
     return _FALLING if falls and done > 1 and agrees else _UNREACHED

@@ -6,6 +6,7 @@ import math
 
 from vibroimpact.destination.section_map import follow
 from vibroimpact.jit import inlined, jit
+from vibroimpact.step.elementary import hypot, log
 
 #: Most periods for which a motion without impacts is followed until its end is proved.
 _MOST_PERIODS = 1000
@@ -44,7 +45,7 @@ def excess(pt, x, v, steady):
     The deviation from the free oscillation is a damped oscillation, whose hypot(x, v / p) does not
     rise.
     """
-    deviation = math.hypot(x - steady[0], (v - steady[1]) / pt.p)
+    deviation = hypot(x - steady[0], (v - steady[1]) / pt.p)
     return steady[2] + deviation - pt.clearance * (1.0 - _MARGIN)
 
 
@@ -63,7 +64,7 @@ def stays_free(flow, x, v, steady):
         if over < 0.0:
             return True
         # The deviation, over - left, must fall below -left.
-        if not math.log((over - left) / -left) < rate * _MOST_PERIODS:
+        if not log((over - left) / -left) < rate * _MOST_PERIODS:
             return False
         end = follow(flow, x - pt.clearance, v / pt.omega, 1, False)
         if end.impacts > 0 or not end.smooth:

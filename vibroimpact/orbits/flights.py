@@ -33,6 +33,7 @@ import numpy as np
 
 from vibroimpact.jit import inlined, jit
 from vibroimpact.oscillator import Oscillator
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import Parameters
 from vibroimpact.step.propagator import Coefficients, coefficients_of, impulse
 from vibroimpact.step.series import (
@@ -42,7 +43,6 @@ from vibroimpact.step.series import (
     first_crossing,
     value_and_slope,
 )
-from vibroimpact.step.trigonometry import sin_cos
 
 #: A flight counts as below the stop if it passes the stop by less than this number of roundings.
 _ROUNDINGS = 32.0 * 2.0**-52

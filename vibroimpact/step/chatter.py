@@ -24,8 +24,8 @@ from typing import NamedTuple
 from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.status import Status
 from vibroimpact.step.contact import pressing, time_to_release
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.impact import all_terms, series
-from vibroimpact.step.trigonometry import sin_cos
 
 # The tail of a chatter is summed when eta times the rates of the system is below this. The
 # neglected third-order term, relative to the first, is of the order of the square of this product.

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import inlined, jit
+from vibroimpact.step.elementary import asin, sin_cos
 from vibroimpact.step.series import TERMS
-from vibroimpact.step.trigonometry import sin_cos
 
 #: Most flights followed in one step.
 MAX_FLIGHTS = 16384
@@ -83,7 +83,7 @@ def time_to_release(theta, pt):
     begins = a > -1e-14 * pt.f and c < 0.0
     if not (a > 0.0 or begins):
         return 0.0
-    turn = -math.asin(level / pt.f)
+    turn = -asin(level / pt.f)
     angle = (turn - theta) % (2.0 * math.pi)
     # The force begins to press at pi - turn, so the wait is at most pi + 2 turn. A longer one means
     # that theta is just past a release, by rounding: release now. So does NaN, where level > f.

@@ -43,6 +43,7 @@ from vibroimpact.step.contact import (
     speeds_until_rest,
     time_to_release,
 )
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.impact import FIRST, ONLY, single_impact
 from vibroimpact.step.propagator import extent
 from vibroimpact.step.series import (
@@ -53,7 +54,6 @@ from vibroimpact.step.series import (
     first_crossing,
     value_and_slope,
 )
-from vibroimpact.step.trigonometry import sin_cos
 
 #: A turning point below the stop, and closer to it than this share of the ``extent`` of the motion,
 #: is a near graze. It is missed if it comes after an impact in its step and within about this share

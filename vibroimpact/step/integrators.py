@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibroimpact.jit import fma, inlined, jit
-from vibroimpact.step.trigonometry import sin_cos, sine_after
+from vibroimpact.step.elementary import sin_cos, sine_after
 
 
 class Parameters(NamedTuple):

@@ -20,8 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroimpact.jit import jit
+from vibroimpact.jit import compiled, jit
 from vibroimpact.oscillator import checked_integer, one_of
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.exact import steps_needed
 from vibroimpact.step.integrators import INTEGRATORS
 from vibroimpact.step.stability import least_stable_steps
@@ -61,10 +62,18 @@ class PhaseGrid(NamedTuple):
     size: int  # number of steps
 
 
+@jit
+def _fill_waves(table):
+    """Fill the rows of sines and cosines of a table."""
+    for n in range(table.shape[1]):
+        table[SIN, n], table[COS, n] = sin_cos(table[THETA, n])
+
+
 def _grid(start: float, span: float, count: int) -> PhaseGrid:
     """Return `count` equal steps over a span of phases."""
-    theta = start + span * np.arange(count + 1) / max(count, 1)
-    table = np.stack([theta, np.sin(theta), np.cos(theta)])
+    table = np.empty((3, count + 1))
+    table[THETA] = start + span * np.arange(count + 1) / max(count, 1)
+    compiled(_fill_waves, table)(table)
     return PhaseGrid(table, span / max(count, 1), count)
 
 

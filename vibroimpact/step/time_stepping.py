@@ -43,10 +43,10 @@ from vibroimpact.step.contact import (
     speeds_until_rest,
     time_to_release,
 )
+from vibroimpact.step.elementary import sin_cos
 from vibroimpact.step.integrators import integrator_step
 from vibroimpact.step.scheme import CUBIC
 from vibroimpact.step.series import first_crossing
-from vibroimpact.step.trigonometry import sin_cos
 
 #: A rebound shorter than this many steps counts as rest.
 SHORTEST_FLIGHT = 1e-3

@@ -21,8 +21,8 @@ import math
 
 from vibroimpact.jit import fma, inlined, jit
 from vibroimpact.step.contact import IMPACT, KIND, SPEED, TIME
+from vibroimpact.step.elementary import hypot, log, sin_cos
 from vibroimpact.step.propagator import impulse
-from vibroimpact.step.trigonometry import sin_cos
 
 
 @inlined
@@ -91,11 +91,11 @@ def carry_tangents(prepared, pair, events, n, theta, phase_step, omega):
 def orthonormalise(pair):
     """Orthonormalise two tangent vectors; return them, and the logarithms of their lengths."""
     ax, av, bx, bv = pair
-    a = math.hypot(ax, av)
+    a = hypot(ax, av)
     if a == 0.0:
         return pair, -math.inf, -math.inf
     ax, av = ax / a, av / a
     area = ax * bv - av * bx  # length of the part of the second vector orthogonal to the first
     second = (-av, ax) if area >= 0.0 else (av, -ax)
-    growth = math.log(abs(area)) if area != 0.0 else -math.inf
-    return (ax, av, second[0], second[1]), math.log(a), growth
+    growth = log(abs(area)) if area != 0.0 else -math.inf
+    return (ax, av, second[0], second[1]), log(a), growth
