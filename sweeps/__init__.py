@@ -37,7 +37,7 @@ def __getattr__(name: str) -> object:
     attribute, names, _ = lazy_loader.attach_stub(__name__, __file__)
     globals().update(__dir__=names, __version__=__version__)
     if name == "__all__":
-        return [*names(), "plotting"]
+        return names()
     return __version__ if name == "__version__" else attribute(name)
 
 

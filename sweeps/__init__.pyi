@@ -1,3 +1,4 @@
+from . import plotting as plotting
 from .analysis.attractors import attractors as attractors
 from .analysis.bifurcations import bifurcations as bifurcations
 from .analysis.exact_branches import branches as branches

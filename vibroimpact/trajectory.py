@@ -59,6 +59,17 @@ class Trajectory:
     max_penetration: float
     status: Status
 
+    def __repr__(self) -> str:
+        """Return the numbers of periods, rows, impacts and rests, and the outcome, on one line."""
+        lengths = {
+            "periods": self.section_x,
+            "rows": self.t,
+            "impacts": self.impact_t,
+            "rests": self.rests,
+        }
+        counts = ", ".join(f"{len(values):,} {name}" for name, values in lengths.items())
+        return f"Trajectory({counts}, {self.status.name})"
+
 
 def simulate(
     oscillator: Oscillator,

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import SETS, GridIndex, Groups
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import TOLERANCE
@@ -40,6 +41,7 @@ from sweeps.errors import Refused
 COUNTED = (Regime.PERIODIC, Regime.REST, Regime.CHAOTIC)
 
 
+@takes_sweep({})
 def attractors(
     dataset: xr.Dataset, tolerance: float = TOLERANCE, extensions: int = EXTENSIONS
 ) -> xr.Dataset:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branches
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.regimes import Change, cascades, changes, labels
@@ -50,6 +51,7 @@ _MEANINGS = {
 _KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
 
 
+@takes_sweep({})
 def bifurcations(
     dataset: xr.Dataset, axis: str | None = None, at: Selection | None = None
 ) -> pd.DataFrame:

@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import STARTS, points_of
 from sweeps.analysis.regimes import Regime, classify
 from sweeps.analysis.rig import orbits_on_axes
@@ -90,6 +91,7 @@ def with_classes(cut: xr.Dataset) -> xr.Dataset:
     )
 
 
+@takes_sweep({})
 def branches(
     dataset: xr.Dataset,
     axis: str | None = None,

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import PeriodicPoints, check_axis, with_special_points
 from sweeps.analysis.map_cells import changes, middles_of_regions, steps_between
 from sweeps.analysis.regimes import classify
@@ -50,6 +51,7 @@ _CELLS, _ON = 0.5, 0.2
 _EXAMPLES = 3
 
 
+@takes_sweep({})
 def curves(
     dataset: xr.Dataset,
     axes: Sequence[str] = (),
@@ -101,6 +103,7 @@ def curves(
     >>> ends.R.values.round(6)[:2]
     array([0.6, 0.9])
     """
+    kinds = [kinds] if isinstance(kinds, str) else kinds
     for kind in kinds:
         if kind not in KINDS:
             meant = suggestion(nearest(kind, KINDS))

@@ -19,6 +19,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractors import COUNTED, attractors
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import points_of
 from sweeps.analysis.selection import config_of, described, listed, swept_axes
 from sweeps.analysis.settle import follow
@@ -35,6 +36,7 @@ _MEASURES = {
 }
 
 
+@takes_sweep({})
 def integrity(dataset: xr.Dataset) -> xr.Dataset:
     """Measure how large a disturbance each attractor takes, at every parameter point.
 

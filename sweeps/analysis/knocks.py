@@ -23,6 +23,7 @@ import numpy as np
 import xarray as xr
 
 from sweeps.analysis.attractors import attractors
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.regimes import Regime
 from sweeps.analysis.section_distance import section_distance
 from sweeps.analysis.selection import config_of, described, oscillator_of
@@ -70,6 +71,7 @@ class Knock(NamedTuple):
     fractal: bool = False
 
 
+@takes_sweep({})
 def knocks(
     starts: xr.Dataset,
     found: xr.Dataset | None = None,

@@ -56,6 +56,15 @@ _BLOCKS_PER_CORE = 20
 _KERNEL_LOCK = threading.Lock()
 
 
+def is_client(value: object) -> bool:
+    """Whether a value is a Dask client; nothing is if Dask is not installed."""
+    try:
+        from distributed import Client
+    except ImportError:
+        return False
+    return isinstance(value, Client)
+
+
 def computer_for(client: Client | None, threads: int | None) -> Computer:
     """Return the computer of blocks: the workers of a client, or threads of this machine."""
     return LocalComputer(threads) if client is None else ClusterComputer(client)

@@ -13,13 +13,15 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from sweeps.arguments import FLAG, PATH, Allowed, integer, require_all
 from sweeps.config.loading import load_config
 from sweeps.config.sweep import SweepConfig
-from sweeps.engine.cluster import computer_for
+from sweeps.engine.cluster import computer_for, is_client
 from sweeps.engine.compute import Results, numerics
 from sweeps.engine.estimate import expected_cost
 from sweeps.engine.executors import Computer, in_thread
 from sweeps.engine.reports import plan
+from sweeps.errors import Refused
 from sweeps.grid import Block, block_points
 from sweeps.interrupts import check, raised_by_check
 from sweeps.store import (
@@ -29,9 +31,18 @@ from sweeps.store import (
     sweep_writer,
 )
 from sweeps.text import printable
+from vibroimpact.jit import ALL_THREADS
 
 if TYPE_CHECKING:
     from distributed import Client
+
+
+_ARGUMENTS = {
+    "output": PATH,
+    "threads": integer(1, ALL_THREADS),
+    "client": Allowed(is_client, "a distributed.Client"),
+    **dict.fromkeys(("overwrite", "resume", "progress"), FLAG),
+}
 
 
 def run_sweep(
@@ -95,6 +106,17 @@ def run_sweep(
     >>> sweeps.run_sweep(scene, "flip.h5", overwrite=True).name
     'flip.h5'
     """
+    given = {
+        "output": output,
+        "threads": threads,
+        "client": client,
+        "overwrite": overwrite,
+        "resume": resume,
+        "progress": progress,
+    }
+    require_all({name: one for name, one in given.items() if one is not None}, _ARGUMENTS)
+    if overwrite and resume:
+        raise Refused("resume and overwrite exclude each other; give one of them")
     if client is not None and threads is not None:
         raise ValueError("threads is not allowed with a client, whose workers have their own")
     if not isinstance(config, SweepConfig):

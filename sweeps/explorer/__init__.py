@@ -5,25 +5,30 @@ This is the only room that imports Bokeh. `sweeps.explore(config)` opens the pag
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sweeps.config.sweep import SweepConfig
     from sweeps.explorer.server import Explorer
 
 
-def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> Explorer:
+def explore(
+    config: SweepConfig | Mapping[str, Any] | str | Path,
+    port: int = 0,
+    folder: str | Path | None = None,
+) -> Explorer:
     """Open the live picture of a configuration.
 
     Parameters
     ----------
-    config : SweepConfig
-        From `sweeps.load_config`. ``follow`` and ``refine`` are ignored: each point is computed
-        from its own start.
+    config : SweepConfig, mapping, str or Path
+        From `sweeps.load_config`, or an argument for it. ``follow`` and ``refine`` are ignored:
+        each point is computed from its own start.
     port : int, optional
         By default any free port.
-    folder : Path, optional
+    folder : str or Path, optional
         Where the page saves configurations, by default the current folder.
 
     Returns
@@ -47,8 +52,16 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
     True
     >>> page.close()
     """
+    from sweeps.arguments import Allowed, integer, is_path, require
+    from sweeps.config.loading import load_config
+    from sweeps.config.sweep import SweepConfig
     from sweeps.errors import Refused
 
+    require("port", port, integer(0, 65535))
+    existing = Allowed(lambda value: is_path(value) and Path(value).is_dir(), "an existing folder")  # type: ignore[arg-type]
+    require("folder", Path() if folder is None else folder, existing)
+    if not isinstance(config, SweepConfig):
+        config = load_config(config)
     if config.points is not None:
         raise Refused("the live picture needs axes; this sweep has the rows of a table as points")
     try:
@@ -60,4 +73,4 @@ def explore(config: SweepConfig, port: int = 0, folder: Path | None = None) -> E
         ) from None
     from sweeps.explorer.server import Explorer
 
-    return Explorer(config, port, folder)
+    return Explorer(config, port, None if folder is None else Path(folder))

@@ -11,12 +11,14 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from sweeps.analysis.attractor_table import parameter_axes
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.grouping import STARTS
-from sweeps.analysis.selection import Selection, listed, swept_axes
+from sweeps.analysis.selection import Selection, choice_of, listed, swept_axes
+from sweeps.arguments import PATH, TEXT
 from sweeps.errors import Refused
 from sweeps.grid import TABLE
 from sweeps.plotting.attractors import attractor_diagram, basins
-from sweeps.plotting.canvas import PAGE, Page
+from sweeps.plotting.canvas import ARGUMENTS, PAGE, Page
 from sweeps.plotting.diagram import bifurcation
 from sweeps.plotting.erosion import integrity
 from sweeps.plotting.maps import parameter_map
@@ -54,6 +56,7 @@ KINDS: Mapping[str, Kind] = {
 }
 
 
+@takes_sweep({**ARGUMENTS, "kind": TEXT, "output": PATH})
 def plot(
     dataset: xr.Dataset,
     output: str | Path,
@@ -118,6 +121,10 @@ def plot(
     check_kind(kind)
     for option in options:
         kinds = [name for name, taker in KINDS.items() if option in taker.options]
+        if not kinds:
+            every = dict.fromkeys(name for taker in KINDS.values() for name in taker.options)
+            meant = suggestion(nearest(option, every))
+            raise Refused(f"there is no option {option}{meant}; {choice_of(every)}")
         if kind not in kinds:
             raise Refused(f"{option} can be chosen for a {' or '.join(kinds)} only, not a {kind}")
     style = user_style() | ({} if page.dpi is None else {"savefig.dpi": page.dpi})

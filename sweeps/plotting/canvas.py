@@ -21,12 +21,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.rig import arguments_in_si
+from sweeps.arguments import TEXT, Allowed, integer, is_number, require_all
 from sweeps.errors import Refused
 from sweeps.plotting.labels import equation, status_name
 from sweeps.plotting.labels import title as title_of
 from sweeps.plotting.lines import widened
 from sweeps.plotting.style import BLUE, MARKS, STATUS_COLOURS, user_style
+from vibroimpact.step.scheme import MOST_RECORDED
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,10 @@ class Page:
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse a size, title or limit that is not allowed."""
+        require_all({name: one for name, one in vars(self).items() if one is not None}, _OF_PAGE)
+
     def set_limits(self, panel: Axes) -> None:
         """Set the given limits; raise Refused if they contain no data."""
         for name, given, ends in (
@@ -96,6 +103,30 @@ class Page:
             margin = mpl.rcParams["axes.ymargin"] * (top - bottom)
             panel.set_ylim(bottom - margin, top + margin)
 
+
+#: Least and greatest width and height of a picture [inch].
+LEAST, MOST = 1.0, 40.0
+_LENGTH = Allowed(
+    lambda value: is_number(value) and LEAST <= value <= MOST,  # type: ignore[operator]
+    f"inches, from {LEAST:g} to {MOST:g}",
+)
+_LIMITS = Allowed(
+    lambda value: (
+        isinstance(value, Sequence)
+        and len(value) == 2
+        and all(map(is_number, value))
+        and value[0] < value[1]
+    ),
+    "two numbers of which the first is smaller, as (2.4, 3.0)",
+)
+_OF_PAGE = {
+    "width": _LENGTH,
+    "height": _LENGTH,
+    "dpi": integer(1),
+    "title": TEXT,
+    "xlim": _LIMITS,
+    "ylim": _LIMITS,
+}
 
 PAGE = Page()
 _LEGEND: dict[str, Any] = {"handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0}
@@ -174,12 +205,47 @@ Refused
     If the file lacks the requested data, or there is nothing to draw."""
 
 
-def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+def _is_wanted(value: object) -> bool:
+    return isinstance(value, str | xr.DataArray)
+
+
+def _are_wanted(value: object) -> bool:
+    return _is_wanted(value) or (isinstance(value, Sequence) and all(map(_is_wanted, value)))
+
+
+def _are_orbits(value: object) -> bool:
+    return isinstance(value, xr.Dataset) and "kind" in value and "point" in value.dims
+
+
+def _are_panels(value: object, panels: int) -> bool:
+    if panels == 1:
+        return isinstance(value, Axes)
+    several = [*value] if isinstance(value, Sequence | np.ndarray) else []
+    return len(several) == panels and all(isinstance(one, Axes) for one in several)
+
+
+#: What the arguments of pictures may be, besides those of all functions of a sweep.
+ARGUMENTS: Mapping[str, Allowed] = {
+    "page": Allowed(lambda value: isinstance(value, Page), "a Page, as Page(width=3.4)"),
+    "coordinate": TEXT,
+    "exact": Allowed(_are_orbits, "the result of sweeps.branches, or for a map of sweeps.curves"),
+    "below": Allowed(_are_wanted, "names or DataArrays, as ['lyapunov']"),
+    "color": Allowed(_is_wanted, "a name or a DataArray"),
+    "quantity": Allowed(_is_wanted, "a name or a DataArray"),
+    "axes": Allowed(_are_wanted, "names of axes, as ['omega', 'R']"),
+    "periods": integer(1, MOST_RECORDED),
+}
+
+
+def styled(draw: Callable[..., Figure], panels: int = 1) -> Callable[..., Figure]:
     """Decorate a picture function: draw new figures in the common style, complete the docstring.
 
-    The first parameter of the function must be the dataset.
+    The first parameter of the function must be the dataset; `ax` has so many panels.
     """
+    panel = "a panel" if panels == 1 else f"{panels} panels"
+    of_panels = Allowed(lambda value: _are_panels(value, panels), f"{panel} of matplotlib")
 
+    @takes_sweep({**ARGUMENTS, "ax": of_panels})
     @functools.wraps(draw)
     def _in_style(dataset: xr.Dataset, **options: Any) -> Figure:
         """Draw in SI units if there is a rig, and in the common style, unless `ax` has its own."""
@@ -192,7 +258,8 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     written, mark, example = (inspect.getdoc(draw) or "").partition("\n\nExamples\n--------")
     text, _, own = written.partition("\n\nParameters\n----------")
-    head = "Parameters\n----------\ndataset : Dataset\n    From `sweeps.open_sweep`."
+    head = "Parameters\n----------\ndataset : Dataset or str or Path"
+    head += "\n    From `sweeps.open_sweep`, or the path of its file."
     _in_style.__doc__ = f"{text}\n\n{head}{own}\n{_COMMON}{mark}{example}"
     return _in_style
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import matplotlib as mpl
@@ -34,7 +35,7 @@ _NARROW = 4.5
 _MOST_MOTIONS = MOST_PERIODS // 4
 
 
-@styled
+@functools.partial(styled, panels=3)
 def trajectory(
     dataset: xr.Dataset,
     *,

@@ -57,8 +57,6 @@ def with_number(dataset: xr.Dataset, wanted: Wanted) -> tuple[xr.Dataset, str]:
 
 def _with_own(dataset: xr.Dataset, values: xr.DataArray) -> tuple[xr.Dataset, str]:
     """Return the dataset with a DataArray computed from it; refuse one that does not fit."""
-    if not isinstance(values, xr.DataArray):
-        raise Refused(f"{values!r} cannot be drawn; expected: a name or a DataArray")
     name, dims = (
         str("the DataArray" if values.name is None else values.name),
         dataset["status"].dims,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
+from sweeps.arguments import FLAG, PATH, require
 from sweeps.errors import StoreError
 from sweeps.store.file import check_file, opened
 from sweeps.store.parts import Parts
@@ -61,6 +62,8 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     """
     import xarray as xr  # slow to import
 
+    require("path", path, PATH)
+    require("verify", verify, FLAG)
     path = Path(path)
     try:
         _refuse_parts(path)

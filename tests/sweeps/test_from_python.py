@@ -6,6 +6,7 @@ import json
 import pydoc
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -48,7 +49,8 @@ def test_every_name_is_there_and_documented(package, names):
 def test_no_public_name_is_that_of_a_module(package):
     """An import of the module would set the name, and lazy-loader before 0.6 leaves it so."""
     modules = {Path(path).stem for path in Path(package.__file__).parent.iterdir()}
-    assert not modules & (set(dir(package)) - {"__version__"})
+    names = {name for name in dir(package) if not inspect.ismodule(getattr(package, name))}
+    assert not modules & (names - {"__version__"})
 
 
 def test_help_of_the_engine_is_a_screen_that_names_all_of_it():
@@ -61,7 +63,13 @@ def test_help_of_the_engine_is_a_screen_that_names_all_of_it():
 def test_pdoc_finds_every_public_name_and_help_stays_short(monkeypatch):
     assert not hasattr(sweeps, "__all__")
     monkeypatch.setitem(sys.modules, "pdoc", None)
-    assert sweeps.__all__ == [*dir(sweeps), "plotting"]
+    assert sweeps.__all__ == dir(sweeps)
+
+
+def test_the_pictures_are_there_without_an_import_of_their_own():
+    code = "import sweeps; print(sweeps.plotting.KINDS['map'].axes)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "2\n"
 
 
 @pytest.mark.parametrize("package", [vibroimpact, sweeps, plotting])
@@ -69,7 +77,8 @@ def test_a_docstring_names_only_what_is_public(package):
     """A name in capitals is a constant of its package, or the status of a point."""
     public = {*dir(package), *Status.__members__}
     for name in dir(package):
-        one = getattr(package, name)
+        if inspect.ismodule(one := getattr(package, name)):
+            continue
         texts = [inspect.getdoc(one) or ""]
         texts += [part.__doc__ or "" for part in vars(one).values()] if inspect.isclass(one) else []
         for constant in re.findall(r"`(?:\w+\.)*([A-Z]{3}[A-Z_]*)`", "\n".join(texts)):

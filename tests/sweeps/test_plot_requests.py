@@ -124,7 +124,10 @@ def without_impacts(shared_sweep):
         ({"at": {"h": 1.0}}, "h cannot be fixed here; choose from: R"),
         ({"axes": ["omega"], "at": {"omega": 1.0}}, "omega cannot be fixed here; choose from: R"),
         ({"at": {"R": 0.9}}, "R = 0.9 is outside the sweep: 0.5 to 0.8"),
-        ({"at": {"R": float("nan")}}, "R = nan is outside the sweep"),
+        (
+            {"at": {"R": float("nan")}},
+            "at = {'R': nan} is not allowed; expected: a number for each axis",
+        ),
         (
             {"coordinate": "status"},
             "status is not a coordinate of the motion; choose from: poincare_x",
@@ -137,10 +140,8 @@ def without_impacts(shared_sweep):
             {"kind": "section", "axes": ["R"]},
             "axes can be chosen for a bifurcation or attractors or map or table only",
         ),
-        (
-            {"kind": "section", "exact": True},
-            "exact can be chosen for a bifurcation or map only, not a section",
-        ),
+        ({"kind": "section", "exact": True}, "exact = True is not allowed; expected: the result"),
+        ({"kind": "section", "quantity": "period"}, "quantity can be chosen for a map or table"),
         ({"axes": ["R", "omega"]}, "a bifurcation has 1 swept axis, not R, omega"),
         (
             {"coordinate": "max_penetration"},
@@ -155,7 +156,7 @@ def without_impacts(shared_sweep):
         ({"kind": "map", "below": ("rest_fraction",)}, "below can be chosen for a bifurcation"),
         (
             {"kind": "trajectory", "periods": -1},
-            "periods must be an integer from 1 to .*, not -1",
+            "periods = -1 is not allowed; expected: an integer from 1 to 1,000,000",
         ),
         (
             {"below": ("rest_fracton",)},

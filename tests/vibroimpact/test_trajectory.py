@@ -267,3 +267,10 @@ def test_a_rest_stays_on_the_stop():
     assert len(x[(t > begin) & (t < end)]) > 20
     assert (x[(t > begin) & (t < end)] == 0.0).all()
     assert x.max() < 1e-12
+
+
+def test_a_trajectory_is_shown_on_one_line():
+    motion = simulate(Oscillator(h=0.1, R=0.8, omega=2.3, f=1.0), periods=50, transient=1)
+    rows = f"{len(motion.t):,}"
+    shown = f"Trajectory(50 periods, {rows} rows, 50 impacts, 0 rests, CERTIFIED)"
+    assert repr(motion) == str(motion) == shown

@@ -1,0 +1,191 @@
+"""Wrong arguments at every public function: one refusal, in the words of the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import sweeps
+from sweep_files import run_in
+from sweeps import Refused, open_sweep, plotting
+from sweeps.plotting import Page
+
+MAP = """\
+oscillator: {h: 0.1, R: [0.7, 0.8], omega: {start: 2.6, stop: 2.7, num: 4}, f: 1.0}
+record: {transient: 50, periods: 32, diagnostics: [period]}
+"""
+STARTS = """\
+oscillator: {h: 0.1, R: 0.8, omega: 2.6, f: 1.0, clearance: 0.6}
+start: {x0: {start: -3, stop: 0.5, num: 4}, v0: {start: -3, stop: 3, num: 4}}
+record: {transient: 100, periods: 32, diagnostics: [period]}
+"""
+SCENE = {"oscillator": {"h": 0.1, "R": 0.8, "omega": [2.5, 2.6], "f": 1.0}}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    return {
+        name: run_in(folder, text, name=f"{name}.h5")
+        for name, text in (("map", MAP), ("starts", STARTS))
+    }
+
+
+@pytest.fixture(scope="module")
+def opened(files):
+    with open_sweep(files["map"]) as over_map, open_sweep(files["starts"]) as over_starts:
+        yield {"map": over_map.load(), "starts": over_starts.load()}
+
+
+#: The functions of an opened sweep, and one that each of them takes.
+DOORS = {
+    "attractors": (sweeps.attractors, "starts"),
+    "bifurcations": (sweeps.bifurcations, "map"),
+    "branches": (sweeps.branches, "map"),
+    "curves": (sweeps.curves, "map"),
+    "integrity": (sweeps.integrity, "starts"),
+    "knocks": (sweeps.knocks, "starts"),
+    "plot": (lambda dataset, **options: plotting.plot(dataset, "a.png", **options), "map"),
+    "bifurcation": (plotting.bifurcation, "map"),
+    "section": (plotting.section, "map"),
+    "impacts": (plotting.impacts, "map"),
+    "trajectory": (plotting.trajectory, "map"),
+    "parameter_map": (plotting.parameter_map, "map"),
+    "basins": (plotting.basins, "starts"),
+    "attractor_diagram": (plotting.attractor_diagram, "map"),
+    "plotting.integrity": (plotting.integrity, "starts"),
+    "table_panels": (plotting.table_panels, "map"),
+}
+#: What is no opened sweep, made of one.
+NO_SWEEP = {
+    "None": lambda _: None,
+    "a number": lambda _: 3,
+    "a dict": lambda ds: dict(ds),
+    "an array": lambda ds: ds["status"],
+    "another Dataset": lambda _: xr.Dataset({"a": ("b", [1.0])}),
+    "no attributes": lambda ds: ds.drop_attrs(),
+    "renamed": lambda ds: ds.rename({str(ds["status"].dims[0]): "w"}),
+    "results renamed": lambda ds: ds.rename(status="outcome"),
+    "averaged": lambda ds: ds.mean(str(ds["status"].dims[0]), keep_attrs=True),
+    "no coordinate": lambda ds: ds.drop_vars(str(ds["status"].dims[0])),
+    "empty": lambda ds: ds.isel({str(ds["status"].dims[0]): slice(0, 0)}),
+    "stacked": lambda ds: ds.stack(both=[*map(str, ds["status"].dims)]),
+}
+
+
+@pytest.mark.parametrize("wrong", NO_SWEEP)
+@pytest.mark.parametrize("door", DOORS)
+def test_only_an_opened_sweep_is_taken(opened, door, wrong):
+    function, name = DOORS[door]
+    with pytest.raises(Refused, match=r"(; expected: an opened sweep|has no value of)"):
+        function(NO_SWEEP[wrong](opened[name]))
+
+
+@pytest.mark.parametrize("door", ["attractors", "bifurcations", "section", "basins"])
+def test_a_path_is_opened(files, opened, door):
+    function, name = DOORS[door]
+    for path in (files[name], str(files[name])):
+        found, expected = function(path), function(opened[name])
+        if isinstance(found, Figure):
+            assert found.get_suptitle() == expected.get_suptitle()
+        else:
+            assert found.equals(expected)
+    with pytest.raises(sweeps.StoreError, match=r"missing\.h5 does not exist"):
+        function("missing.h5")
+
+
+AT = ("R=0.8", 3, ["R"], {"R": None}, {"R": [0.7]}, {"R": "0.7"}, {3: 0.7}, {"R": np.nan})
+CLASSES = (["1/1"], "1/1", (1, 1), [(1,)], [(0, 1)], [(1, -1)], [(1.5, 1)], 3, [None])
+ITS_OWN = object()  # stands for the sweep itself
+PAGES = (None, "3.4in", 3.4, {"width": 3.4})
+NAMES = (3, [3], None)
+
+
+def calls():
+    """Yield the argument, a call with a wrong value of it, and the file."""
+    for door in ("bifurcations", "branches", "curves", "plot", "bifurcation", "basins", "section"):
+        for at in AT:
+            yield "at", door, {"at": at}
+    for door in ("bifurcations", "branches"):
+        yield from (("axis", door, {"axis": axis}) for axis in (3, ["omega"], ("R", "omega")))
+    for door in ("branches", "curves"):
+        yield from (("classes", door, {"classes": classes}) for classes in CLASSES)
+    yield from (("most", "branches", {"most": most}) for most in (0, -1, 1.5, "2", None, True))
+    yield from (("kinds", "curves", {"kinds": kinds}) for kinds in (3, [3], None))
+    for door in ("curves", "bifurcation", "parameter_map", "plot"):
+        yield from (("axes", door, {"axes": axes}) for axes in (3, [3]))
+    for door in ("bifurcation", "section", "trajectory", "basins", "plot"):
+        yield from (("page", door, {"page": page}) for page in PAGES)
+    for door in ("bifurcation", "section", "trajectory"):
+        yield from (("ax", door, {"ax": ax}) for ax in (3, "left", Figure()))
+    for door in ("bifurcation", "parameter_map"):
+        yield from (("exact", door, {"exact": exact}) for exact in (3, True, "1/1", ITS_OWN))
+    yield from (("coordinate", "bifurcation", {"coordinate": name}) for name in (3, ["impact_v"]))
+    yield from (("below", "bifurcation", {"below": name}) for name in (3, [3], {"a": 1}))
+    for name in ("color", "quantity"):
+        door = "bifurcation" if name == "color" else "parameter_map"
+        yield from ((name, door, {name: wrong}) for wrong in (3, ["period"], np.ones(4)))
+    yield from (("periods", "trajectory", {"periods": n}) for n in (0, -1, "4", 1.5, 10**12, True))
+    yield from (("kind", "plot", {"kind": kind}) for kind in (3, ["map"]))
+    yield "colour", "plot", {"colour": "period"}
+    for tolerance in (-1.0, "1e-3", None, np.nan):
+        yield "tolerance", "attractors", {"tolerance": tolerance}
+    yield from (("extensions", "attractors", {"extensions": n}) for n in (-1, 1.5, "2", None))
+    yield from (("found", "knocks", {"found": found}) for found in (3, ITS_OWN, {}))
+    yield from (("numbers", "knocks", {"numbers": numbers}) for numbers in (3, "0", ["0"], [1.5]))
+
+
+@pytest.mark.parametrize(("argument", "door", "options"), list(calls()))
+def test_a_wrong_argument_of_an_opened_sweep_is_named(opened, argument, door, options):
+    function, name = DOORS[door]
+    options = {key: opened[name] if of is ITS_OWN else of for key, of in options.items()}
+    with pytest.raises(Refused, match=rf"\b{argument}\b.*(expected: |choose |did you mean)"):
+        function(opened[name], **options)
+
+
+RUN = [
+    *(("threads", {"threads": n}) for n in (-1, 0, "2", 1.5, True, 10**6)),
+    *(("client", {"client": client}) for client in (3, "tcp://127.0.0.1:8786")),
+    *((name, {name: value}) for name in ("overwrite", "resume", "progress") for value in ("no", 1)),
+    *(("output", {"output": output}) for output in (3, b"a.h5", ["a.h5"])),
+    ("overwrite", {"overwrite": True, "resume": True}),
+]
+
+
+@pytest.mark.parametrize(("argument", "options"), RUN)
+def test_a_wrong_argument_of_a_run_is_named(argument, options):
+    with pytest.raises(Refused, match=rf"\b{argument}\b.*(expected: |exclude each other)"):
+        sweeps.run_sweep(SCENE, **{"output": "a.h5", **options})
+    assert not [path for path in Path().iterdir() if path.name != "sweep.yaml"]
+
+
+OTHERS = [
+    *(("the configuration", lambda x=x: sweeps.load_config(x)) for x in (None, 3, [SCENE])),
+    *(("the configuration", lambda x=x: sweeps.run_sweep(x)) for x in (None, 3)),
+    *(("overrides", lambda x=x: sweeps.load_config(SCENE, x)) for x in ("a=1", 3, None)),
+    *(("path", lambda x=x: sweeps.open_sweep(x)) for x in (None, 3, ["a.h5"], SCENE)),
+    *(("verify", lambda x=x: sweeps.open_sweep("a.h5", verify=x)) for x in ("no", None)),
+    *(("the configuration", lambda x=x: sweeps.explore(x)) for x in (None, 3)),
+    *(("port", lambda x=x: sweeps.explore(SCENE, port=x)) for x in (-1, "80", 10**6, None)),
+    *(("folder", lambda x=x: sweeps.explore(SCENE, folder=x)) for x in (3, "missing")),
+    *(("width", lambda x=x: Page(width=x)) for x in ("3.4in", 0, -1, 0.5, 100, np.nan, True)),
+    *(("height", lambda x=x: Page(height=x)) for x in ("2in", 0.5)),
+    *(("dpi", lambda x=x: Page(dpi=x)) for x in (0, "300", 1.5)),
+    *(("title", lambda x=x: Page(title=x)) for x in (3, ["a"])),
+    *(("xlim", lambda x=x: Page(xlim=x)) for x in ("2:3", (3, 2), (1,), 3, (1, np.nan), "23")),
+    *(("ylim", lambda x=x: Page(ylim=x)) for x in ((1, 1), ("1", "2"))),
+]
+
+
+@pytest.mark.parametrize(("argument", "function"), OTHERS)
+def test_a_wrong_argument_is_named(argument, function):
+    with pytest.raises(Refused, match=rf"\b{argument}\b.*expected: "):
+        function()
+
+
+def test_the_output_of_a_picture_is_a_path(opened):
+    for output in (3, None, ["a.png"]):
+        with pytest.raises(Refused, match=r"output = .*expected: "):
+            plotting.plot(opened["map"], output)
