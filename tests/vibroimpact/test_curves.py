@@ -10,10 +10,10 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
 from oscillators import SectionMap, bifurcation
-from vibroimpact.orbits import special_points
 from vibroimpact.orbits.branches import branch
 from vibroimpact.orbits.curves import bifurcation_curve
 from vibroimpact.orbits.family import OrbitFamily
+from vibroimpact.orbits.halves import _Beside
 from vibroimpact.orbits.one_impact import one_impact_orbit, one_impact_orbits
 from vibroimpact.orbits.orbit import PeriodicOrbit
 from vibroimpact.orbits.periodic import OrbitError, periodic_orbit, solved, why_inadmissible
@@ -335,7 +335,7 @@ def test_no_flips_and_folds_meet_the_grazes_of_a_long_period_without_damping():
     assert not {"flip", "fold"} & {point.kind for point in found.special}
 
 
-@pytest.mark.parametrize("width", [1e-7, 1e-8, 1e-9])
+@pytest.mark.parametrize("width", [1e-7, 1e-8, 1e-9, 1e-10])
 def test_a_curve_over_narrow_ranges_goes_from_edge_to_edge(width):
     scene = Oscillator(h=0.05, R=0.8, omega=2.65888454668484, f=1.0)
     ranges = [(x, getattr(scene, x) - width, getattr(scene, x) + width) for x in ("omega", "R")]
@@ -358,6 +358,20 @@ def test_two_folds_meet_in_a_cusp():
     for near, count in ((without, 0), (found.orbit(at - 1), 2), (found.orbit(at + 1), 2)):
         special = branch(near, "omega", omega - 0.01, omega + 0.01).special
         assert [p.kind for p in special].count("fold") == count
+
+
+def test_a_smooth_turn_of_the_folds_is_no_cusp():
+    """R has a smooth minimum at (6.0328, .6251), where the parameters turn within one step."""
+    osc = Oscillator(
+        h=0.002270562487592108, R=0.7921663522150849, omega=5.9214451962385555, f=1.0,
+        p=0.8940667529083062,
+    )  # fmt: skip
+    phases = np.array([2.36987228167583, 6.529280048086484, 26.65563221760582])
+    speeds = np.array([0.13852896315191357, 0.18970795215695938, 0.3226216879520207])
+    start = PeriodicOrbit(osc, 7, phases, speeds)
+    found = bifurcation_curve(start, "fold", ("omega", 3.5, 8.62), ("R", 0.6067418, 1.0))
+    assert [point.kind for point in found.special] == ["edge", "graze"]
+    assert found.values[:, 1].min() == pytest.approx(0.6251, abs=1e-3)
 
 
 #: Folds of even orbits: h, R, omega, clearance, m, phases, speeds, and two parameters.
@@ -498,15 +512,76 @@ def test_a_curve_of_folds_ends_where_a_flip_of_half_the_period_changes_its_kind(
         assert not orbits_twice(again)
 
 
+#: Folds of orbits of two periods near a resonance, where the equations of the flights are almost
+#: singular: oscillator, phases, speeds, two ranges, and the kinds of both ends.
+RESONANT_FOLDS = [
+    (
+        (0.0, 0.22962440475055887, 0.49684387536385977, 2.8364653295094806, 1.0, 3.099250817317816),
+        (4.738467196435406, 10.975655183818759), (0.01183862788017028, 0.07485107591497236),
+        ("clearance", 0.8314, 5.332), ("f", 1.0102, 4.6627), ["edge", "edge"],
+    ),
+    (
+        (0.009648847885009706, 0.7833535831970844, 1.3573919789029458, 2.9641915887581125,
+         1.3677821652269693, 3.731868390412312),
+        (4.823666020966798, 10.982749280277007), (2.3184803230137843, 5.116010847311451),
+        ("p", 0.40623, 1.59377), ("R", 0.51627, 1.0), ["flip", "edge"],
+    ),
+    (
+        (0.0005665172892851622, 0.5942893006996819, 0.4286026678593357, 1.531011005217444,
+         1.1314116535635579, 1.1552798542610252),
+        (4.076597043608686, 5.266260401540656, 10.327846298259349, 11.522536935873312),
+        (0.4533649300320061, 0.3094417684784397, 0.48787918202701913, 0.359695148117221),
+        ("p", 0.37038, 1.62962), ("R", 0.40346, 0.78511), ["flip", "flip"],
+    ),
+    (
+        (0.0028280073070909226, 0.9270389501064908, 0.7505942405230596, 3.437808668542584,
+         0.7518735452621153, 10.539791788425157),
+        (4.760499839324295, 10.985201203714293), (5.39811938233415, 9.457266523539156),
+        ("omega", 0.67905, 1.22553), ("clearance", 7.71157, 13.368), ["flip", "edge"],
+    ),
+    (
+        (0.001323363952787437, 0.24314165313611752, 2.4888813031584, 1.0, 2.506656358598918,
+         3.174244174808011),
+        (4.728975956433519, 11.001734877020061), (0.6266560763480521, 0.835524330764009),
+        ("p", 1.83874, 2.99112), ("clearance", 1.87532, 4.47317), ["flip", "edge"],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "phases", "speeds", "first", "second", "kinds"), RESONANT_FOLDS, ids=range(5)
+)
+def test_the_folds_near_a_resonance_are_followed_to_their_ends(
+    values, phases, speeds, first, second, kinds
+):
+    start = PeriodicOrbit(Oscillator(*values), 2, np.array(phases), np.array(speeds))
+    found = bifurcation_curve(start, "fold", first, second)
+    assert [point.kind for point in found.special] == kinds
+    assert len(found.values) < 60 and not orbits_twice(found)
+    for end in (point for point in found.special if point.kind == "flip"):
+        with mp.workdps(60):
+            coefficients = []
+            for change in (0, mp.mpf(10) ** -5):
+                half = SectionMap(end.orbit)
+                half.parameters[second[0]] += change
+                value = half.bifurcation("flip", first[0])
+                coefficients.append(half.cubic_coefficient())
+                if not change:
+                    assert float(value) == pytest.approx(end.value[0], rel=1e-12)
+            away = float(1e-5 * coefficients[0] / (coefficients[1] - coefficients[0]))
+            assert away == pytest.approx(0.0, abs=2e-5)
+
+
 def test_a_flip_beside_the_extrapolated_end_of_a_curve_of_folds_is_not_its_end(monkeypatch):
     """Newton's method finds the flips of the half from anywhere near them."""
     start = orbit_of_6_4()
     ranges = ("clearance", -0.14086, 0.08504), ("R", 0.42661, 1.0)
-    extrapolated = special_points._extrapolated
+    extrapolated = _Beside.at
     aside = np.zeros(10)
     aside[-2] = 0.01
     monkeypatch.setattr(
-        special_points, "_extrapolated", lambda points, square: extrapolated(points, square) + aside
+        _Beside, "at", lambda self, square: extrapolated(self, square) + aside * (square == 0.0)
     )
     found = bifurcation_curve(start, "fold", *ranges)
     assert "flip" not in [point.kind for point in found.special]
@@ -574,7 +649,7 @@ def test_folds_that_grow_without_bound_leave_the_other_direction_its_work(monkey
 
     There k^2 = (sigma / gamma)^2 - 1, gamma = 1 / (1 - omega^2): they never reach R = 1.
     """
-    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 200_000)
+    monkeypatch.setattr("vibroimpact.orbits.family.MOST_WORK", 80_000)
     start = one_impact_orbits(Oscillator(0.0, 0.75, 4.15, 1.0, clearance=-0.1), 2)[0]
     ranges = ("omega", 1.0, 8.0), ("R", 0.1, 1.0)
     edge, lost = bifurcation_curve(start, "fold", *ranges).special

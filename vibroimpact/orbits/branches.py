@@ -20,9 +20,10 @@ from vibroimpact.orbits.continuation import continue_branch
 from vibroimpact.orbits.detection import ROUNDING
 from vibroimpact.orbits.ends import ending
 from vibroimpact.orbits.family import NEARBY_DISTANCE, ContinuationParameter, OrbitFamily
+from vibroimpact.orbits.halves import doubling, parents_flip
 from vibroimpact.orbits.orbit import PeriodicOrbit, free_orbit, orbit_of, steady_response
 from vibroimpact.orbits.periodic import OrbitError, least, refuse_long, solved
-from vibroimpact.orbits.special_points import doubling, parents_flip, special_points
+from vibroimpact.orbits.special_points import special_points
 from vibroimpact.oscillator import Oscillator, refuse_other
 
 #: Number of values of the parameter at which the free oscillation is checked.

@@ -55,8 +55,9 @@ _DIFFERENCE, _DIFFERENCE_SHARE = 1e-9, 1e-12
 #: Equations count as dependent if only this share of a row is orthogonal to the rows before it.
 _INDEPENDENT = 1e-14
 #: The iteration ends after a step shorter than the first, or after a step that is shorter than the
-#: second and longer than half the step before it.
-_CONVERGED, _STALLED = 1e-12, 1e-7
+#: second and longer than half the step before it. The third is the same for the rounding of a
+#: parameter in units of a narrow span, as a share of it.
+_CONVERGED, _STALLED, _ROUNDED = 1e-12, 1e-7, 2.0**-50
 #: Most halvings of a Newton step, and the share of its length that a flight keeps in a step.
 _HALVINGS, _SHORTEST = 8, 0.1
 
@@ -232,20 +233,47 @@ def _without_last(A, B):
 @jit
 def characteristic(A, B):
     """Return c0, c1, c2 of det J(mu), divided by the volume of all flights but the last."""
-    q, c0, M, c2 = A.shape[0], 1.0, np.zeros((2, 2)), 1.0
+    return _characteristic_and_slopes(A, B, np.zeros(A.shape), np.zeros(B.shape))[0]
+
+
+@jit
+def _determinant(A, dA):
+    """Return the determinant of a 2 x 2 matrix and its derivative."""
+    slope = dA[0, 0] * A[1, 1] + A[0, 0] * dA[1, 1] - dA[0, 1] * A[1, 0] - A[0, 1] * dA[1, 0]
+    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0], slope
+
+
+@jit
+def _characteristic_and_slopes(A, B, dA, dB):
+    """Return c0, c1, c2 as `characteristic`, and their derivatives at a constant volume.
+
+    dA and dB are the derivatives of A and B.
+    """
+    q, c0, s0, c2, s2 = A.shape[0], 1.0, 0.0, 1.0, 0.0
     V, diagonal = np.zeros((2 * q - 2, 4)), np.ones(2 * q)
     _factorise(_without_last(A, B), V, diagonal, np.empty(2 * q), np.empty(2 * q - 2))
+    M, dM = np.zeros((2, 2)), np.zeros((2, 2))
     M[0, 0] = M[1, 1] = 1.0
     for i in range(q):
         volume = abs(diagonal[2 * i] * diagonal[2 * i + 1])
-        c0 *= (A[i, 0, 0] * A[i, 1, 1] - A[i, 0, 1] * A[i, 1, 0]) / volume
-        c2 *= (B[i, 0, 0] * B[i, 1, 1] - B[i, 0, 1] * B[i, 1, 0]) / volume
+        det, slope = _determinant(A[i], dA[i])
+        c0, s0 = c0 * (det / volume), s0 * (det / volume) + c0 * (slope / volume)
+        det, slope = _determinant(B[i], dB[i])
+        c2, s2 = c2 * (det / volume), s2 * (det / volume) + c2 * (slope / volume)
         for j in range(2):  # M becomes -adj(B_i) A_i M
-            upper = (A[i, 0, 0] * M[0, j] + A[i, 0, 1] * M[1, j]) / volume
-            lower = (A[i, 1, 0] * M[0, j] + A[i, 1, 1] * M[1, j]) / volume
+            x, y, dx, dy = M[0, j], M[1, j], dM[0, j], dM[1, j]
+            upper = (A[i, 0, 0] * x + A[i, 0, 1] * y) / volume
+            lower = (A[i, 1, 0] * x + A[i, 1, 1] * y) / volume
+            d_upper = dA[i, 0, 0] * x + dA[i, 0, 1] * y + A[i, 0, 0] * dx + A[i, 0, 1] * dy
+            d_lower = dA[i, 1, 0] * x + dA[i, 1, 1] * y + A[i, 1, 0] * dx + A[i, 1, 1] * dy
+            d_upper, d_lower = d_upper / volume, d_lower / volume
             M[0, j] = B[i, 0, 1] * lower - B[i, 1, 1] * upper
             M[1, j] = B[i, 1, 0] * upper - B[i, 0, 0] * lower
-    return c0, -M[0, 0] - M[1, 1], c2
+            dM[0, j] = dB[i, 0, 1] * lower - dB[i, 1, 1] * upper
+            dM[0, j] += B[i, 0, 1] * d_lower - B[i, 1, 1] * d_upper
+            dM[1, j] = dB[i, 1, 0] * upper - dB[i, 0, 0] * lower
+            dM[1, j] += B[i, 1, 0] * d_upper - B[i, 0, 0] * d_lower
+    return (c0, -M[0, 0] - M[1, 1], c2), (s0, -dM[0, 0] - dM[1, 1], s2)
 
 
 @jit
@@ -281,7 +309,7 @@ def _parameter_slopes(system, X):
     for j in range(system.free.size):
         at, span = system.free[j], system.spans[j]
         value = values[at]
-        step = FLIGHT_DIFFERENCE * min(span, max(abs(value), 0.1 * span))
+        step = FLIGHT_DIFFERENCE * max(abs(value), 0.1 * span)
         values[at] = value + step
         above, _, _ = residuals(values, system.m, system.speed, X, q)
         values[at] = value - step
@@ -340,12 +368,26 @@ def difference(system, X):
 
 @jit
 def _gradient(system, X, along):
-    """Return the derivative of the condition along a vector."""
+    """Return the derivative along a vector of the condition, where the condition is zero."""
     if system.condition == GRAZE:
         return along[2 * system.graze + 1]
-    step = difference(system, X)
-    above = _condition(system, moved(X, step, along))
-    return (above - _condition(system, moved(X, -step, along))) / (2.0 * step)
+    q, fastest = system.q, 0.0
+    for i in range(X.size):  # no unknown moves by more than this share of its size
+        size = max(abs(X[i]), 0.1) if i >= 2 * q else 1.0 if i % 2 == 0 else max(abs(X[i]), 1.0)
+        fastest = max(fastest, abs(along[i]) / size)
+    step = FLIGHT_DIFFERENCE / fastest
+    _, above, above_B = linearised(system, moved(X, step, along))
+    _, A, B = linearised(system, moved(X, -step, along))
+    dA, dB = np.empty(A.shape), np.empty(B.shape)
+    for i in range(q):
+        for j in range(2):
+            for k in range(2):
+                dA[i, j, k] = (above[i, j, k] - A[i, j, k]) / (2.0 * step)
+                dB[i, j, k] = (above_B[i, j, k] - B[i, j, k]) / (2.0 * step)
+                A[i, j, k] += step * dA[i, j, k]  # now at X
+                B[i, j, k] += step * dB[i, j, k]
+    _, (s0, s1, s2) = _characteristic_and_slopes(A, B, dA, dB)
+    return s0 + s2 + (s1 if system.condition == FOLD else -s1)
 
 
 @jit
@@ -399,7 +441,9 @@ def correct(system, X, planes, most):
     """
     k, q = system.free.size, system.q
     origin, P, N = X.copy(), np.empty(X.size), np.empty((k - planes.shape[0], X.size))
-    before = math.inf
+    before, rounding = math.inf, 0.0
+    for i in range(2 * q, X.size):
+        rounding = max(rounding, _ROUNDED * abs(X[i]))
     for _ in range(most):
         size = _newton_step(system, X, origin, planes, P, N)
         if not size < math.inf:
@@ -415,7 +459,9 @@ def correct(system, X, planes, most):
             share = _decreasing(system, X, P, share, size)
         for i in range(X.size):
             X[i] += share * P[i]
-        converged = length < _CONVERGED or (length < _STALLED and length > 0.5 * before)
+        converged = length < max(_CONVERGED, rounding) or (
+            length < _STALLED and length > 0.5 * before
+        )
         if share == 1.0 and converged:
             return True
         before = length

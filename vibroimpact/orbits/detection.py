@@ -57,6 +57,9 @@ _MOST_ADVANCE = 1.0
 #: Where the parameters of a curve of folds move by less than this share of its tangent, their
 #: direction is rounding.
 HEADING = 1e-5
+#: The difference of the halves of an orbit falls in a step along a curve of folds to no less than
+#: this share. The curve ends where it vanishes (``halves.py``).
+_LEAST_SHARE = 0.25
 
 
 @jit
@@ -201,6 +204,20 @@ def _may_have_cusps(system, X, tangent, Y, tangent_Y, length):
 
 
 @jit
+def _halves_may_meet(system, X, Y):
+    """Whether the difference of the halves of an orbit falls so far that they may change places."""
+    if system.m % 2 or system.q % 2:
+        return False
+    product, square = 0.0, 0.0
+    for i in range(system.q):
+        shift = 0.0 if i % 2 else math.pi * system.m
+        first = X[i + system.q] - X[i] - shift
+        product += first * (Y[i + system.q] - Y[i] - shift)
+        square += first * first
+    return product < _LEAST_SHARE * square
+
+
+@jit
 def may_miss(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
     """Whether a step may miss roots of the test functions, or points that are not orbits.
 
@@ -218,4 +235,8 @@ def may_miss(system, X, tangent, tests, Y, tangent_Y, tests_Y, length):
     free = system.condition == GRAZE and system.q == 1
     if not free and _may_penetrate(system, X, tangent, Y, tangent_Y, length, length_Y):
         return True
-    return system.condition == FOLD and _may_have_cusps(system, X, tangent, Y, tangent_Y, length)
+    if system.condition != FOLD:
+        return False
+    return _halves_may_meet(system, X, Y) or _may_have_cusps(
+        system, X, tangent, Y, tangent_Y, length
+    )

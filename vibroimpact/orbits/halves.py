@@ -1,0 +1,170 @@
+"""Orbits whose two halves become equal: there they are orbits of half the period, at a flip.
+
+A branch of orbits of twice the period ends at a flip of the half, where its halves change places. A
+curve of folds of such orbits ends where this flip is degenerate (Kuznetsov, *Elements of Applied
+Bifurcation Theory*, sec. 9.3).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibroimpact.orbits.corrector import linearised, null_vector
+from vibroimpact.orbits.detection import ROUNDING
+from vibroimpact.orbits.ends import is_orbit
+from vibroimpact.orbits.family import ArclengthStep, OrbitFamily
+from vibroimpact.orbits.orbit import PeriodicOrbit
+
+#: Where the difference of the halves falls below this, a curve of folds may be about to end.
+_ALMOST_ALIKE = 0.1
+#: The end of a curve of folds is extrapolated from the first point of a step and from points where
+#: the halves differ by these shares of their difference there, at least so many.
+_SHARES, _FEWEST = (0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 3
+#: The end that is extrapolated is closer to the flip of the half than this, in scaled unknowns.
+_EXTRAPOLATED = 1e-7
+
+
+def parents_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+    """Return where in a step an orbit meets the flip of its parent, of half its period; or None.
+
+    The result is the point of the step, ``flip``, and the parent. Where a curve of folds meets an
+    edge just before, it is the point there, ``edge``, and its orbit.
+    """
+    family = step.family
+    if family.kind not in ("", "fold") or family.m % 2 or family.q % 2:
+        return None
+    differences = [difference_of_halves(family, X) for X in (step.begin.X, step.end.X)]
+    sizes = [float(np.abs(part).max()) for part in differences]
+    if sizes[0] < ROUNDING:
+        return None
+    if family.kind == "fold":
+        return _degenerate_flip(step) if sizes[1] < min(_ALMOST_ALIKE, sizes[0]) else None
+    if np.sum(differences[0] * differences[1]) >= 0.0 and sizes[1] ** 2 >= ROUNDING:
+        return None
+    halves, X = _half(family, step.between(sizes[0] / sum(sizes)))
+    return _doubled(family, halves, halves.bifurcation(X, "flip"))
+
+
+def _degenerate_flip(step: ArclengthStep) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+    """Return the end of a curve of folds near the end of a step, as `parents_flip` does.
+
+    The equations of folds are singular there, so it is extrapolated from points beside it.
+    """
+    family, beside = step.family, _Beside(step)
+    if not beside.found:
+        return None
+    halves, X = _half(family, beside.at(0.0), "flip")
+    Y = halves.corrected(X, halves.tangent(X)[None, :])
+    if Y is None or not halves.distance(Y, X) < _EXTRAPOLATED:
+        return None
+    return _doubled(family, halves, Y) or _edge_beside(beside, halves, Y)
+
+
+class _Beside:
+    """Points on a curve of folds beside its end, where the halves of its orbit become equal.
+
+    The mean of the halves, the parameters, and the difference of the halves as a share of its size
+    are smooth functions of the square of this size.
+    """
+
+    def __init__(self, step: ArclengthStep) -> None:
+        self.family, first = step.family, difference_of_halves(step.family, step.begin.X)
+        size = math.sqrt(np.mean(first**2))
+        self.direction = first / size
+        along = self.direction.ravel()
+        self.plane = 0.5 * np.concatenate([-along, along, np.zeros(len(step.family.parameters))])
+        self._points = [self._even(X) for X in (step.begin.X, step.end.X)]
+        for share in _SHARES:
+            X = self.family.corrected(self.at((share * size) ** 2), self.plane[None, :])
+            if X is None:  # by rounding, where the halves are almost equal
+                break
+            self._points.append(self._even(X))
+        del self._points[1]  # its size may be close to another one
+        self.found = len(self._points) > _FEWEST
+        self.smallest = self._points[-1][0]
+
+    def _even(self, X: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the square of the size, and the functions of it, at a point."""
+        difference = difference_of_halves(self.family, X)
+        size = float(np.mean(difference * self.direction))
+        return size**2, np.append(mean_of_halves(self.family, X), difference / size)
+
+    def at(self, square: float) -> np.ndarray:
+        """Return the unknowns at a square of the size, by a polynomial through all points."""
+        q, squares = self.family.q, np.array([known for known, _ in self._points])
+        factors = (squares - square) / (squares - squares[:, None] + np.diag(squares - square))
+        even = np.prod(factors, axis=1) @ np.array([values for _, values in self._points])
+        mean, change = even[:q], 0.5 * math.sqrt(square) * even[-q:]
+        second = mean + change + np.tile([math.pi * self.family.m, 0.0], q // 2)
+        return np.concatenate([mean - change, second, even[q:-q]])
+
+
+def _edge_beside(
+    beside: _Beside, halves: OrbitFamily, Y: np.ndarray
+) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+    """Return where a curve of folds meets an edge just before its end Y, as `parents_flip` does."""
+    from scipy.optimize import brentq
+
+    family, (reason, _) = beside.family, halves.inadmissible(Y)
+    if reason is None or reason.kind != "edge":
+        return None
+    at, edge = 2 * family.q + reason.at, reason.where / family.spans[reason.at]
+    axis = np.zeros(beside.plane.size)
+    axis[at] = 1.0
+    try:
+        square = brentq(lambda s: beside.at(s)[at] - edge, 0.0, 0.5 * beside.smallest)
+    except ValueError:  # it is farther away: it is found without this
+        return None
+    guess = beside.at(square)
+    guess[at] = edge
+    X = family.corrected(guess, np.array([beside.plane, axis]))
+    if X is None or not is_orbit(family, family.point(X, np.zeros(X.size))):
+        return None
+    return X, "edge", family.orbit(X)
+
+
+def _half(family: OrbitFamily, X: np.ndarray, kind: str = "") -> tuple[OrbitFamily, np.ndarray]:
+    """Return the family of orbits of half the period, and the mean of the halves of a point."""
+    mean = mean_of_halves(family, X)
+    impacts = mean[: family.q].reshape(-1, 2)
+    half = PeriodicOrbit(family.osc, family.m // 2, impacts[:, 0], impacts[:, 1] * family.speed)
+    return OrbitFamily(half, family.parameters, kind, speed=family.speed), mean
+
+
+def _doubled(
+    family: OrbitFamily, halves: OrbitFamily, Y: np.ndarray | None
+) -> tuple[np.ndarray, str, PeriodicOrbit] | None:
+    """Return a flip of the half orbits as `parents_flip` does; None if it is not a flip."""
+    if Y is None or not is_orbit(halves, halves.point(Y, np.zeros(Y.size))):
+        return None
+    return doubling(halves, Y, family.speed)[0], "flip", halves.orbit(Y)
+
+
+def difference_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the difference of the second half of an orbit from the first, shape (q / 2, 2)."""
+    z = X[: 2 * family.q].reshape(2, -1, 2)
+    return z[1] - z[0] - np.array([math.pi * family.m, 0.0])
+
+
+def mean_of_halves(family: OrbitFamily, X: np.ndarray) -> np.ndarray:
+    """Return the mean of the halves of an orbit as a point of the orbits of half the period."""
+    mean = X[: family.q] + 0.5 * difference_of_halves(family, X).ravel()
+    return np.append(mean, X[2 * family.q :])
+
+
+def doubling(family: OrbitFamily, X: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flip X as a point of the orbits of twice the period, and their direction there.
+
+    `speed` is the unit of speed of the orbits of twice the period.
+    """
+    q, units = family.q, np.array([1.0, family.speed / speed])
+    z = X[: 2 * q].reshape(q, 2) * units
+    _, A, B = linearised(family.system, X)
+    vector = null_vector(A, B, -1.0).reshape(q, 2) * units
+    vector /= math.sqrt(np.sum(vector**2) / q)
+    second_round = z + np.array([2.0 * math.pi * family.m, 0.0])
+    doubled = np.concatenate([z.ravel(), second_round.ravel(), X[2 * q :]])
+    along = np.concatenate([vector.ravel(), -vector.ravel(), np.zeros(X.size - 2 * q)])
+    return doubled, along
