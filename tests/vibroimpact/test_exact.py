@@ -1,5 +1,6 @@
 """The exact rule against certified orbits, closed forms and tables."""
 
+import itertools
 import math
 
 import naive
@@ -211,13 +212,27 @@ def test_a_landing_where_the_force_begins_to_press_rests_at_once():
     assert out["chatters"][0] == len(tr.rests) <= 4
 
 
+@pytest.mark.parametrize("transient", [0, 200, 3000])
+def test_a_resonance_without_loss_is_called_unbounded(transient):
+    """omega = 2 k p with p^2 |clearance| (4 k^2 - 1) < f: the speed rises for ever."""
+    limits, points = np.array([0.0, 0.9, -0.9, 1.1, -1.1]), []
+    for k, p, share in itertools.product((1, 2, 3), (1.0, 1000.0, 1.3), limits.tolist()):
+        stop = share / (p * p * (4 * k * k - 1))
+        points.append(Oscillator(0.0, 1.0, 2 * k * p, 1.0, p, stop).at(min(stop, 0.0)))
+    points = np.concatenate(points)
+    out = integrate(points, transient=transient, periods=100)
+    grows = np.tile(np.abs(limits) < 1.0, 9)
+    np.testing.assert_array_equal(out["status"] == Status.UNBOUNDED, grows)
+
+
 def test_bounded_motion_without_loss_is_not_called_unbounded():
-    """R = 1 and h = 0: off the resonance, a beat over a short record, a motion without impacts."""
+    """R = 1 and h = 0: off the resonance, beats, a short record, a motion without impacts."""
+    omegas = 1.7, 2.001, 2.01, 2.9, 3.3
     points = np.concatenate(
-        [Oscillator(0.0, 1.0, w, f).at(-0.5) for w in (1.7, 2.9, 3.3) for f in (0.0, 1.0)]
+        [Oscillator(0.0, 1.0, w, f).at(-0.5) for w in omegas for f in (0.0, 1.0)]
     )
-    out = integrate(points, transient=300, periods=300)
-    assert (out["status"] != Status.UNBOUNDED).all()
+    for record in ({"transient": 0, "periods": 100}, {"transient": 300, "periods": 300}):
+        assert (integrate(points, **record)["status"] != Status.UNBOUNDED).all()
     beat = Oscillator(0.0, 1.0, 2.3, 1.0).at()
     assert integrate(beat, transient=0, periods=9)["status"][0] == Status.CERTIFIED
     far = Oscillator(0.0, 1.0, 1.001, 1.0, clearance=1e4).at()

@@ -8,6 +8,7 @@ import numpy as np
 
 from vibroimpact.destination.find import no_destinations
 from vibroimpact.jit import ALL_THREADS
+from vibroimpact.kernel.growth import grows
 from vibroimpact.kernel.record import SUMS, Record
 from vibroimpact.kernel.run import KernelJob, lanes_per_batch, run_batches
 from vibroimpact.oscillator import POINT, checked_integer, refuse_invalid
@@ -191,7 +192,7 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
     pending = sums["status"] == Status.PENDING
     if pending.any():
         sections[pending], record.impacts[pending] = np.nan, np.nan
-    sums["status"][_grows(points, sums, sections) & ~pending] = Status.UNBOUNDED
+    sums["status"][grows(points, sums["impacts"], sections) & ~pending] = Status.UNBOUNDED
     no_impact, R = sums["impacts"] == 0, points["R"]
     impulse, lost = impulse_and_loss(R, sums["speeds"], sums["squared_speeds"])
     # The period may overflow if omega is below the smallest normal number.
@@ -225,24 +226,3 @@ def _results(points: np.ndarray, periods: int, record: Record) -> dict[str, np.n
         "lyapunov": np.where(failed[:, None], np.nan, -growth / duration[:, None]),
         "status": sums["status"].astype(np.int8),
     }
-
-
-def _grows(points: np.ndarray, sums: np.ndarray, sections: np.ndarray) -> np.ndarray:
-    """Whether the motion grew through the record, as an unbounded motion does.
-
-    This is possible only without dissipation, R = 1 and h = 0. The motion grew if every energy in
-    a third of the sections exceeds every energy in the third before it by 1 %. A beat much longer
-    than the record would look the same, so records of fewer than 30 periods and motions without
-    impacts are not judged.
-    """
-    grows = np.zeros(points.size, dtype=bool)
-    third = sections.shape[1] // 3
-    free = np.flatnonzero((points["R"] == 1.0) & (points["h"] == 0.0) & (sums["impacts"] > 0))
-    if third >= 10 and free.size > 0:
-        x, v = sections[free, -3 * third :, 0], sections[free, -3 * third :, 1]
-        with np.errstate(over="ignore"):
-            energy = v * v + (points["p"][free, None] * x) ** 2
-        thirds = energy.reshape(free.size, 3, third)
-        low, high = thirds.min(axis=2), thirds.max(axis=2)
-        grows[free] = (low[:, 1:] > 1.01 * high[:, :-1]).all(axis=1)
-    return grows
