@@ -237,6 +237,30 @@ def say(text: object, *, error: bool = False, end: bool = True) -> None:
     typer.echo(printable(str(text)), err=error, nl=end)
 
 
+@contextmanager
+def preparing_shown() -> Iterator[None]:
+    """Show on a terminal while code is compiled in the block, which takes many seconds."""
+    from rich.console import Console
+
+    from vibroimpact.jit import watched
+
+    console = Console(stderr=True, quiet=not sys.stderr.isatty(), markup=False)
+    status = console.status("")
+
+    def show(text: str) -> None:
+        status.update(text)
+        if text:
+            status.start()
+        else:
+            status.stop()
+
+    try:
+        with watched(show):
+            yield
+    finally:
+        status.stop()
+
+
 def _show_warning(message: Warning | str, *_: object) -> None:
     say(f"vibroimpact: warning: {message}", error=True)
 

@@ -26,6 +26,7 @@ from sweeps.cli.options import (
     limits,
     named,
     opened,
+    preparing_shown,
     say,
     say_moved,
     selection_of,
@@ -285,11 +286,13 @@ def _exact(
                 f"--most {chosen['most']} limits exact branches, and a map shows curves; expected: "
                 "--exact, with or without --classes"
             )
-        found = curves(dataset, map_axes(dataset, axes, cut), cut, **chosen)
+        with preparing_shown():
+            found = curves(dataset, map_axes(dataset, axes, cut), cut, **chosen)
         return found, found.attrs["summary"].split("\n"), tables.curve_table(found)
     if "kinds" in chosen:
         raise Refused("--kinds chooses curves over a map, and a diagram shows branches")
     _, axis, coordinate = select_line(dataset, axes, cut, options.get("coordinate"))
-    found = branches(dataset, axis, cut, **chosen)
+    with preparing_shown():
+        found = branches(dataset, axis, cut, **chosen)
     lines = found.attrs["summary"].split("\n")
     return found, lines, tables.branch_table(found, coordinate)

@@ -22,6 +22,7 @@ from sweeps.cli.options import (
     branch_options,
     named,
     opened,
+    preparing_shown,
     say,
     say_moved,
     selection_of,
@@ -48,7 +49,8 @@ def attractors(
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        found = attractors(shown)
+        with preparing_shown():
+            found = attractors(shown)
         say_moved(cuts, here, "shown")
         _show_attractors(shown, found, csv)
 
@@ -68,9 +70,10 @@ def integrity(
     with opened(file) as dataset, named(file):
         here = on_grid(dataset, cuts)
         shown = cut(dataset, here)
-        found = integrity(shown)
-        if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
-            found = knocks(shown, found)
+        with preparing_shown():
+            found = integrity(shown)
+            if not found["attractors"].ndim and config_of(dataset).method.impact == "exact":
+                found = knocks(shown, found)
         say_moved(cuts, here, "shown")
         _show_attractors(shown, found, csv)
 
@@ -171,7 +174,9 @@ def _show_bifurcations(
     say(text)
     if text := bifurcations.describe_unclassified(dataset, items):
         say(text)
-    if text := bifurcations.describe_branches(dataset, along, here, **chosen):
+    with preparing_shown():
+        text = bifurcations.describe_branches(dataset, along, here, **chosen)
+    if text:
         say(text)
     if csv is not None:
         write_csv(csv, bifurcations.table_of(along, items))

@@ -31,7 +31,7 @@ from sweeps.store import (
     sweep_writer,
 )
 from sweeps.text import printable
-from vibroimpact.jit import ALL_THREADS
+from vibroimpact.jit import ALL_THREADS, watched
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -127,7 +127,10 @@ def run_sweep(
     )
     with raised_by_check(), only_writer(path, overwrite=overwrite, resume=resume):
         computer = computer_for(client, threads)
-        with console.status("preparing (the first run compiles; later runs reuse the result)"):
+        with (
+            console.status("preparing") as status,
+            watched(lambda text: status.update(text or "preparing")),
+        ):
             cost = expected_cost(config.sweep, path, computer, resume)
         schema = _schema(config, cost.block)
         console.print(printable(plan(config, path, cost)))

@@ -10,13 +10,14 @@ import sys
 from pathlib import Path
 from unittest.mock import Mock
 
+import filelock
 import numba
 import pytest
 
 import vibroimpact
-from vibroimpact.jit import cache
+from vibroimpact.jit import cache, called_before_passes, sharing
 from vibroimpact.jit.cache import CacheWarning
-from vibroimpact.jit.hooks import CompiledCode
+from vibroimpact.jit.hooks import CompiledCode, _shared
 
 
 def call(folder):
@@ -27,6 +28,7 @@ def call(folder):
         return x + x
 
     double._cache = CompiledCode(double.py_func, folder)
+    double.compile = _shared(double.compile, double._cache)
     cache.warn_once.cache_clear()
     assert double(21) == 42
     return sum(double.stats.cache_hits.values()) == 1
@@ -180,6 +182,54 @@ def test_a_full_disk(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list((tmp_path / "compiled").iterdir()) == []
+
+
+def lock_of_another(folder):
+    """Remove the only file of a folder, and hold the claim on its code."""
+    (path,) = folder.iterdir()
+    path.unlink()
+    return filelock.FileLock(path.with_suffix(".lock")).acquire().lock
+
+
+def told_of(folder):
+    """Compile, and return what a user is told meanwhile, each thing once."""
+    told = []
+    with sharing.watched(told.append):
+        assert not call(folder)
+    return [text.split(",")[0] for text in dict.fromkeys(told)]
+
+
+def test_a_process_waits_for_another_that_compiles_the_same_but_not_for_ever(folder, monkeypatch):
+    monkeypatch.setattr(sharing, "_LONGEST", 0.1)
+    lock = lock_of_another(folder)
+    assert told_of(folder) == ["waiting for another process", "compiling", ""]
+    assert Path(lock.lock_file).exists()  # it is not ours to remove
+    lock.release()
+    assert call(folder)
+
+
+def test_without_locks_every_process_compiles(folder, monkeypatch):
+    next(folder.iterdir()).unlink()
+    monkeypatch.setattr(filelock.FileLock, "acquire", Mock(side_effect=OSError(37, "No locks")))
+    assert told_of(folder) == ["compiling", ""]
+    assert call(folder)
+
+
+class EndedError(Exception):
+    """Ends the work."""
+
+
+def test_a_wait_and_a_compilation_can_be_ended_and_leave_no_claim(folder):
+    lock = lock_of_another(folder)
+    with called_before_passes(Mock(side_effect=EndedError)):
+        for work in ("wait", "compilation"):
+            with pytest.raises(EndedError):
+                call(folder)
+            if work == "wait":
+                lock.release()
+                Path(lock.lock_file).unlink(missing_ok=True)
+            assert list(folder.iterdir()) == []
+    assert [call(folder), call(folder)] == [False, True]
 
 
 @pytest.mark.slow

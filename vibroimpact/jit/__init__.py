@@ -19,6 +19,7 @@ from vibroimpact.jit.intrinsics import (
     transpose,
     widest_vectors,
 )
+from vibroimpact.jit.sharing import watched
 from vibroimpact.jit.way import WAY
 
 __all__ = [
@@ -38,5 +39,6 @@ __all__ = [
     "on_threads",
     "select",
     "transpose",
+    "watched",
     "widest_vectors",
 ]

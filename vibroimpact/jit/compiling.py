@@ -16,6 +16,7 @@ import numba
 import numpy as np
 
 from vibroimpact.jit.cache import cache_folder, make_folder, warn_once
+from vibroimpact.jit.sharing import CHECKS
 from vibroimpact.jit.way import WAY
 
 if WAY.name == "private":
@@ -116,7 +117,10 @@ def compiled(function: Any, *arguments: Any) -> Any:
 
 @contextmanager
 def called_before_passes(check: Callable[[], None]) -> Iterator[None]:
-    """Call `check` before every pass of the compiler in the block, so that it can end the work."""
+    """Call `check` before every pass of the compiler in the block, so that it can end the work.
+
+    While another process compiles the same code it is called, too.
+    """
     try:
         from numba.core.event import Listener, install_listener
     except ImportError:  # in another version; then a compilation runs to its end
@@ -130,8 +134,12 @@ def called_before_passes(check: Callable[[], None]) -> Iterator[None]:
         def on_end(self, event: object) -> None:
             pass
 
-    with install_listener("numba:run_pass", Check()):
-        yield
+    CHECKS.append(check)
+    try:
+        with install_listener("numba:run_pass", Check()):
+            yield
+    finally:
+        CHECKS.remove(check)
 
 
 def on_threads(

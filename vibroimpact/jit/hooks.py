@@ -30,6 +30,7 @@ from numba.core.serialize import dumps
 from numba.core.types import unliteral
 
 from vibroimpact.jit.cache import cache_folder, read, syntax, warn_once, write
+from vibroimpact.jit.sharing import claimed, released, tell
 
 #: Passes for what this project does not use: lifted loops, closures, raised exceptions that are
 #: computed, literal loops, overloads to merge, array expressions; and for what only a reader needs.
@@ -52,6 +53,7 @@ def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
     """Compile `function` together with all that it calls for Python, and alone for its callers."""
     whole: Any = numba.njit(function, pipeline_class=WholeCompiler, **options)
     whole._cache = CompiledCode(function, cache_folder("private"))
+    whole.compile = _shared(whole.compile, whole._cache)
 
     alone: Any = {**options, "no_cpython_wrapper": True}
 
@@ -64,6 +66,18 @@ def dispatcher(function: Callable, options: dict[str, Any]) -> Any:
     )
     whole.get_overload = lambda signature: merged().get_overload(signature)
     return whole
+
+
+def _shared(compile_: Callable, code: CompiledCode) -> Callable:
+    """Let go of the claim on the code when its compilation ends, however it ends."""
+
+    def compiling(signature: Any) -> Any:
+        try:
+            return compile_(signature)
+        finally:
+            code.release()
+
+    return compiling
 
 
 class _MergedLibrary(JITCodeLibrary):
@@ -160,8 +174,28 @@ class CompiledCode:
         self.cache_path = str(folder)
         self._function = function
         self._folder = folder
+        self._claim: Any = None
 
     def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return the form for a signature, or None if no usable form is stored.
+
+        If another process is compiling it, this one waits for it. Afterwards the form is this
+        process's to compile, until `release`.
+        """
+        kept = self._loaded(signature, context)
+        if kept is None:
+            self._claim = claimed(self._path(self._key(signature, context.codegen())))
+            kept = self._loaded(signature, context)
+            tell("" if kept else "compiling, which takes some ten seconds, once on this machine")
+        return kept
+
+    def release(self) -> None:
+        """Give up the form that this process has claimed, if any."""
+        claim, self._claim = self._claim, None
+        released(claim)
+        tell("")
+
+    def _loaded(self, signature: Any, context: Any) -> Any:
         """Return the form for a signature, or None if no usable form is stored.
 
         Numba's own cache first refreshes `context`, which imports SciPy and all that numba can
@@ -190,6 +224,7 @@ class CompiledCode:
             write(self._path(key), dumps((key, result._reduce())))
         except OSError as error:
             warn_once(self._folder, "kept", error.strerror or type(error).__name__)
+        self.release()
 
     def flush(self) -> None:
         """Do nothing: recompiled code overwrites its file."""
