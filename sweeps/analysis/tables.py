@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from importlib.util import find_spec
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import xarray as xr
@@ -100,18 +101,19 @@ def write_rows(dataset: xr.Dataset, path: Path, rows: str = "points") -> int:
         return write(new, parts)
 
 
-def _write_csv(path: Path, parts: Iterable[pd.DataFrame]) -> int:
+def _write_csv(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
     """Write the parts of a table as CSV; return the number of rows."""
     digits = float.__repr__  # all digits, whatever the print options of NumPy
     written = 0
-    with path.open("w", encoding="utf-8", newline="") as file:
-        for i, part in enumerate(parts):
-            part.to_csv(file, index=False, header=i == 0, float_format=digits, lineterminator="\n")
-            written += len(part)
+    file = TextIOWrapper(new, encoding="utf-8", newline="")
+    for i, part in enumerate(parts):
+        part.to_csv(file, index=False, header=i == 0, float_format=digits, lineterminator="\n")
+        written += len(part)
+    file.detach()  # the draft stays open
     return written
 
 
-def _write_parquet(path: Path, parts: Iterable[pd.DataFrame]) -> int:
+def _write_parquet(new: BinaryIO, parts: Iterable[pd.DataFrame]) -> int:
     """Write the parts of a table as Parquet; return the number of rows."""
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
@@ -121,7 +123,7 @@ def _write_parquet(path: Path, parts: Iterable[pd.DataFrame]) -> int:
         for i, part in enumerate(parts):
             table = pa.Table.from_pandas(part, preserve_index=False)
             if i == 0:
-                writer = stack.enter_context(ParquetWriter(path, table.schema))
+                writer = stack.enter_context(ParquetWriter(new, table.schema))
             writer.write_table(table)
             written += len(part)
     return written

@@ -117,7 +117,7 @@ def init(
             raise Refused(f"{path} exists, and is not replaced; remove it, or rename it")
     for path, text in new_texts.items():
         with writing(path, "configuration") as new:
-            new.write_text(text, encoding="utf-8")
+            new.write(text.encode())
         say(path)
     say(f"next: vibroimpact run {scene}.yaml")
 

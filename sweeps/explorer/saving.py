@@ -20,7 +20,7 @@ def write_yaml(view: View, config: SweepConfig, folder: Path) -> Path:
     path = folder / f"{name}.yaml"
     text = _heading(view, name) + config.model_copy(update={"name": name}).to_yaml()
     with writing(path, "configuration") as new:
-        new.write_text(text, encoding="utf-8")
+        new.write(text.encode())
     return path
 
 

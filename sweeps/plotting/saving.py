@@ -102,10 +102,13 @@ def save(figure: Figure, output: Path, description: tuple[str, ...] = ()) -> Non
     _check_size(figure)
     kind = output.suffix.lower().lstrip(".")
     about = dict(zip(_FIELDS[kind], description, strict=False))
-    with writing(output, "picture") as draft, warnings.catch_warnings():
+    image = BytesIO()  # on a full disk, matplotlib would raise errors that do not say so
+    with warnings.catch_warnings():
         # The name of a sweep may have characters that the font lacks, drawn as boxes.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
-        figure.savefig(draft, format=kind, metadata={**about, **_NO_DATES[kind]})
+        figure.savefig(image, format=kind, metadata={**about, **_NO_DATES[kind]})
+    with writing(output, "picture") as draft:
+        draft.write(image.getbuffer())
 
 
 def draw(output: Path, picture: Callable[..., Figure], *measured: object) -> None:

@@ -16,7 +16,8 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, TypeVar
+from threading import Lock
+from typing import Any, BinaryIO, TypeVar
 
 import h5py
 import numpy as np
@@ -55,7 +56,7 @@ Opened = TypeVar("Opened")
 
 
 class _Draft(io.FileIO):
-    """A file for HDF5 to write to, whose `write` never fails but keeps the error for later.
+    """A file for HDF5 to write to, which never fails to do so but keeps the error for later.
 
     If a write fails while HDF5 closes a file, for example on a full disk, HDF5 kills the process.
     """
@@ -71,6 +72,13 @@ class _Draft(io.FileIO):
             self.error = error
         return len(data)
 
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return super().truncate(size) if self.error is None else 0
+        except BaseException as error:
+            self.error = error
+            return 0
+
     def refuse_error(self) -> None:
         """Raise the kept error, if there is one."""
         if self.error is not None:
@@ -78,18 +86,18 @@ class _Draft(io.FileIO):
 
 
 def write_file(
-    path: Path,
+    new: BinaryIO,
     schema: Schema,
     blocks: Iterable[tuple[Block, Mapping[str, np.ndarray]]],
     seconds: Callable[[], float],
     *,
     compressed: bool,
 ) -> None:
-    """Write the complete file of a sweep to `path`, where there is an empty file.
+    """Write the complete file of a sweep to a new file.
 
     `blocks` has the results of every box of points, and `seconds` returns the duration.
     """
-    with _Draft(path, "w+") as draft:
+    with _Draft(new.fileno(), "r+", closefd=False) as draft:
         try:
             with h5py.File(draft, "w", libver="earliest") as file:
                 describe(file, schema, compressed=compressed)
@@ -103,7 +111,7 @@ def write_file(
                 file.attrs["duration"] = seconds()
         finally:  # this error tells more than the error of HDF5 that follows from it
             draft.refuse_error()
-    add_table(path, schema.variables)
+    add_table(new, schema.variables)
 
 
 def _gathered(
@@ -160,19 +168,20 @@ def _with_record(box: Block, array: np.ndarray) -> Block:
     return (*box, *(slice(0, width) for width in array.shape[len(box) :]))
 
 
-def add_table(path: Path, variables: Iterable[str] = ()) -> None:
+def add_table(new: BinaryIO, variables: Iterable[str] = ()) -> None:
     """Append the table of checksums to an HDF5 file that has data of these variables."""
-    with h5py.File(path, "r") as file:
+    end = new.seek(0, os.SEEK_END)
+    with h5py.File(new, "r") as file:
         spans = [(*span, name) for name in variables for span in _spans(file[name])]
     rows: list[Row] = []
     at = 0
-    for start, size, name in [*sorted(spans), (path.stat().st_size, 0, "")]:
+    for start, size, name in [*sorted(spans), (end, 0, "")]:
         rows += [(_REST, at, start - at, 0)] * (start > at) + [(name, start, size, 0)] * (size > 0)
         at = start + size
-    found = zip(rows, _checksums(path, rows), strict=True)
+    found = zip(rows, _checksums(new, rows), strict=True)
     table = json.dumps([(*row[:3], crc) for row, crc in found]).encode()
-    with path.open("ab") as end:
-        end.write(table + _END.pack(len(table), zlib.crc32(table), TRAILER))
+    new.seek(end)
+    new.write(table + _END.pack(len(table), zlib.crc32(table), TRAILER))
 
 
 def _spans(dataset: h5py.Dataset) -> list[tuple[int, int]]:
@@ -190,15 +199,17 @@ def _spans(dataset: h5py.Dataset) -> list[tuple[int, int]]:
     return spans
 
 
-def _checksums(path: Path, rows: Iterable[Row]) -> list[int]:
-    """Return the checksum of the part of the file in each row."""
+def _checksums(file: BinaryIO, rows: Iterable[Row]) -> list[int]:
+    """Return the checksum of the part of the file in each row; threads share the work."""
+    reading = Lock()
 
     def checksum(row: Row) -> int:
         if row[0] != _REST:  # this part is also read after an interrupt, to report what was done
             check()
-        with path.open("rb") as file:
+        with reading:
             file.seek(row[1])
-            return zlib.crc32(file.read(row[2]))
+            data = file.read(row[2])
+        return zlib.crc32(data)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(checksum, rows))
@@ -212,21 +223,18 @@ def check_file(path: Path, *, verify: bool = True) -> None:
     """
     try:
         with open_regular(path) as file:
-            rows = _rows(file)
+            found = _rows(file)
+            rows = [row for row in found or () if verify or row[0] == _REST]
+            pairs = list(zip(rows, _checksums(file, rows), strict=True))
     except FileNotFoundError:
         raise StoreError(f"{path} does not exist") from None
     except OSError as error:
         raise UnreadableError(path, error) from error
-    found = content(path) if rows is None else Content.SWEEP
-    if found is Content.OLDER:
+    kind = content(path) if found is None else Content.SWEEP
+    if kind is Content.OLDER:
         refuse_version(path)
-    if found not in (None, Content.SWEEP):
-        raise StoreError(f"{path} is {found.value}")
-    rows = [row for row in rows or () if verify or row[0] == _REST]
-    try:
-        pairs = zip(rows, _checksums(path, rows), strict=True)
-    except OSError as error:
-        raise UnreadableError(path, error) from error
+    if kind not in (None, Content.SWEEP):
+        raise StoreError(f"{path} is {kind.value}")
     damaged = sorted({name for (name, _, _, crc), now in pairs if crc != now})
     if not rows or _REST in damaged:
         raise StoreError(

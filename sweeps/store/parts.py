@@ -67,7 +67,7 @@ def create(folder: Path, schema: Schema) -> None:
             with h5py.File(image, "w", libver="earliest") as file:
                 describe(file, schema)
                 add_blocks(file, schema)
-            new.write_bytes(image.getvalue())
+            new.write(image.getvalue())
             add_table(new)
     except BaseException:
         if is_new:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from sweeps.errors import StoreError
-from sweeps.store.replacing import check_target, kind
+from sweeps.store.replacing import check_target, kind, of_another_user
 from sweeps.text import shown_bytes
 
 #: The attributes ``format`` and ``format_version`` of a file.
@@ -160,18 +160,24 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"did you mean {path.with_suffix('.h5')}?"
         )
     parts = parts_path(path)
+    status = None
     try:
-        is_folder = stat.S_ISDIR(os.lstat(parts).st_mode)
+        status = os.lstat(parts)
     except FileNotFoundError:
-        is_folder = True
+        pass
     except OSError as error:  # a name too long
         raise StoreError(
             f"the output {path} cannot be used: {parts.name}: {reason(error)}"
         ) from None
-    if not is_folder:
+    if status is not None and not stat.S_ISDIR(status.st_mode):
         raise StoreError(
             f"{parts} is needed as a folder, but something else has that name; move it, or give "
             "another output"
+        )
+    if status is not None and of_another_user(status):
+        raise StoreError(
+            f"{parts} belongs to another user, who could change what is written; give another "
+            "output"
         )
     if not overwrite:
         refuse_incomplete_copy(parts)

@@ -11,6 +11,7 @@ import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedRandom
 from pathlib import Path
 
 from sweeps.errors import Failed, StoreError
@@ -104,13 +105,18 @@ def _followed(path: Path) -> Path:
         return path
     if not stat.S_ISLNK(status.st_mode):
         return path
-    if hasattr(os, "geteuid") and status.st_uid not in (os.geteuid(), 0):  # Windows has no owners
+    if of_another_user(status):
         raise StoreError(f"{path} is a link of another user and is not followed; remove it")
     return Path(os.path.realpath(path))
 
 
+def of_another_user(status: os.stat_result) -> bool:
+    """Whether a file belongs neither to this user nor to root; Windows has no owners."""
+    return hasattr(os, "geteuid") and status.st_uid not in (os.geteuid(), 0)
+
+
 @contextmanager
-def writing(path: Path, what: str) -> Iterator[Path]:
+def writing(path: Path, what: str) -> Iterator[BufferedRandom]:
     """Check a path, and replace its file as `replacing` does; errors name the path.
 
     Raises
@@ -129,8 +135,11 @@ def writing(path: Path, what: str) -> Iterator[Path]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield the path of a draft, a new and empty file, which replaces `path` at the end.
+def replacing(path: Path) -> Iterator[BufferedRandom]:
+    """Yield a draft, a new and empty file open for writing and reading, which replaces `path`.
+
+    Others may write to the folder, and may put a link in the place of the draft. Therefore it is
+    never opened by its name again.
 
     If `path` is a link, its target is replaced and the link stays. If the ``with`` block raises,
     the file stays as it was and the draft is removed. The draft of a killed process is removed by
@@ -150,14 +159,18 @@ def draft_of(target: Path) -> Path:
 
 
 @contextmanager
-def drafted(target: Path) -> Iterator[Path]:
+def drafted(target: Path) -> Iterator[BufferedRandom]:
     """Do the same without a search for leftovers; a loss of power may still lose the new name."""
     new = draft_of(target)
-    new.open("xb").close()  # creates the file, so that no file of another user is opened
+    file = new.open("x+b")  # creates the file, so that no file of another user is opened
     try:
-        yield new
-        with new.open("rb+") as file:
+        with file:
+            yield file
+            file.flush()
             os.fsync(file.fileno())
+            mine = os.fstat(file.fileno())
+        if not os.path.samestat(mine, os.lstat(new)):
+            raise Failed(f"{new} was replaced by another program while it was written")
         os.replace(new, target)
     finally:
         new.unlink(missing_ok=True)

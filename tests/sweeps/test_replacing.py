@@ -5,18 +5,24 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
+from sweeps.analysis.tables import write_csv
 from sweeps.errors import Failed, StoreError
+from sweeps.plotting.saving import save
 from sweeps.store import replacing as module
 from sweeps.store.replacing import check_target, remove_leftovers, replacing, writing
+from written_files import fill_blocks
 
 
 def written(path, text="new"):
     with writing(Path(path), "file") as new:
-        new.write_text(text)
+        new.write(text.encode())
 
 
 def test_a_planted_draft_is_not_followed(monkeypatch):
@@ -29,6 +35,38 @@ def test_a_planted_draft_is_not_followed(monkeypatch):
     assert Path("victim").read_text() == "precious" and not Path("a").exists()
 
 
+def test_a_link_put_in_the_place_of_a_draft_is_not_written():
+    """Where others may write to the folder, they may replace a draft while it is written."""
+    Path("victim").write_text("precious")
+    for write in (
+        lambda path: written(path),
+        lambda path: write_csv(path, pd.DataFrame({"x": [1.0]})),
+        lambda path: save(Figure(), path),
+        lambda path: fill_blocks(path, 0),
+    ):
+        with planted_links("victim"), pytest.raises(Failed, match="was replaced by another"):
+            write(Path("a.h5" if "fill" in write.__code__.co_names[0] else "a.png"))
+        assert Path("victim").read_text() == "precious"
+        assert not Path("a.png").exists() and not Path("a.h5").exists()
+
+
+@contextmanager
+def planted_links(victim):
+    """Replace each new draft by a link at once."""
+    drafts = iter(range(1 << 30))
+
+    def replaced(path, *arguments, **options):
+        file = open(path, *arguments, **options)
+        if path.suffix == ".new":
+            path.rename(f"draft-{next(drafts)}")
+            path.symlink_to(Path(victim).absolute())
+        return file
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "open", replaced)
+        yield
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a link away")
 def test_a_link_of_another_user_is_not_followed():
     Path("victim").write_text("precious")
@@ -37,6 +75,16 @@ def test_a_link_of_another_user_is_not_followed():
     with pytest.raises(StoreError, match="a is a link of another user"):
         written("a")
     assert Path("victim").read_text() == "precious" and Path("a").is_symlink()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+@pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
+def test_the_folder_of_another_user_is_not_used_for_blocks(options):
+    Path("a.h5.parts").mkdir()
+    os.chown("a.h5.parts", 65534, 65534)
+    with pytest.raises(StoreError, match=r"a\.h5\.parts belongs to another user"):
+        fill_blocks("a.h5", **options)
+    assert os.listdir() == ["a.h5.parts"] and os.listdir("a.h5.parts") == []
 
 
 def fifo():
