@@ -45,8 +45,7 @@ def explore(
     from sweeps import explore as open_page
 
     config = _configuration(source)
-    for logger in ("tornado.access", "bokeh"):  # do not report refused requests
-        logging.getLogger(logger).setLevel(logging.ERROR)
+    logging.getLogger("bokeh").setLevel(logging.ERROR)  # do not report refused requests
     explorer = open_page(config, port)
     try:
         for line in _left_out(config):

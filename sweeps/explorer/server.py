@@ -7,6 +7,7 @@ import base64
 import contextlib
 import errno
 import hashlib
+import logging
 import re
 import secrets
 import socket
@@ -43,6 +44,10 @@ _POLICY = (
     "connect-src 'self' {sockets}"
 )
 _SCRIPT = re.compile(rb"<script(?: type=\"text/javascript\")?>(.*?)</script>", re.DOTALL)
+#: The paths of Bokeh's own files; for another, such as one with escapes, Tornado logs a warning.
+_STATIC = re.compile(r"/static(?:/[\w-][\w.-]*)+", re.ASCII)
+#: The loggers that quote requests, which may hold control characters for a terminal.
+_QUOTING = ("tornado.access", "tornado.general")
 #: Pause before new connections are accepted when no file descriptors are left [s].
 _PAUSE = 1.0
 #: Time during which a page may reconnect [s]: ten years.
@@ -90,7 +95,7 @@ class _Application(BokehTornado):
         if request.host_name not in _OWN_NAMES or request.headers.get("Origin", own) != own:
             return False
         if request.path.startswith("/static/"):
-            return True
+            return _STATIC.fullmatch(request.path) is not None
         if request.path == "/":
             (secret, *others) = request.query_arguments.get(SECRET, [b""])
             return not others and secrets.compare_digest(secret, self._secret.encode())
@@ -130,6 +135,8 @@ class Explorer:
     def __init__(self, config: SweepConfig, port: int = 0, folder: Path | None = None) -> None:
         self._home, self._folder = View.of(config), folder or Path.cwd()
         self._home.check()
+        for logger in _QUOTING:
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
         try:
             self._socket = socket.create_server((HOST, port))
         except (OSError, OverflowError) as error:

@@ -102,6 +102,42 @@ def test_another_page_and_a_false_token_are_refused_without_a_word(explorer, cap
     IOLoop(make_current=False).run_sync(connect_and_close)
 
 
+ESCAPE = "%1b[2J%1b]0;X%07"
+FORM = "Content-Type: application/x-www-form-urlencoded\r\nContent-Encoding: \x1b[2J\r\n"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"GET /static/..%2f{ESCAPE} HTTP/1.1\r\n",
+        f"GET /static/{ESCAPE} HTTP/1.1\r\n",
+        "GET /static/%00 HTTP/1.1\r\n",
+        "GET /static/js HTTP/1.1\r\n",
+        "GET /static/../x HTTP/1.1\r\n",
+        "GET /static/js/bokeh.min.js HTTP/1.1\r\nRange: bytes=\x1b[2J\r\n",
+        "GET /static/js/bokeh.min.js HTTP/1.1\r\nIf-Modified-Since: \x1b[2J\r\n",
+        f"GET /{ESCAPE} HTTP/1.1\r\n",
+        "\x1b[2J / HTTP/1.1\r\n",
+        "GET / \x1b[2J\r\n",
+        f"POST / HTTP/1.1\r\n{FORM}Content-Length: 4\r\n",
+        "POST / HTTP/1.1\r\nContent-Type: multipart/form-data; boundary=\x1b[2J\r\n"
+        "Content-Length: 4\r\n",
+        "GET / HTTP/1.1\r\nCookie: \x1b[2J=\x1b[2J\r\nno header \x1b[2J\r\n",
+    ],
+)
+def test_nothing_of_a_request_without_the_secret_is_logged(explorer, caplog, line):
+    """Its control characters would reach the terminal."""
+    port = urlsplit(explorer.address).port
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(f"{line}Host: 127.0.0.1:{port}\r\n\r\na=%1".encode("latin-1"))
+        connection.shutdown(socket.SHUT_WR)
+        connection.settimeout(60)
+        while connection.recv(1 << 16):
+            pass
+    assert caplog.records == []
+    assert answer(explorer.address, "/static/js/bokeh.min.js")[0] == 200
+
+
 @pytest.mark.slow
 def test_a_server_without_descriptors_waits_and_goes_on():
     """If others take all connections, the log stays empty, and the page works afterwards."""
