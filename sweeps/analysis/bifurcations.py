@@ -8,8 +8,7 @@ into the basin of another one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from itertools import pairwise, product, starmap
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ import xarray as xr
 
 from sweeps.analysis.doors import takes_sweep
 from sweeps.analysis.exact_branches import PeriodicPoints, branches, wide_branches
+from sweeps.analysis.explanations import explain
 from sweeps.analysis.grouping import STARTS
 from sweeps.analysis.regimes import Change, cascades, changes, labels
 from sweeps.analysis.rig import on_axis
@@ -34,7 +34,6 @@ from sweeps.analysis.selection import (
 from sweeps.config.rig import model_name
 from sweeps.store import DIRECTION
 from sweeps.text import shown_count, shown_range, table
-from vibroimpact.orbits.branches import branch
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,8 +46,8 @@ _MEANINGS = {
     "basin": "the motion of one side is stable on the other, too, but the start reaches another",
     "unknown": "the motions could not be followed to where one of them ends",
 }
-#: Kinds in the list for the special points of a branch: a penetration begins with a graze.
-_KINDS = {"flip": "flip", "fold": "fold", "graze": "graze", "penetration": "graze", "rest": "rest"}
+#: What the table has of a change besides its `Change`; `down`: the line was followed downwards.
+_OWN = ("kind", "value", "orbit", "down")
 
 
 @takes_sweep({})
@@ -80,7 +79,11 @@ def bifurcations(
         - ``value``: the value of the axis at a flip, fold or graze, to rounding; NaN if not known;
         - ``low`` and ``high``: the nearest values of the axis with known classes;
         - ``before`` and ``after``: the classes there, for example ``1/1``, ``rest`` or ``chaos``;
-        - ``between``: the number of points of unknown class between them.
+        - ``between``: the number of points of unknown class between them;
+        - ``orbit``: the class of the orbit that bifurcates at ``value``.
+
+        If points of unknown class lie between two classes, and no bifurcation leads from one to the
+        other, there are two rows, in which the unknown class is ``?``.
 
         Its attributes are ``axis``, and ``unclassified``, the number of points of unknown class.
 
@@ -101,7 +104,9 @@ def bifurcations(
     """
     along, found = find_bifurcations(dataset, axis, at)
     named = found.assign(before=found["before"].map(str), after=found["after"].map(str))
-    named = named[[*_others(found), "kind", "value", "low", "high", "before", "after", "between"]]
+    named = named[
+        [*_others(found), "kind", "value", "low", "high", "before", "after", "between", "orbit"]
+    ]
     named.attrs = {"axis": along, "unclassified": found.attrs["unclassified"]}
     return named
 
@@ -126,11 +131,11 @@ def find_bifurcations(
         unclassified += classes.count(None)
         values = line[along].values
         for change in changes(values, classes):
-            sides = np.searchsorted(values, [change.low, change.high]).tolist()
-            kind, value = _explain(motions, along, change, sides[::-1] if down else sides)
-            own = {"kind": kind, "value": value}
-            rows.append({name: line[name].item() for name in other_axes} | vars(change) | own)
-    columns = [*other_axes, *(field.name for field in fields(Change)), "kind", "value"]
+            here = {name: line[name].item() for name in other_axes}
+            for part, *own in explain(motions, along, values, change, down):
+                named = dict(zip(_OWN, (*own, down), strict=True))
+                rows.append(here | vars(part) | named)
+    columns = [*other_axes, *(field.name for field in fields(Change)), *_OWN]
     found = pd.DataFrame(rows, columns=columns)
     found["value"] = on_axis(dataset, along, found["value"].to_numpy(float))
     heads = {name: headed(name, dataset[name]) for name in (*other_axes, along)}
@@ -145,44 +150,6 @@ def _is_followed_down(line: xr.Dataset, axis: str) -> bool:
         return False
     way = line[DIRECTION].item() if DIRECTION in line.coords else config.follow.direction
     return bool(way == "down")
-
-
-def _explain(
-    motions: PeriodicPoints, axis: str, change: Change, sides: Sequence[int]
-) -> tuple[str, float]:
-    """Return the kind of a change, and the exact value of the parameter, NaN if it is not known.
-
-    `sides` are the points before and after the change, in the order in which they were computed.
-    """
-    if axis in STARTS:
-        return "basin", np.nan
-    before, after = sides
-    ends = [_end(motions, axis, before, after), _end(motions, axis, after, before)]
-    (first, _), (second, _) = ends
-    if first == "edge":
-        return "basin", np.nan
-    if change.kind in ("rest", "chaos", "unbounded"):
-        return "basin" if second == "edge" else change.kind, np.nan
-    exact = [(_KINDS[kind], value) for kind, value in ends if kind in _KINDS]
-    return exact[0] if exact else (change.kind, np.nan)
-
-
-def _end(motions: PeriodicPoints, axis: str, i: int, j: int) -> tuple[str, float]:
-    """Follow the branch of the orbit at point i towards point j; return the first special point.
-
-    The result is its kind and value, or "" and NaN if there is no stable orbit to follow.
-    """
-    if motions.m[i]:
-        name = model_name(axis)
-        start, end = motions.points[name][[i, j]].tolist()
-        with suppress(ValueError):  # no orbit is found, or it cannot be followed
-            orbit = motions.orbit(i)
-            if (orbit.m, orbit.q) == (motions.m[i], motions.q[i]) and orbit.stable:
-                special = branch(orbit, name, *sorted((start, end))).special
-                # The branch starts at an end of the range, so it continues in one direction only.
-                for point in special[1:] if start < end else special[-2::-1]:
-                    return point.kind, point.value
-    return "", np.nan
 
 
 def _heads(axis: str, found: pd.DataFrame) -> list[str]:
@@ -207,7 +174,7 @@ def describe(axis: str, found: pd.DataFrame) -> str:
     if len(others) <= _MOST_INEXACT:
         listed = found.loc[[*listed.index, *others.index]]
     if len(listed):
-        head = [*_heads(axis, found), "kind", "classes", "between", ""]
+        head = [*_heads(axis, found), "kind", "orbit", "classes", "between", ""]
         parts.append(table([head, *map(_row, listed.to_dict("records"))]))
     if len(listed) < len(found):
         parts.append(f"{len(others)} changes without an exact value\n{_summary(axis, others)}")
@@ -241,10 +208,16 @@ def _row(item: dict[str, Any]) -> list[str]:
         *map(_label, at),
         "" if np.isnan(item["value"]) else f"{item['value']:.12g}",
         item["kind"],
-        f"{item['before']} -> {item['after']}",
+        item["orbit"],
+        _pair(item),
         f"{item['low']:.12g} .. {item['high']:.12g}",
         f"{shown_count(between, 'point')} of no known class" if between else "",
     ]
+
+
+def _pair(item: Mapping[str, Any]) -> str:
+    """Write the classes in the order of the axis; the arrow points where the line was followed."""
+    return f"{item['before']} {'<-' if item['down'] else '->'} {item['after']}"
 
 
 def _label(value: float | str) -> str:
@@ -254,7 +227,7 @@ def _label(value: float | str) -> str:
 def _summary(axis: str, found: pd.DataFrame) -> str:
     """Write a row for each kind and pair of classes, the most frequent first."""
     others = _others(found)
-    pairs = [f"{a} -> {b}" for a, b in zip(found["before"], found["after"], strict=True)]
+    pairs = [_pair(item) for item in found.to_dict("records")]
     groups = list(found.assign(pair=pairs).groupby(["kind", "pair"], sort=False))
     rows = [
         [
@@ -334,6 +307,6 @@ def table_of(axis: str, found: pd.DataFrame) -> pd.DataFrame:
     """Return the bifurcations with the columns of the CSV file."""
     names = {
         "low": f"{axis}_low", "high": f"{axis}_high", "before": "before", "after": "after",
-        "kind": "kind", "value": axis, "between": "unknown_between",
+        "kind": "kind", "orbit": "orbit", "value": axis, "between": "unknown_between",
     }  # fmt: skip
     return found[[*_others(found), *names]].rename(columns=names)

@@ -126,7 +126,10 @@ class Label(NamedTuple):
     q: int = 0
 
     def __str__(self) -> str:
-        words = [_WORDS.get(self.regime, ""), f"{self.m}/{self.q}" if self.m else ""]
+        words = [
+            {**_WORDS, Regime.UNDECIDED: "?"}.get(self.regime, ""),
+            f"{self.m}/{self.q}" if self.m else "",
+        ]
         return " ".join(filter(None, words))
 
 

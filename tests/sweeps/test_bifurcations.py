@@ -84,7 +84,7 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     with open_sweep(path) as dataset:
         found = sweeps.bifurcations(dataset)
         omega = dataset["omega"].values.tolist()
-    columns = ["R", "kind", "value", "low", "high", "before", "after", "between"]
+    columns = ["R", "kind", "value", "low", "high", "before", "after", "between", "orbit"]
     assert [*found] == columns
     (row,) = found[found["R"] == 0.8].to_dict("records")
     assert row["value"] == pytest.approx(2.65888454668484, rel=1e-12)
@@ -92,7 +92,7 @@ def test_the_table_in_python_is_the_one_that_is_listed(sweep):
     assert row["low"] in omega and row["low"] < row["value"] < row["high"]
     assert found.attrs["axis"] == "omega"
     listed = accepted("info", path, "--bifurcations")
-    assert f"{row['value']:.12g}  flip  {row['before']} -> {row['after']}" in listed
+    assert f"{row['value']:.12g}  flip  1/1    {row['before']} -> {row['after']}" in listed
 
 
 def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
@@ -102,7 +102,30 @@ def test_an_attractor_that_goes_on_is_no_bifurcation(sweep):
     assert (str(change.before), str(change.after)) == ("2/3", "1/1")
     assert change.kind == "basin" and np.isnan(change.value)
     said = accepted("info", path, "--bifurcations")
-    assert " basin  2/3 -> 1/1" in said and "basin: the motion of one side is stable" in said
+    assert " basin         2/3 -> 1/1" in said and "basin: the motion of one side is stable" in said
+
+
+def test_a_window_behind_chaos_is_no_part_of_the_flip_before_it(sweep):
+    """Two rows, for 1/1, which flips at its certified value, and for the 3/3 window behind."""
+    path = sweep(
+        "h: 0.05, R: 0.8, f: 1.0, omega: [2.6, 3.23, 3.235, 3.32]",
+        changes=["record.diagnostics=[period]"],
+    )
+    flip, other = bifurcations(path)
+    assert (flip.kind, flip.orbit, str(flip.before), str(flip.after)) == ("flip", "1/1", "1/1", "?")
+    assert flip.value == pytest.approx(2.65888454668484, rel=1e-12)
+    assert (flip.low, flip.high, flip.between) == (2.6, 3.23, 0)
+    assert (str(other.before), other.low, other.high) == ("?", 3.235, 3.32)
+    assert not other.value <= 3.235
+    said = accepted("info", path, "--bifurcations")
+    assert ["flip", "1/1", "1/1", "->", "?"] in [line.split()[1:6] for line in said.splitlines()]
+
+
+def test_the_arrow_points_where_a_line_was_followed(sweep):
+    oscillator = "h: 0.05, R: 0.8, f: 1, omega: {start: 2.6, stop: 2.7, num: 5}"
+    for way, arrow in (("up", "->"), ("down", "<-")):
+        path = sweep(oscillator, f"follow: {{axis: omega, direction: {way}}}")
+        assert f"1/1 {arrow} 2/2" in accepted("info", path, "--bifurcations")
 
 
 def test_along_a_start_the_basin_changes(sweep):
@@ -122,7 +145,7 @@ def test_points_without_a_class_beyond_the_last_change_are_counted(sweep):
     assert "does not change along omega\nno class is known at 3 points" in said
     assert "only Lyapunov exponents show chaos" in said
     said = accepted("info", sweep(chaotic), "--bifurcations")
-    assert " chaos  1/1 -> chaos " in said and "no class" not in said
+    assert " chaos         1/1 -> chaos " in said and "no class" not in said
 
 
 @pytest.mark.slow
