@@ -70,7 +70,13 @@ def _reason(error: OSError) -> str:
     """Return the message of an error of a file, or of the standard output."""
     if error.filename is not None:
         return str(error)
-    return f"the standard output cannot be written: {error.strerror or error}"
+    reason = error.strerror or error
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()  # what could not be written is still there, and fails again
+    except OSError:
+        return f"the standard output cannot be written: {reason}"
+    return f"a file cannot be read or written: {reason}"
 
 
 def _report(error: str) -> None:

@@ -18,6 +18,9 @@ from sweeps.grid import as_table
 from sweeps.text import nearest, printable, shortened, suggestion
 from vibroimpact.oscillator import PARAMETERS
 
+#: Longest header of a table; a file without line breaks would be read as a whole.
+_LONGEST_HEADER = 100_000
+
 
 def read_points(given: Any, folder: Path) -> np.ndarray:
     """Read a table into a structured array of shape (rows,), with a field for every column.
@@ -72,7 +75,10 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
         raise ValueError("is not a regular file; expected: a CSV file")
     with path.open(encoding="utf-8-sig", newline="") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy warns of a file without rows
-        names = [name.strip() for name in next(csv.reader([file.readline()]), [])]
+        header = file.readline(_LONGEST_HEADER + 1)
+        if len(header) > _LONGEST_HEADER:
+            raise ValueError(f"the header is longer than {_LONGEST_HEADER:,} characters")
+        names = [name.strip() for name in next(csv.reader([header]), [])]
         _check_names(names)
         for kind in (float, object):
             file.seek(0)

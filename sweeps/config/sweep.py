@@ -158,7 +158,7 @@ class SweepConfig(Group):
         return self.sweep.size
 
     def to_yaml(self, *, table: bool = True, ascii: bool = False) -> str:
-        """Return the configuration as YAML with all defaults, without output and compression.
+        """Return the configuration as YAML with all defaults, without the output.
 
         Loading it gives the same sweep: the same values and steps, and the axes in the same order.
         With ``table=False`` the table of points is left out. With ``ascii=True`` all other
@@ -173,7 +173,7 @@ class SweepConfig(Group):
         plain = _plain(self)
         if self.points is None or not table:
             del plain["points"]
-        del plain["output"], plain["compression"]
+        del plain["output"]
         del plain["rig" if self.rig is None else "oscillator"]
         if plain["record"]["transient"] is None:
             plain["record"]["transient"] = "auto"

@@ -12,7 +12,7 @@ from pathlib import Path
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from sweeps.errors import StoreError
-from sweeps.store.paths import NO_LOCKS, check_output, reason
+from sweeps.store.paths import LOCK, NO_LOCKS, check_output, reason
 from sweeps.store.replacing import check_target
 
 #: Valid contents of a lock: this program's text, the text that filelock writes on systems without
@@ -30,7 +30,7 @@ def only_writer(path: Path, *, overwrite: bool = False, resume: bool = False) ->
     """
     check_target(path, "output")
     real = path.resolve()
-    name = real.with_name(f"{real.name}.lock")
+    name = real.with_name(f"{real.name}{LOCK}")
     try:
         _lock_text(name)  # refuses another file of that name
         lock = _acquired(name)

@@ -14,6 +14,8 @@ import io
 import math
 import os
 import re
+import stat
+import time
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
@@ -45,6 +47,8 @@ from sweeps.store.variables import VARIABLES
 #: Array of a block file: checksum of the schema, number of the block, samples of its trajectories,
 #: duration of the run so far [s].
 _ABOUT = np.dtype([("sweep", "u4"), ("number", "u4"), ("samples", "u8"), ("seconds", "f8")])
+#: Time after which the names of blocks are put on the disk, too [s]; for each it would be slow.
+_SYNC = 1.0
 #: What else may have happened to a block that a reader does not find.
 _ELSE = "its sweep was completed or begun anew; open the sweep again"
 
@@ -73,6 +77,7 @@ def create(folder: Path, schema: Schema) -> None:
         if is_new:
             folder.rmdir()
         raise
+    sync_names(folder.parent)
     _remove(folder, f"{BLOCK}|{DRAFT}")
 
 
@@ -97,8 +102,12 @@ def remove_drafts(folder: Path) -> None:
 
 def _remove(folder: Path, names: str) -> None:
     for path in folder.iterdir():
-        if re.fullmatch(names, path.name):
+        if re.fullmatch(names, path.name) and not _is_folder(path):
             path.unlink()
+
+
+def _is_folder(path: Path) -> bool:
+    return stat.S_ISDIR(path.lstat().st_mode)
 
 
 class Parts:
@@ -121,6 +130,7 @@ class Parts:
             raise UnreadableError(folder, error) from error
         self._singles = [name for name in self.schema.variables if _is_single(name)]
         self._points = np.dtype([(name, VARIABLES[name].dtype) for name in self._singles])
+        self._synced = time.monotonic()
         self.entries: dict[int, Entry] = {}
         self.damaged = 0
         for number in range(len(self.schema.blocks)):
@@ -185,6 +195,9 @@ class Parts:
             points[name] = arrays[name]
         records = {name: array for name, array in arrays.items() if not _is_single(name)}
         about = np.array((self._sweep, number, samples, seconds), _ABOUT)
+        if (now := time.monotonic()) > self._synced + _SYNC:  # the names of the blocks before
+            sync_names(self.folder)
+            self._synced = now
         with drafted(self._file(number)) as new:
             with zipfile.ZipFile(new, "w") as file:
                 for name, array in {"about": about, "points": points, **records}.items():

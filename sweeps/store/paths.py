@@ -24,6 +24,7 @@ FORMAT = "vibroimpact-sweep"
 FORMAT_VERSION = 5
 #: Ending of the folder of an incomplete sweep, and the names of the files in it.
 PARTS = ".parts"
+LOCK = ".lock"
 SCHEMA = "schema.h5"
 BLOCK = r"block-\d+\.npz"
 DRAFT = r"\.(schema\.h5|block-\d+\.npz)\.\d+-[0-9a-f]{8}\.new"
@@ -154,6 +155,12 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
     """
     path = Path(path)
     check_target(path, "output")
+    refuse_parts(path)
+    if path.suffix.lower() in (PARTS, LOCK):
+        raise StoreError(
+            f"the output {path} must not end in {path.suffix}, like the files beside an output "
+            f"while it is written; did you mean {path.with_suffix('')}?"
+        )
     if path.suffix.lower() in _OTHER_ENDINGS:
         raise StoreError(
             f"the output {path} must be an HDF5 file, whose name does not end in {path.suffix}; "
@@ -179,6 +186,7 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
             f"{parts} belongs to another user, who could change what is written; give another "
             "output"
         )
+    _refuse_folders(parts)
     if not overwrite:
         refuse_incomplete_copy(parts)
     for file, named in ((path, path), (parts / SCHEMA, parts)):
@@ -190,6 +198,16 @@ def check_output(path: str | Path, *, overwrite: bool = False, resume: bool = Fa
         if found not in (Content.NOTHING, Content.SWEEP, Content.OLDER):
             raise StoreError(
                 f"{file} is {found.value} and will not be replaced; give another output"
+            )
+
+
+def _refuse_folders(parts: Path) -> None:
+    """Refuse folders with the names of blocks, in whose place no block can be written."""
+    for name in _names_in(parts):
+        if re.fullmatch(BLOCK, name) and (parts / name).is_dir():
+            raise StoreError(
+                f"{parts / name} is a directory in the place of a block; move it, or give another "
+                "output"
             )
 
 
@@ -206,6 +224,14 @@ def refuse_incomplete_copy(parts: Path) -> None:
             f"{parts} has blocks but no {SCHEMA}, like a copy that was cut short; copy it again, "
             "overwrite it, or give another output"
         )
+
+
+def refuse_parts(path: Path) -> None:
+    """Refuse the folder of an incomplete sweep and its files, and name the path to give."""
+    for folder in (path, path.parent):
+        if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
+            output = str(folder).removesuffix(PARTS)
+            raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
 
 
 def _names_in(parts: Path) -> list[str]:

@@ -14,13 +14,13 @@ from sweeps.errors import StoreError
 from sweeps.store.file import check_file, opened
 from sweeps.store.parts import Parts
 from sweeps.store.paths import (
-    PARTS,
     SCHEMA,
     Content,
     content,
     identity,
     parts_path,
     reason,
+    refuse_parts,
 )
 from vibroimpact.status import Status
 
@@ -66,14 +66,16 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
     require("verify", verify, FLAG)
     path = Path(path)
     try:
-        _refuse_parts(path)
+        refuse_parts(path)
         if _is_missing(path) and identity(parts_path(path) / SCHEMA):
             from sweeps.store.partial import open_parts
 
             try:
-                return open_parts(Parts(parts_path(path), verify=verify))
-            except StoreError:
+                parts = Parts(parts_path(path), verify=verify)
                 if _is_missing(path):  # otherwise a run has just completed the file
+                    return open_parts(parts)
+            except StoreError:
+                if _is_missing(path):
                     raise
         check_file(path, verify=verify)
         return opened(lambda options: xr.open_dataset(path, engine="h5netcdf", driver_kwds=options))
@@ -83,14 +85,6 @@ def open_sweep(path: str | Path, *, verify: bool = True) -> xr.Dataset:
 
 def _is_missing(path: Path) -> bool:
     return content(path) in (None, Content.NOTHING)
-
-
-def _refuse_parts(path: Path) -> None:
-    """Refuse the folder of an incomplete sweep and its files, and name the path to give."""
-    for folder in (path, path.parent):
-        if folder.name.endswith(PARTS) and identity(folder / SCHEMA):
-            output = str(folder).removesuffix(PARTS)
-            raise StoreError(f"{path} belongs to a sweep that is not complete; give {output}")
 
 
 def per_point(path: Path, names: Iterable[str]) -> tuple[dict[str, np.ndarray], float]:

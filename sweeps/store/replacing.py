@@ -5,6 +5,7 @@ Every file that the program writes as a whole is written with these functions.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
@@ -177,11 +178,17 @@ def drafted(target: Path) -> Iterator[BufferedRandom]:
 
 
 def sync_names(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk; Windows cannot, as it opens no folder."""
+    """Wait until the names in a folder are on the disk.
+
+    Windows cannot, as it opens no folder, and some file systems synchronize none (EINVAL).
+    """
     with suppress(PermissionError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
+        except OSError as error:
+            if error.errno != errno.EINVAL:
+                raise
         finally:
             os.close(descriptor)
 

@@ -218,13 +218,16 @@ def _refuse_other(path: Path, old: Schema, new: Schema) -> None:
 
 
 def _differences(old: str, new: str) -> list[str]:
-    """List the keys in which two configurations differ, except the name, with both values."""
+    """List the keys in which two configurations differ, with both values.
+
+    Neither the name nor the compression of the complete file makes another sweep.
+    """
     if old == new:
         return []
     was, now = _flat(yaml.safe_load(old)), _flat(yaml.safe_load(new))
     return [
         f"{key} was {was.get(key, 'not given')} and is {now.get(key, 'not given')}"
-        for key in sorted({*was, *now} - {"name"})
+        for key in sorted({*was, *now} - {"name", "compression"})
         if was.get(key) != now.get(key)
     ]
 

@@ -1,5 +1,6 @@
 """Commands in other environments: start-up, odd settings, names and streams."""
 
+import errno
 import os
 import re
 import subprocess
@@ -13,6 +14,7 @@ import xarray as xr
 
 import sweeps
 from commands import SMALL, accepted, call, refused
+from sweeps.cli.__main__ import _reason
 from sweeps.config.loading import load_config
 from sweeps.text import printable
 
@@ -200,3 +202,8 @@ def test_a_warning_is_one_line():
     environment = {"PYTHONPATH": str(ROOT)}
     result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
     assert result.stderr == "vibroimpact: warning: the cache\\x1b[31m is full\n"
+
+
+def test_an_error_of_a_file_without_a_name_does_not_blame_the_standard_output():
+    said = "a file cannot be read or written: Stale file handle"
+    assert _reason(OSError(errno.ESTALE, "Stale file handle")) == said

@@ -379,6 +379,7 @@ def test_a_wrong_override_is_reported_as_one(override, parts):
         "oscillator: {f: 1, R: 1, h: {start: 1e-7, stop: 1, num: 9, spacing: log}, omega: .1}\n"
         "name: 'on'\n",
         f"name: '1.0'\n{oscillator(h='0.30000000000000004', f='[1e22, 3]')}",
+        f"compression: gzip\n{oscillator()}",
     ],
 )
 def test_to_yaml_round_trip(text):
@@ -397,7 +398,7 @@ def test_to_yaml_round_trip(text):
 
 def test_to_yaml_is_complete_and_keeps_the_order():
     plain = yaml.safe_load(load("start: {v0: 1}\n" + oscillator()).to_yaml())
-    assert list(plain) == ["name", "start", "oscillator", "method", "record"]
+    assert list(plain) == ["name", "start", "oscillator", "method", "record", "compression"]
     assert list(plain["start"]) == ["v0", "x0"]
     assert plain["record"] == {
         "transient": 200, "periods": 100, "phase": 0.0, "impacts": 64, "trajectory": False,

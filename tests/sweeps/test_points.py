@@ -169,6 +169,10 @@ def test_the_bytes_of_a_table_are_those_that_programs_write():
     Path("table.csv").write_bytes(b"R,omega\n\xff,1\n")
     with pytest.raises(ConfigError, match="'utf-8' codec can't decode"):
         load_config("sweep.yaml")
+    for header in ("R," + "x" * 131_073 + ",omega\n0.5,1,2\n", "R" * 200_000):
+        Path("table.csv").write_text(header)
+        with pytest.raises(ConfigError, match=r"table\.csv: the header is longer than 100,000"):
+            load_config("sweep.yaml")
     Path("table.csv").unlink()
     with pytest.raises(ConfigError, match=r"line 1: points: .*cannot be read \(No such file"):
         load_config("sweep.yaml")

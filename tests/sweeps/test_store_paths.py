@@ -138,6 +138,16 @@ def test_the_ending_of_another_kind_of_file_is_refused(ending):
     check_output("z.5")
 
 
+@pytest.mark.parametrize("ending", [".parts", ".lock", ".PARTS"])
+def test_the_endings_of_the_files_beside_an_output_are_refused(ending):
+    with pytest.raises(StoreError, match=rf"must not end in {ending}, .* did you mean z\.h5\?"):
+        check_output(f"z.h5{ending}")
+    fill_blocks("out.h5", 1)
+    for name in ("schema.h5", "new.h5"):
+        with pytest.raises(StoreError, match=r"that is not complete; give out\.h5$"):
+            check_output(f"out.h5.parts/{name}", overwrite=True)
+
+
 def test_outputs_that_are_refused(tmp_path):
     check_output("new.h5")
     with pytest.raises(StoreError, match="is a directory"):

@@ -7,6 +7,8 @@ import os
 import re
 import resource
 import shutil
+import subprocess
+import sys
 import zipfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import sweeps
 from commands import call
 from sweep_files import data
 from sweeps import load_config, open_sweep, run_sweep
@@ -117,11 +120,76 @@ def test_another_sweep_is_not_resumed(changed, parts, blocks):
     assert contents(Path(name)) == before
 
 
-def test_another_name_is_no_other_sweep():
+def test_another_name_or_compression_is_no_other_sweep():
     with sweep_writer("out.h5", schema(configuration="name: a\nh: 1\n")):
         pass
-    with sweep_writer("out.h5", schema(configuration="h: 1\nname: b\n"), resume=True):
+    other = "h: 1\nname: b\ncompression: gzip\n"
+    with sweep_writer("out.h5", schema(configuration=other), resume=True):
         pass
+
+
+def test_the_names_of_the_blocks_are_on_the_disk_after_a_second(monkeypatch):
+    """A loss of power may lose the names of the blocks since then only."""
+    now, synced, fsync = [0.0], [], os.fsync
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    with sweep_writer("out.h5", schema()) as store:
+        folder = PARTS.stat().st_ino
+        monkeypatch.setattr(
+            os, "fsync", lambda file: (synced.append(os.fstat(file).st_ino), fsync(file))
+        )
+        for block, now[0] in zip(store.pending(), (0.5, 0.9, 1.1, 1.5, 2.0, 2.2), strict=True):
+            store.write(block, results(block))
+    assert [file == folder for file in synced] == [0, 0, 1, 0, 0, 0, 1, 0]
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_an_error_of_truncate_in_the_last_pass_is_one_failure(whole):
+    code = "from written_files import fill_blocks; fill_blocks('out.h5')"
+    roots = [str(Path(__file__).parent), str(Path(sweeps.__file__).parents[1])]
+    inject = ["-f", "-qq", "-e", "trace=ftruncate", "-e", "inject=ftruncate:error=ENOSPC"]
+    done = subprocess.run(
+        [shutil.which("strace"), *inject, "-o", "/dev/null", sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(roots)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stderr.endswith("out.h5 cannot be completed: No space left on device\n")
+    assert done_of("out.h5", whole) == 12
+    resumed(whole)
+
+
+def test_a_sweep_that_is_completed_while_it_is_opened_is_read_from_its_file(monkeypatch, whole):
+    """Wherever the reader is when the file gets its name and the blocks go."""
+    listdir, read, folder = os.listdir, Path.read_bytes, Path.cwd()
+    for where in ("listdir", "read_bytes"):
+        fill_blocks("out.h5", 2)
+
+        def complete(path, where=where):
+            monkeypatch.undo()
+            monkeypatch.chdir(folder)
+            fill_blocks("out.h5", resume=True)
+            return (listdir if where == "listdir" else read)(path)
+
+        monkeypatch.setattr(os if where == "listdir" else Path, where, complete)
+        xr.testing.assert_identical(data("out.h5"), whole)
+        Path("out.h5").unlink()
+
+
+@pytest.mark.parametrize("options", [{"resume": True}, {"overwrite": True}])
+def test_a_folder_with_the_name_of_a_block_is_refused_and_of_a_draft_left(whole, options):
+    fill_blocks("out.h5", 2)
+    (PARTS / "block-000001.npz").rename("block")
+    (PARTS / "block-000001.npz").mkdir()
+    before = sorted(os.listdir(PARTS))
+    with pytest.raises(StoreError, match=r"block-000001\.npz is a directory in the place of a b"):
+        fill_blocks("out.h5", **options)
+    assert sorted(os.listdir(PARTS)) == before
+    (PARTS / "block-000001.npz").rmdir()
+    draft = PARTS / ".block-000003.npz.1-01234567.new"
+    draft.mkdir()
+    fill_blocks("out.h5", **options)
+    xr.testing.assert_identical(data("out.h5"), whole)
+    assert draft.is_dir()
 
 
 # A kill, or a loss of power
@@ -257,7 +325,9 @@ def test_each_block_is_on_the_disk_before_it_has_its_name_and_the_file_before_th
     monkeypatch.setattr(os, "replace", replaced)
     monkeypatch.setattr(Path, "unlink", unlinked)
     with sweep_writer("out.h5", schema()) as store:
-        assert events[-2] == ("replaced", "schema.h5")
+        folders = [os.stat(folder).st_ino for folder in (PARTS, ".")]
+        assert events[-3] == ("replaced", "schema.h5")
+        assert [event[1] for event in events[-2:]] == folders
         for block in store.pending():
             store.write(block, results(block))
             assert events[-1] == ("replaced", last_block().name)
